@@ -1,0 +1,164 @@
+"""`MovingMassEnv`: one lane behind Gymnasium's interface. No equations here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from mm_gym.compile import compile_scene
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+from mm_gym.scene import Scene
+from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+
+SEEDS = 2**63
+
+
+class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Keep a vibrating carriage still, by pushing it or by stretching the springs of the sphere that it carries.
+
+    Description
+    -----------
+    A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface and, optionally, by
+    pre-stretched springs (docs/model.md). Each control step holds the action and propagates the motion exactly; see
+    `Plant.explain` for how.
+
+    Action Space
+    ------------
+    `Box(-1, 1, (k,), float32)`, one number per actuator of the scene, in this order. Finite values outside are
+    clipped; NaN and infinity raise `ActionError` and change nothing.
+
+    =======  ========================================  ==============================================
+    column   actuator                                  an action of 1 means
+    =======  ========================================  ==============================================
+    force    `actuation.force` [N]                     +limit, on the carriage
+    stretch  `actuation.stretch` [-]                   `maximum`; or, commanded as a rate, +rate_limit
+    =======  ========================================  ==============================================
+
+    Observation Space
+    -----------------
+    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of the last
+    `sensors.history` control steps, oldest first. An episode starts with its first frame repeated.
+
+    ==============================================  =======================================================
+    channel                                         scaled by
+    ==============================================  =======================================================
+    carriage_displacement, sphere_displacement [m]  1 / objective.displacement_scale
+    sphere_offset [m]                               1 / objective.stroke_scale
+    carriage_velocity, sphere_velocity,
+    slip_velocity [m/s]                             1 / objective.velocity_scale
+    stretch [-]                                     actuation.stretch's minimum and maximum become -1 and 1
+    ==============================================  =======================================================
+
+    Rewards
+    -------
+    From the state at the step's end:
+    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``, `a` the clipped action.
+
+    Starting State
+    --------------
+    Drawn uniformly from `initial` and `randomization`. `reset(options={"initial.sphere_offset": 0.01})` sets any drawn
+    field, or part of the initial state, by its dotted name.
+
+    Episode End
+    -----------
+    Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds `objective.rail_half_length`;
+    truncated after `control.steps`.
+
+    Information
+    -----------
+    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the actuators reached
+    [N, -].
+
+    Arguments
+    ---------
+    scene
+        A `Scene` or the path of a TOML file.
+
+    Version History
+    ---------------
+    v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
+
+    def __init__(self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None) -> None:
+        self.scene = scene_of(scene)
+        self.plant = compile_scene(self.scene)
+        self.render_mode = render_mode
+        self.action_space = action_space(self.plant)
+        self.observation_space = observation_space(self.plant)
+        self._lanes = Lanes(self.plant, 1)
+        self._shape = self.action_space.shape
+        self._action = np.zeros((1, *self._shape))
+        self._seeded = False
+        self._running = False
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The state x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
+        return self._lanes.values[:4, 0].copy()
+
+    def drawn(self, name: str) -> float:
+        """Return this episode's value of a field by its dotted name, for example "excitation.0.frequency"."""
+        return float(self._lanes.values[self.plant.support.row_of(name), 0])
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode; see the class for `options`. Raises `SceneError` for a name or value that is not allowed."""
+        super().reset(seed=seed)
+        if seed is not None or not self._seeded:
+            self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
+            self._seeded = True
+        self._lanes.restart(fixed=options)
+        self._running = True
+        return self._lanes.frames[:, 0].copy(), self._info()
+
+    def step(self, action: NDArray[np.floating]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Make one control step.
+
+        Raises
+        ------
+        ActionError
+            If the action is not finite or misshapen. Nothing is changed.
+        ResetNeeded
+            If the episode has ended or none has begun.
+        """
+        if not self._running:
+            msg = "the episode is over: call reset() before step()"
+            raise ResetNeeded(msg)
+        if type(action) is not np.ndarray or action.shape != self._shape or action.dtype != np.float32:
+            action = checked_actions(action, self._shape)
+        self._action[0] = action
+        lanes = self._lanes
+        status = lanes.advance(self._action)
+        terminated = truncated = False
+        if status:
+            lanes.raise_for(status)
+            terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
+            self._running = False
+        return lanes.frames[:, 0].copy(), float(lanes.values[at.REWARD, 0]), terminated, truncated, self._info()
+
+    def get_state(self) -> dict[str, object]:
+        """Return the episode's exact present, random stream included, for `set_state`."""
+        return self._lanes.snapshot() | {"running": self._running}
+
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit this scene."""
+        self._lanes.restore(state)
+        self._running = bool(state.get("running", True))
+        self._seeded = True
+
+    def _info(self) -> dict[str, Any]:
+        values = self._lanes.values[: at.STRETCH + 1, 0].copy()
+        return {"state": values[:4], "applied": values[self._lanes.applied_rows]}

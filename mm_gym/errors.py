@@ -1,0 +1,34 @@
+"""The errors that mm_gym raises, and the one way it suggests a nearest name."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class SceneError(ValueError):
+    """A scene, or a file that holds one, says something that is not allowed.
+
+    The message lists every finding: field, value, what is allowed and, for a misspelt name, the nearest one.
+    """
+
+
+class CompileError(ValueError):
+    """No plant covers the scene within its bound, or the chosen method does not apply to it."""
+
+
+class ActionError(ValueError):
+    """An action has the wrong type or shape, or is not finite. Nothing was changed."""
+
+
+class SimulationError(RuntimeError):
+    """A propagation stopped before its end; the message says where and why."""
+
+
+def suggest(name: str, allowed: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the nearest allowed name, or an empty string."""
+    nearest = get_close_matches(name, list(allowed), n=1)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""

@@ -1,0 +1,38 @@
+"""Files are written whole: a killed run leaves the old file or the new one, never half of one."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    from numpy.typing import ArrayLike
+
+
+def write_text(path: str | PathLike[str], text: str) -> None:
+    """Write text to a temporary file beside the path, then rename it into place; parents are created."""
+    file = Path(path)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(file)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def write_csv(path: str | PathLike[str], header: Sequence[str], columns: Sequence[ArrayLike]) -> None:
+    """Write columns with a header line; numbers keep all their digits."""
+    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+    lines = [",".join(header), *(",".join(str(value) for value in row) for row in rows)]
+    write_text(path, "\n".join(lines) + "\n")

@@ -1,0 +1,60 @@
+"""The one decorator of all kernels: compiled without the GIL, cached on disk for the package's sources as a whole."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numba
+from numba.core import caching
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@cache
+def _digest_of_sources() -> str:
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+
+
+class _StampOfPackage:
+    """Numba watches the file of the cached function only: a kernel whose helper changed would stay stale."""
+
+    def get_source_stamp(self) -> str:
+        return _digest_of_sources()
+
+
+class _Provided(_StampOfPackage, caching.UserProvidedCacheLocator):
+    pass
+
+
+class _InTree(_StampOfPackage, caching.InTreeCacheLocator):
+    pass
+
+
+class _UserWide(_StampOfPackage, caching.UserWideCacheLocator):
+    pass
+
+
+class _Implementation(caching.CompileResultCacheImpl):
+    _locator_classes = (_Provided, _InTree, _UserWide)
+
+
+class _KernelCache(caching.FunctionCache):
+    _impl_class = _Implementation
+
+    def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
+        # Kernels close over other kernels only, and the stamp covers their text: their names identify the closure.
+        closure = self._py_func.__closure__ or ()
+        names = tuple(f"{cell.cell_contents.__module__}.{cell.cell_contents.__qualname__}" for cell in closure)
+        return (sig, codegen.magic_tuple(), names)
+
+
+def kernel(function: Callable[..., object]) -> Callable[..., object]:
+    """Compile a scalar kernel. No fastmath: results must not depend on how many lanes run side by side."""
+    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+    dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001 - what numba's own `cache=True` sets
+    return dispatcher

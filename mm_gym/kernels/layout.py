@@ -1,0 +1,53 @@
+"""Where things are: the rows of the lanes array and the slots of the task array.
+
+Rows are components and columns are lanes, so that a loop over lanes reads memory in order.
+"""
+
+from __future__ import annotations
+
+# Status codes; of several, the largest is returned.
+OK = 0
+ENDED = 1  # an episode ended in one of the lanes
+NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
+
+MESSAGES: dict[int, str] = {}
+"""What went wrong, for the codes above NOT_FINITE."""
+
+BLOCK = 256
+"""Lanes worked on together: few enough to stay in the first-level cache, many enough to fill the vector units."""
+
+# Rows of the lanes array: state, what the actuators apply, bookkeeping.
+X1, X2, V1, V2 = 0, 1, 2, 3
+FORCE, STRETCH = 4, 5
+REWARD, STEP = 6, 7
+
+# Rows of the physical parameters, which randomisation may draw for each episode.
+M1, M2, K1, D, ALPHA, BETA = 8, 9, 10, 11, 12, 13
+C, MU1, MU2, VR, CHI, FN = 14, 15, 16, 17, 18, 19
+K0, L0 = 20, 21
+
+# Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are those of the
+# present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one control step.
+TONES = 22
+TONE_ROWS = 7
+AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
+
+# Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
+TIME_STEP, TONE_COUNT, GROUND = 0, 1, 2  # GROUND: bit j set if tone j shakes the ground
+MODEL_OWN = 3
+
+# Slots of the task array.
+HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
+HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE, STRETCH_IS_RATE = 3, 4, 5, 6, 7
+WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 8, 9, 10, 11
+DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 12, 13, 14
+CHANNEL_COUNT = 15
+CHANNELS = 16  # then, per channel: its code, its scale, its zero
+
+# Codes of the observation channels.
+CARRIAGE_DISPLACEMENT, SPHERE_DISPLACEMENT, SPHERE_OFFSET = 0, 1, 2
+CARRIAGE_VELOCITY, SPHERE_VELOCITY, SLIP_VELOCITY = 3, 4, 5
+STRETCH_CHANNEL = 6
+
+OBSERVATION_BOUND = 1e6
+"""Scaled observations are clipped to this magnitude, so that the observation space is bounded."""

@@ -1,0 +1,35 @@
+"""Exact propagation of a linear plant by a precomputed transition matrix."""
+
+from __future__ import annotations
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import kernel
+
+# Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4 to its sine.
+TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
+RESPONSES = TRANSITION + 20
+
+
+@kernel
+def propagate(model, lanes, first, last):
+    """Advance x' = A x + B u + E z by one control step: z turns like a pendulum, u is held (Van Loan, 1978)."""
+    m = model[TRANSITION:RESPONSES]
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    us = lanes[at.FORCE, first:last]
+    for i in range(last - first):
+        x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
+        x1s[i] = m[0] * x1 + m[1] * x2 + m[2] * v1 + m[3] * v2 + m[4] * u
+        x2s[i] = m[5] * x1 + m[6] * x2 + m[7] * v1 + m[8] * v2 + m[9] * u
+        v1s[i] = m[10] * x1 + m[11] * x2 + m[12] * v1 + m[13] * v2 + m[14] * u
+        v2s[i] = m[15] * x1 + m[16] * x2 + m[17] * v1 + m[18] * v2 + m[19] * u
+    for j in range(int(model[at.TONE_COUNT])):
+        tone = at.TONES + at.TONE_ROWS * j
+        amplitudes = lanes[tone + at.AMPLITUDE, first:last]
+        cosines, sines = lanes[tone + at.COSINE, first:last], lanes[tone + at.SINE, first:last]
+        for row in range(4):
+            on_cosine, on_sine = model[RESPONSES + 8 * j + row], model[RESPONSES + 8 * j + 4 + row]
+            reached = lanes[row, first:last]
+            for i in range(last - first):
+                reached[i] += amplitudes[i] * (on_cosine * cosines[i] + on_sine * sines[i])
+    return at.OK

@@ -1,0 +1,44 @@
+"""Counter-based random numbers: draw n of a lane is a hash of (key, n).
+
+The generator is SplitMix64 (Steele, Lea and Flood, 2014; the finaliser is Stafford's mix 13). Its whole state is two
+integers, so a million lanes seed in milliseconds, an episode is saved and restored exactly, and lanes do not share
+anything.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.kernels.jit import kernel
+
+KEY, COUNT = 0, 1  # rows of the streams array
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST = np.uint64(0xBF58476D1CE4E5B9)
+_SECOND = np.uint64(0x94D049BB133111EB)
+
+
+@kernel
+def mix(z):
+    """Return the SplitMix64 finaliser of a 64-bit integer."""
+    z = (z ^ (z >> np.uint64(30))) * _FIRST
+    z = (z ^ (z >> np.uint64(27))) * _SECOND
+    return z ^ (z >> np.uint64(31))
+
+
+@kernel
+def seed_streams(streams, seeds, mask):
+    """Give the lanes of the mask the streams of their seeds."""
+    for i in range(seeds.shape[0]):
+        if mask[i]:
+            # Two rounds: neighbouring seeds must not give overlapping sequences of counters.
+            streams[KEY, i] = mix(mix(seeds[i]) + _GOLDEN)
+            streams[COUNT, i] = np.uint64(0)
+
+
+@kernel
+def uniform(streams, i):
+    """Return the next number of lane i, uniform in [0, 1) with 53 bits."""
+    streams[COUNT, i] += np.uint64(1)
+    bits = mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN)
+    return np.float64(bits >> np.uint64(11)) * 2.0**-53

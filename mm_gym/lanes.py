@@ -1,0 +1,137 @@
+"""Lanes: the columns of state that the kernels work on, as one object for simulation, single and vector environment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import ActionError, SceneError, SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels import lanes as kernels
+from mm_gym.kernels.random import seed_streams
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.plant import Plant
+
+SNAPSHOT = ("values", "streams", "frames", "terminated", "truncated")
+"""The arrays that make up the present of a set of lanes."""
+
+
+class Lanes:
+    """Independent copies of a plant, each in an episode of its own.
+
+    Attributes
+    ----------
+    values
+        (rows, count) float64, see `mm_gym.kernels.layout`.
+    streams
+        (2, count) uint64: key and counter of each lane's random numbers.
+    frames
+        (history * channels, count) float32: the observed history, oldest frame first.
+    terminated, truncated
+        (count,) bool: how the last control step ended.
+    """
+
+    def __init__(self, plant: Plant, count: int) -> None:
+        self.plant = plant
+        self.values = np.repeat(plant.template[:, None], count, axis=1)
+        self.streams = np.zeros((2, count), np.uint64)
+        self.frames = np.zeros((plant.history * len(plant.channels), count), np.float32)
+        self.terminated = np.zeros(count, np.bool_)
+        self.truncated = np.zeros(count, np.bool_)
+        columns = slice(at.FORCE if "force" in plant.actuators else at.STRETCH, at.STRETCH + ("stretch" in plant.actuators))
+        self.applied_rows = columns
+
+    @property
+    def count(self) -> int:
+        """Number of lanes."""
+        return self.values.shape[1]
+
+    def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
+        """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
+        seeds = [seed + i for i in range(self.count)] if isinstance(seed, int) else list(seed)
+        if len(seeds) != self.count:
+            msg = f"seed: got {len(seeds)} seeds; allowed: one, or {self.count}"
+            raise SceneError(msg)
+        given = np.array([value is not None for value in seeds])
+        keys = np.array([(value or 0) % 2**64 for value in seeds], np.uint64)
+        seed_streams(self.streams, keys, given if mask is None else given & mask)
+
+    def restart(self, mask: NDArray[np.bool_] | None = None, fixed: Mapping[str, ArrayLike] | None = None) -> None:
+        """Begin a new episode in the lanes of the mask (all by default).
+
+        Parameters
+        ----------
+        fixed
+            Dotted field names -> values, a number or one per lane, used instead of what is drawn.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown or a value lies outside the scene's support; nothing is changed then.
+        """
+        plant = self.plant
+        rows = {plant.support.row_of(name): self._checked(name, value) for name, value in (fixed or {}).items()}
+        if mask is None:
+            mask = np.ones(self.count, np.bool_)
+        kernels.draw(plant.template, plant.draws, self.values, self.streams, mask)
+        for row, value in rows.items():
+            self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
+        kernels.begin(plant.model, plant.task, self.values, self.frames, mask)
+
+    def _checked(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
+        support = self.plant.support
+        row = support.row_of(name)
+        array = np.asarray(value, np.float64)
+        if array.shape not in ((), (self.count,)):
+            msg = f"{name}: got shape {array.shape}; allowed: a number or shape ({self.count},)"
+            raise SceneError(msg)
+        initial_state = row < at.FORCE
+        low = -np.finfo(np.float64).max if initial_state else support.low[row]
+        high = np.finfo(np.float64).max if initial_state else support.high[row]
+        if not np.all((array >= low) & (array <= high)):
+            msg = f"{name}: got {value}; allowed: {low:g} to {high:g}, which this scene was compiled for"
+            raise SceneError(msg)
+        return array
+
+    def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
+        """Make one control step of all lanes and return the status; actions (count, k), C-contiguous."""
+        plant = self.plant
+        return plant.method.entries.advance(
+            plant.model, plant.task, self.values, self.frames, actions, self.terminated, self.truncated, 0, self.count
+        )
+
+    def raise_for(self, status: int) -> None:
+        """Raise the error that a status code stands for, if it is one."""
+        if status > at.NOT_FINITE:
+            msg = f"{self.plant.method.name}: {at.MESSAGES[status]}"
+            raise SimulationError(msg)
+        if status == at.NOT_FINITE:
+            msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
+            raise ActionError(msg)
+
+    def snapshot(self) -> dict[str, object]:
+        """Return everything that the lanes are, as copies, for `restore`."""
+        return {"scene": self.plant.digest} | {name: getattr(self, name).copy() for name in SNAPSHOT}
+
+    def restore(self, snapshot: Mapping[str, object]) -> None:
+        """Continue from a snapshot of the same scene and as many lanes; raise `SceneError` if it is not one."""
+        wrong = [name for name in ("scene", *SNAPSHOT) if name not in snapshot]
+        if wrong:
+            msg = f"state: {', '.join(wrong)} missing; use what get_state returned"
+            raise SceneError(msg)
+        if snapshot["scene"] != self.plant.digest:
+            msg = f"state: it belongs to scene {snapshot['scene']}; this one is {self.plant.digest}"
+            raise SceneError(msg)
+        for name in SNAPSHOT:
+            array, own = snapshot[name], getattr(self, name)
+            if not isinstance(array, np.ndarray) or (array.shape, array.dtype) != (own.shape, own.dtype):
+                msg = f"state.{name}: allowed: an array of shape {own.shape} and type {own.dtype}"
+                raise SceneError(msg)
+        for name in SNAPSHOT:
+            getattr(self, name)[...] = snapshot[name]

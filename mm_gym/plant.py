@@ -1,0 +1,127 @@
+"""A plant: what a scene compiles to. Frozen, NumPy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from decimal import Context, Decimal, localcontext
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.state_space import StateSpace, state_space
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods import Method
+    from mm_gym.parameters import Support
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The least model that covers a scene's support, ready to be propagated.
+
+    Attributes
+    ----------
+    method
+        What propagates the state, with its order, cost and bound.
+    reasons
+        Why this method was chosen, one clause each.
+    support
+        All values that the scene can reach.
+    model
+        (m,) float64: the constants of the method's kernel.
+    task
+        (t,) float64: actuators, reward, limits and channels.
+    template, draws
+        (rows,) the start of every lane, and (n, 3) rows to draw, each with its low and high.
+    actuators
+        Names of the action's columns, in order: "force" [N], "stretch" [-].
+    history, channels
+        Frames observed, and the names of the channels of each.
+    steps
+        Control steps of an episode.
+    """
+
+    method: Method
+    reasons: tuple[str, ...]
+    support: Support
+    model: NDArray[np.float64]
+    task: NDArray[np.float64]
+    template: NDArray[np.float64]
+    draws: NDArray[np.float64]
+    actuators: tuple[str, ...]
+    channels: tuple[str, ...]
+    history: int
+    steps: int
+    digest: str
+
+    @property
+    def time_step(self) -> float:
+        """Control step [s]."""
+        return self.support.time_step
+
+    def linear(self, stretch: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return A (4, 4) and B (4, 1) of x' = A x + B u about the rest position, u the control force [N].
+
+        Parameters
+        ----------
+        stretch
+            Stretch of the springs [-]; by default the one that an episode starts from (the middle of a range).
+
+        Notes
+        -----
+        A randomised parameter enters with the middle of its range, a cubic spring with its tangent.
+        """
+        system = self.system(stretch)
+        return system.a.astype(np.float64), system.force.astype(np.float64)[:, None]
+
+    def discrete(self, stretch: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over the control step."""
+        # Imported here: the layer of methods lies above the plant it builds.
+        from mm_gym.propagators import transition  # noqa: PLC0415
+
+        both = transition(self.system(stretch), self.time_step)
+        return both[:, :4], both[:, 4:]
+
+    def system(self, stretch: float | None = None) -> StateSpace:
+        """Return the linear equations about the rest position in decimal arithmetic, see `linear`."""
+        middle = 0.5 * (self.support.start_low + self.support.start_high)
+        if stretch is not None:
+            middle[at.STRETCH] = stretch
+        return linear_system(middle)
+
+    def at_time_step(self, time_step: float) -> Plant:
+        """Return the same plant with another step, for samples between control steps."""
+        return _at_time_step(self, time_step)
+
+    def explain(self) -> str:
+        """Say what was chosen, why, its order, its cost and its error bound."""
+        method = self.method
+        lines = [
+            ("plant", method.plant),
+            ("because", "; ".join(self.reasons)),
+            ("method", f"{method.name}: {method.how}"),
+            ("order", method.order),
+            ("cost", method.cost(self.model)),
+            ("error", method.bound),
+        ]
+        return "\n".join(f"{title:8} {text}" for title, text in lines)
+
+
+@lru_cache(maxsize=4096)
+def _at_time_step(plant: Plant, time_step: float) -> Plant:
+    support = replace(plant.support, time_step=time_step)
+    return replace(plant, support=support, model=plant.method.model(support))
+
+
+def linear_system(row: NDArray[np.float64]) -> StateSpace:
+    """Return the linear equations for one lane's parameters; doubles enter as the decimals that they exactly are."""
+    with localcontext(Context(prec=60)):
+        m1, m2, k1, d, alpha, c, k0, stretch = (
+            Decimal(float(row[i])) for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
+        )
+        k2 = 2 * k0 * (1 + 2 / stretch**3) if k0 else Decimal(0)
+        return state_space({"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2})

@@ -1,0 +1,19 @@
+"""Registers the tasks with Gymnasium, through its plug-in entry point."""
+
+from __future__ import annotations
+
+import gymnasium
+
+from mm_gym.tasks import TASKS
+
+
+def register_envs() -> None:
+    """Register every task that is not registered yet; Gymnasium calls this when it is imported."""
+    for name, scene in TASKS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                id=name,
+                entry_point="mm_gym.env:MovingMassEnv",
+                vector_entry_point="mm_gym.vector_env:MovingMassVectorEnv",
+                kwargs={"scene": scene},
+            )

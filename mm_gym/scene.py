@@ -1,0 +1,386 @@
+"""A scene: what a person writes. The only home of defaults, ranges, units and rules that span fields."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Strict, model_validator
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.validation import Part
+
+GRAVITY = 9.81
+"""Standard acceleration of the paper [m/s^2]; the default normal force is sphere.mass * GRAVITY."""
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Range = Annotated[tuple[float, float], Strict(False)]
+NumberOrRange = float | Range
+
+
+class Carriage(Part):
+    """The mass to be kept still, on a spring and a damper."""
+
+    mass: Positive = 0.1
+    """m1 [kg]"""
+    stiffness: Positive = 400.0
+    """k1 [N/m]"""
+    damping: NonNegative = 1.0
+    """d [N s/m]"""
+    linear_coefficient: NonNegative = 1.0
+    """alpha [-]: the spring force is k1 (alpha + beta x1^2) x1"""
+    cubic_coefficient: NonNegative = 0.0
+    """beta [1/m^2]"""
+
+
+class Sphere(Part):
+    """The moving mass that rolls on the carriage."""
+
+    mass: Positive = 0.04
+    """m2 [kg]"""
+
+
+class NoInterface(Part):
+    """Nothing passes between sphere and carriage but the springs."""
+
+    kind: Literal["none"] = "none"
+
+
+class Viscous(Part):
+    """A force proportional to the slip velocity."""
+
+    kind: Literal["viscous"] = "viscous"
+    damping: NonNegative = 1.0
+    """c [N s/m]"""
+
+
+class DryFriction(Part):
+    """Creep below the reference velocity, slip above it (eq. 9 of the paper)."""
+
+    kind: Literal["dry_friction"] = "dry_friction"
+    static_coefficient: Positive
+    """mu1 [-]"""
+    kinetic_coefficient: Positive
+    """mu2 [-], at most mu1"""
+    reference_velocity: Positive
+    """v_r [m/s]"""
+    slip_damping: NonNegative = 0.0
+    """chi [N s/m]"""
+    normal_force: Positive | None = None
+    """F_N [N]; by default sphere.mass * 9.81"""
+
+    @model_validator(mode="after")
+    def _kinetic_at_most_static(self) -> Self:
+        if self.kinetic_coefficient > self.static_coefficient:
+            msg = (
+                f"kinetic_coefficient: got {self.kinetic_coefficient}; allowed: at most static_coefficient = "
+                f"{self.static_coefficient}"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class NoSprings(Part):
+    """The sphere is held by the interface alone."""
+
+    kind: Literal["none"] = "none"
+
+
+class SmallOnLarge(Part):
+    """Pre-stretched springs, linearised about their stretch (eq. 15): k2 = 2 k0 (1 + 2 / stretch^3)."""
+
+    kind: Literal["small_on_large"] = "small_on_large"
+    stiffness: Positive = 35.0
+    """k0 [N/m]"""
+    stretch: Annotated[float, Field(ge=1)] = 1.5
+    """lambda [-], at least 1; where the stretch is actuated, the value that an episode starts from by default"""
+
+
+class FiniteStretch(Part):
+    """The exact incompressible neo-Hookean pair: each side pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
+
+    kind: Literal["finite_stretch"] = "finite_stretch"
+    stiffness: Positive = 35.0
+    """k0 [N/m]"""
+    stretch: Annotated[float, Field(ge=1)] = 1.5
+    """lambda [-], at least 1"""
+    rest_length: Positive
+    """l0 [m]"""
+
+
+class Harmonic(Part):
+    """amplitude * sin(frequency * t + phase)."""
+
+    kind: Literal["harmonic"] = "harmonic"
+    target: Literal["force", "ground"] = "force"
+    """a force on the carriage, or the acceleration of the ground"""
+    amplitude: float
+    """[N] or [m/s^2]"""
+    frequency: NonNegative
+    """[rad/s]"""
+    phase: float = 0.0
+    """[rad]"""
+
+
+class Initial(Part):
+    """The state at the start of an episode: numbers, or [low, high] to draw from uniformly."""
+
+    carriage_displacement: NumberOrRange = 0.0
+    """x1 [m]"""
+    sphere_offset: NumberOrRange = 0.0
+    """x2 - x1 [m]"""
+    carriage_velocity: NumberOrRange = 0.0
+    """v1 [m/s]"""
+    sphere_velocity: NumberOrRange = 0.0
+    """v2 [m/s]"""
+    stretch: NumberOrRange | None = None
+    """lambda [-] of an actuated stretch; by default springs.stretch"""
+
+
+class ForceActuator(Part):
+    """A control force on the carriage; action 1 is +limit."""
+
+    limit: Positive = 4.0
+    """[N]"""
+    rate_limit: Positive | None = None
+    """[N/s]"""
+
+
+class StretchActuator(Part):
+    """The pre-stretch of the springs, held over each control step."""
+
+    minimum: Annotated[float, Field(ge=1)] = 1.0
+    """[-]"""
+    maximum: Annotated[float, Field(gt=1)] = 3.0
+    """[-]"""
+    rate_limit: Positive | None = None
+    """[1/s]"""
+    command: Literal["position", "rate"] = "position"
+    """what an action in [-1, 1] means: a stretch in [minimum, maximum], or a share of rate_limit"""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.minimum >= self.maximum:
+            msg = f"minimum: got {self.minimum}; allowed: less than maximum = {self.maximum}"
+            raise ValueError(msg)
+        if self.command == "rate" and self.rate_limit is None:
+            msg = "rate_limit: missing; command = 'rate' needs it"
+            raise ValueError(msg)
+        return self
+
+
+class Actuation(Part):
+    """What the agent moves."""
+
+    force: ForceActuator | None = None
+    stretch: StretchActuator | None = None
+
+
+Channel = Literal[
+    "carriage_displacement",
+    "sphere_displacement",
+    "sphere_offset",
+    "carriage_velocity",
+    "sphere_velocity",
+    "slip_velocity",
+    "stretch",
+]
+
+
+class Sensors(Part):
+    """What the agent sees: channels, scaled to order one, of the last `history` control steps, oldest first."""
+
+    channels: Annotated[tuple[Channel, ...], Strict(False), Field(min_length=1)] = (
+        "carriage_displacement",
+        "sphere_offset",
+        "carriage_velocity",
+        "sphere_velocity",
+    )
+    history: Annotated[int, Field(ge=1, le=1000)] = 1
+    """frames observed"""
+
+    @model_validator(mode="after")
+    def _no_duplicates(self) -> Self:
+        for channel in self.channels:
+            if self.channels.count(channel) > 1:
+                msg = f"channels: {channel!r} is listed more than once"
+                raise ValueError(msg)
+        return self
+
+
+class Objective(Part):
+    """reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2), a the clipped action."""
+
+    displacement_weight: NonNegative = 1.0
+    """w_x [-]"""
+    displacement_scale: Positive = 0.01
+    """x_ref [m]; also the scale of observed displacements"""
+    velocity_weight: NonNegative = 0.0
+    """w_v [-]"""
+    velocity_scale: Positive = 0.5
+    """v_ref [m/s]; also the scale of observed velocities"""
+    effort_weight: NonNegative = 0.0
+    """w_u [-]"""
+    stroke_weight: NonNegative = 0.0
+    """w_s [-]"""
+    stroke_scale: Positive = 0.02
+    """s_ref [m]; also the scale of the observed offset"""
+    displacement_limit: Positive | None = None
+    """[m]: an episode terminates when |x1| exceeds it"""
+    rail_half_length: Positive | None = None
+    """[m]: an episode terminates when |x2 - x1| exceeds it"""
+
+
+class Control(Part):
+    """The agent's clock."""
+
+    time_step: Positive = 0.01
+    """dt [s]"""
+    steps: Annotated[int, Field(ge=1)] = 400
+    """control steps in an episode"""
+
+
+class Solver(Part):
+    """How the motion is propagated; see `docs/numerics.md`."""
+
+    method: Literal["auto", "exact", "switched", "taylor", "rk4", "semi_implicit_euler"] = "auto"
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
+    """bound of the relative error over a control step, for the methods that have one"""
+    substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """steps within a control step, for the fixed-step methods"""
+
+
+Interface = Annotated[NoInterface | Viscous | DryFriction, Field(discriminator="kind")]
+Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")]
+
+
+class Scene(Part):
+    """A carriage, a sphere, what joins and disturbs them, what the agent may do, sees and is paid for.
+
+    Every field has a default; a scene states only what differs. All parts are frozen, and `Scene(...)` raises
+    `SceneError` with every finding at once.
+    """
+
+    carriage: Carriage = Carriage()
+    sphere: Sphere = Sphere()
+    interface: Interface = Viscous()
+    springs: Springs = NoSprings()
+    excitation: Annotated[tuple[Harmonic, ...], Strict(False)] = ()
+    initial: Initial = Initial()
+    actuation: Actuation = Actuation()
+    sensors: Sensors = Sensors()
+    objective: Objective = Objective()
+    control: Control = Control()
+    randomization: dict[str, Range] = {}
+    """any numeric field by its dotted name -> [low, high], drawn uniformly for each episode"""
+    solver: Solver = Solver()
+
+    @model_validator(mode="after")
+    def _rules_across_parts(self) -> Self:
+        problems = [*self._stretch_problems(), *self._range_problems(), *self._randomization_problems()]
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+    @property
+    def digest(self) -> str:
+        """Sixteen hexadecimal digits that identify the scene's content."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+
+    def replace(self, **values: object) -> Scene:
+        """Return a copy with fields replaced by dotted name, validated anew: ``replace(**{"carriage.mass": 0.2})``."""
+        data = self.model_dump()
+        for name, value in values.items():
+            holder, key = _holder_of(data, name)
+            holder[key] = value  # pyright: ignore[reportArgumentType, reportCallIssue]
+        return Scene(**data)
+
+    def _stretch_problems(self) -> list[str]:
+        springs, actuator, initial = self.springs, self.actuation.stretch, self.initial.stretch
+        problems: list[str] = []
+        if springs.kind == "none":
+            if actuator is not None:
+                problems.append("actuation.stretch: there are no springs to stretch; set springs.kind")
+            if "stretch" in self.sensors.channels:
+                problems.append("sensors.channels: 'stretch' needs springs; set springs.kind")
+        if initial is not None and actuator is None:
+            problems.append("initial.stretch: has no effect without actuation.stretch; set springs.stretch")
+        if actuator is not None and springs.kind != "none":
+            name = "springs.stretch" if initial is None else "initial.stretch"
+            low, high = bounds(springs.stretch if initial is None else initial)
+            if low < actuator.minimum or high > actuator.maximum:
+                problems.append(
+                    f"{name}: got {springs.stretch if initial is None else initial}; allowed: within actuation.stretch, "
+                    f"{actuator.minimum} to {actuator.maximum}"
+                )
+        return problems
+
+    def _range_problems(self) -> list[str]:
+        ranges = {f"initial.{name}": value for name, value in self.initial.model_dump().items()}
+        ranges |= {f"randomization.{name}": value for name, value in self.randomization.items()}
+        return [
+            f"{name}: got [{value[0]}, {value[1]}]; allowed: [low, high] with low <= high"
+            for name, value in ranges.items()
+            if isinstance(value, tuple) and value[0] > value[1]
+        ]
+
+    def _randomization_problems(self) -> list[str]:
+        problems: list[str] = []
+        data = self.model_dump()
+        names = list(_numeric_fields(data))
+        for name, (low, high) in self.randomization.items():
+            if name not in names:
+                problems.append(
+                    f"randomization.{name}: not a numeric field of this scene that can be drawn{suggest(name, names)}"
+                )
+                continue
+            for value in (low, high):
+                trial = self.model_dump() | {"randomization": {}}
+                holder, key = _holder_of(trial, name)
+                holder[key] = value  # pyright: ignore[reportArgumentType, reportCallIssue]
+                try:
+                    Scene(**trial)
+                except SceneError as error:
+                    problems.append(f"randomization.{name}: {error}")
+        return problems
+
+
+DRAWABLE = ("carriage", "sphere", "interface", "springs", "excitation")
+"""The parts whose numbers may differ from episode to episode; `initial` has ranges of its own."""
+
+
+def bounds(value: NumberOrRange) -> tuple[float, float]:
+    """Return (low, high) of a number or a range."""
+    return value if isinstance(value, tuple) else (value, value)
+
+
+def _numeric_fields(data: dict[str, object]) -> list[str]:
+    names: list[str] = []
+    for part in DRAWABLE:
+        content = data[part]
+        items = enumerate(content) if isinstance(content, tuple | list) else ((None, content),)
+        for index, fields in items:
+            prefix = part if index is None else f"{part}.{index}"
+            names += [f"{prefix}.{key}" for key, value in fields.items() if isinstance(value, float)]
+    return names
+
+
+def _holder_of(data: object, name: str) -> tuple[dict[str, object] | list[object], str | int]:
+    """Return the dictionary or list of dumped data that a dotted name's last word indexes, and that word."""
+    *path, last = name.split(".")
+    holder = data
+    for word in path:
+        holder = _entry(holder, word, name)
+    _entry(holder, last, name)
+    return holder, int(last) if isinstance(holder, list) else last  # pyright: ignore[reportReturnType]
+
+
+def _entry(holder: object, word: str, name: str) -> object:
+    if isinstance(holder, dict) and word in holder:
+        return holder[word]  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(holder, list | tuple) and word.isdigit() and int(word) < len(holder):  # pyright: ignore[reportUnknownArgumentType]
+        return holder[int(word)]  # pyright: ignore[reportUnknownVariableType]
+    known = [str(key) for key in holder] if isinstance(holder, dict) else []  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+    msg = f"{name}: there is no {word!r}{suggest(word, known)}"
+    raise SceneError(msg)

@@ -1,0 +1,171 @@
+"""Physics without reinforcement learning: from a scene to a trajectory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.compile import compile_scene
+from mm_gym.errors import ActionError, SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+from mm_gym.plant import Plant
+from mm_gym.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene import Scene
+
+    Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
+
+MOST_STEPS = 100_000_000
+"""Control steps of one simulation; its memory is 48 bytes each."""
+
+
+def simulate(
+    scene: Scene | Plant,
+    *,
+    duration: float | None = None,
+    times: ArrayLike | None = None,
+    action: ArrayLike | Policy | None = None,
+    seed: int | None = None,
+) -> Trajectory:
+    """Simulate one episode.
+
+    Parameters
+    ----------
+    scene
+        A scene, or the plant it compiles to.
+    duration
+        Length [s]; by default that of an episode. The trajectory then has one row per control step, and one at its end.
+    times
+        (n,) increasing instants [s] to return instead, between control steps too.
+    action
+        What the actuators are asked for, in their units (force [N], stretch [-]), a column per actuator: None (no
+        force, the initial stretch), a constant, an array with a row per control step, or a function of time [s] and
+        state (4,). Limits and rate limits apply.
+    seed
+        Seed of what the scene draws; by default 0.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ActionError
+        If the action does not fit the actuators or is not finite.
+    SimulationError
+        If the times are not increasing and finite, or the propagation cannot be completed.
+    """
+    plant = scene if isinstance(scene, Plant) else compile_scene(scene)
+    instants = _instants(plant, duration, times)
+    steps = _steps_until(float(instants[-1]), plant.time_step)
+    lanes = Lanes(plant, 1)
+    lanes.seed(0 if seed is None else seed)
+    lanes.restart()
+    start = lanes.values[:, 0].copy()
+    states, applied = np.empty((steps + 1, 4)), np.empty((steps, 2))
+    states[0] = start[:4]
+    if callable(action):
+        _follow_policy(lanes, action, states, applied)
+    else:
+        _run(lanes, _commands(plant, action, steps, start), states[1:], applied)
+    columns = [at.FORCE - 4 + ("force", "stretch").index(name) for name in plant.actuators]
+    state, indices = _sample(plant, start, instants, states, applied)
+    held = np.vstack([applied, applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]])[indices]
+    return Trajectory(time=instants, state=state, action=held[:, columns], applied=held, actuators=plant.actuators, parameters=start)
+
+
+def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:
+    if times is not None:
+        if duration is not None:
+            msg = "times: has no effect together with duration; give one of them"
+            raise SimulationError(msg)
+        instants = np.array(times, np.float64, ndmin=1)
+        if instants.ndim != 1 or not instants.size or not np.all(np.isfinite(instants)) or instants[0] < 0.0:
+            msg = "times: allowed: a row of finite instants of at least 0 s"
+            raise SimulationError(msg)
+        if np.any(np.diff(instants) <= 0.0):
+            msg = "times: allowed: increasing instants"
+            raise SimulationError(msg)
+        return instants
+    if duration is None:
+        return plant.time_step * np.arange(plant.steps + 1)
+    if not (np.isfinite(duration) and duration > 0.0):
+        msg = f"duration: got {duration}; allowed: finite and greater than 0 s"
+        raise SimulationError(msg)
+    grid = plant.time_step * np.arange(_steps_until(duration, plant.time_step))
+    return np.append(grid, duration)
+
+
+def _steps_until(time: float, time_step: float) -> int:
+    """Return the number of control steps that reach a time, allowing for its rounding."""
+    steps = time / time_step
+    if steps > MOST_STEPS:
+        msg = f"the simulation needs {steps:.3g} control steps; allowed: {MOST_STEPS:.0e}"
+        raise SimulationError(msg)
+    nearest = round(steps)
+    return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
+
+
+def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (steps, 2) commands: force [N], stretch [-]; columns without an actuator are ignored by the kernel."""
+    commands = np.empty((steps, 2))
+    commands[:] = 0.0, start[at.STRETCH]
+    if action is None:
+        return commands
+    given, count = np.asarray(action, np.float64), len(plant.actuators)
+    if given.ndim == 1 and count == 1 and given.shape != (1,):
+        given = given[:, None]
+    if given.shape not in ((), (count,), (steps, count)) or (given.shape == () and count != 1):
+        msg = f"action: got shape {given.shape}; allowed: ({count},) or ({steps}, {count}) for {plant.actuators}"
+        raise ActionError(msg)
+    if not np.all(np.isfinite(given)):
+        msg = "action: got NaN or infinity; allowed: finite numbers"
+        raise ActionError(msg)
+    commands[:, [("force", "stretch").index(name) for name in plant.actuators]] = given
+    return commands
+
+
+def _run(lanes: Lanes, commands: NDArray[np.float64], states: NDArray[np.float64], applied: NDArray[np.float64]) -> None:
+    plant = lanes.plant
+    lanes.raise_for(plant.method.entries.run(plant.model, plant.task, lanes.values, commands, states, applied))
+
+
+def _follow_policy(lanes: Lanes, policy: Policy, states: NDArray[np.float64], applied: NDArray[np.float64]) -> None:
+    plant = lanes.plant
+    for n in range(len(applied)):
+        wanted = np.atleast_1d(np.asarray(policy(n * plant.time_step, states[n].copy()), np.float64))
+        command = _commands(plant, wanted, 1, lanes.values[:, 0])
+        _run(lanes, command, states[n + 1 : n + 2], applied[n : n + 1])
+
+
+def _sample(
+    plant: Plant,
+    start: NDArray[np.float64],
+    instants: NDArray[np.float64],
+    states: NDArray[np.float64],
+    applied: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the states at the instants and the control step that each lies in."""
+    phase = instants / plant.time_step
+    nearest = np.round(phase)
+    on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)
+    indices = np.where(on_grid, nearest, np.floor(phase)).astype(np.intp)
+    sampled = states[indices]
+    for i in np.flatnonzero(~on_grid):
+        n = indices[i]
+        part = plant.at_time_step(float(instants[i] - n * plant.time_step))
+        lane = Lanes(part, 1)
+        lane.values[:, 0] = start
+        lane.values[:4, 0], lane.values[[at.FORCE, at.STRETCH], 0] = states[n], applied[n]
+        for tone in range(at.TONES, len(start), at.TONE_ROWS):
+            angle = start[tone + at.PHASE] + start[tone + at.FREQUENCY] * (n * plant.time_step)
+            lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+        _run(lane, applied[n : n + 1].copy(), sampled[i : i + 1], np.empty((1, 2)))
+    return sampled, indices

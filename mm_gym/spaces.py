@@ -1,0 +1,63 @@
+"""Spaces and action checks, the same for the single and the vector environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from mm_gym.errors import ActionError, SceneError
+from mm_gym.kernels import layout as at
+from mm_gym.scene import Scene
+from mm_gym.scene_file import load_scene
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from numpy.typing import NDArray
+
+    from mm_gym.plant import Plant
+
+
+def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
+    """Return the scene itself, or the one that the file at this path holds, with at least one actuator."""
+    if isinstance(scene, str | Path):
+        scene = load_scene(scene)
+    if not isinstance(scene, Scene):
+        msg = f"scene: got {type(scene).__name__}; allowed: a Scene or the path of a TOML file"
+        raise SceneError(msg)
+    if scene.actuation.force is None and scene.actuation.stretch is None:
+        msg = "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
+        raise SceneError(msg)
+    return scene
+
+
+def action_space(plant: Plant) -> Box:
+    """Return one number in [-1, 1] per actuator."""
+    return Box(-1.0, 1.0, (len(plant.actuators),), np.float32)
+
+
+def observation_space(plant: Plant) -> Box:
+    """Return the scaled channels of each observed frame, oldest frame first."""
+    size = plant.history * len(plant.channels)
+    return Box(-at.OBSERVATION_BOUND, at.OBSERVATION_BOUND, (size,), np.float32)
+
+
+def checked_actions(actions: object, shape: tuple[int, ...]) -> NDArray[np.float64] | NDArray[np.float32]:
+    """Return actions as a C-contiguous floating-point array of the shape; raise `ActionError` otherwise."""
+    try:
+        array = np.asarray(actions)
+    except ValueError as error:
+        msg = f"action: not an array: {error}"
+        raise ActionError(msg) from None
+    if array.dtype.kind not in "fiu":
+        msg = f"action: got type {array.dtype}; allowed: numbers"
+        raise ActionError(msg)
+    if array.shape != shape:
+        msg = f"action: got shape {array.shape}; allowed: {shape}"
+        raise ActionError(msg)
+    if array.dtype == np.float32:
+        return np.ascontiguousarray(array)
+    return np.ascontiguousarray(array, np.float64)

@@ -1,0 +1,207 @@
+"""`MovingMassVectorEnv`: many lanes of one plant behind Gymnasium's vector interface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from mm_gym.compile import compile_scene
+from mm_gym.env import SEEDS
+from mm_gym.errors import SceneError
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene import Scene
+
+
+class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many independent episodes of one scene; lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
+
+    Parameters
+    ----------
+    scene
+        A `Scene` or the path of a TOML file.
+    num_envs
+        Number of lanes.
+    autoreset_mode
+        Any of Gymnasium's three: a finished lane begins anew in the next step (the default), in the same step (then
+        ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or when ``reset(options={"reset_mask": mask})``
+        says so.
+    copy
+        If false, the arrays handed out are views of memory that the next step overwrites.
+
+    Notes
+    -----
+    Memory is component-major: observations are (num_envs, n) views in Fortran order.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scene: Scene | str | PathLike[str],
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        if not isinstance(num_envs, int) or num_envs < 1:
+            msg = f"num_envs: got {num_envs!r}; allowed: an integer of at least 1"
+            raise SceneError(msg)
+        self.scene = scene_of(scene)
+        self.plant = compile_scene(self.scene)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
+        self.single_action_space = action_space(self.plant)
+        self.single_observation_space = observation_space(self.plant)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._copy = copy
+        self._lanes = Lanes(self.plant, num_envs)
+        self._finished = np.ones(num_envs, np.bool_)
+        self._any_finished = True
+        self._everywhere = np.ones(num_envs, np.bool_)
+        self._everywhere.flags.writeable = False
+        self._seeded = False
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """States (num_envs, 4): x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
+        return self._lanes.values[:4].copy().T
+
+    def drawn(self, name: str) -> NDArray[np.float64]:
+        """Return every lane's present value of a field by its dotted name, for example "excitation.0.frequency"."""
+        return self._lanes.values[self.plant.support.row_of(name)].copy()
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, ArrayLike] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
+
+        Other options set drawn fields by dotted name, a number or one per lane, as in `MovingMassEnv`.
+        """
+        options = dict(options or {})
+        mask = self._mask(options.pop("reset_mask", None))
+        self._seed(seed, mask)
+        self._lanes.restart(mask, options)
+        self._finished[mask] = False
+        self._any_finished = bool(self._finished.any())
+        return self._observations(), self._info()
+
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Make one control step in every lane.
+
+        Raises
+        ------
+        ActionError
+            If an action is not finite or the array misshapen. Nothing is changed.
+        ResetNeeded
+            If no episode has begun or, without autoreset, a lane's episode is over.
+        """
+        lanes = self._lanes
+        if self._any_finished and (self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded):
+            msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
+            raise ResetNeeded(msg)
+        status = lanes.advance(checked_actions(actions, self.action_space.shape))
+        if status > at.ENDED:
+            lanes.raise_for(status)
+        if self._any_finished:
+            self._begin_finished_lanes()
+        final: dict[str, Any] = {}
+        if status == at.ENDED:
+            np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
+            self._any_finished = bool(self._finished.any())
+            if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
+                final = self._final()
+                lanes.restart(self._finished)
+                self._any_finished = False
+        rewards, terminated, truncated = lanes.values[at.REWARD], lanes.terminated, lanes.truncated
+        if self._copy:
+            rewards, terminated, truncated = rewards.copy(), terminated.copy(), truncated.copy()
+        return self._observations(), rewards, terminated, truncated, self._info() | final
+
+    def get_state(self) -> dict[str, object]:
+        """Return the exact present of all lanes, random streams included, for `set_state`."""
+        return self._lanes.snapshot() | {"finished": self._finished.copy()}
+
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
+        finished = state.get("finished")
+        if not isinstance(finished, np.ndarray) or finished.shape != self._finished.shape:
+            msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
+            raise SceneError(msg)
+        self._lanes.restore(state)
+        self._finished[...] = finished
+        self._any_finished = bool(finished.any())
+        self._seeded = True
+
+    def _begin_finished_lanes(self) -> None:
+        lanes = self._lanes
+        lanes.restart(self._finished)
+        lanes.values[at.REWARD, self._finished] = 0.0
+        lanes.terminated[self._finished] = False
+        lanes.truncated[self._finished] = False
+        self._finished[:] = False
+        self._any_finished = False
+
+    def _final(self) -> dict[str, Any]:
+        """Return the last observation and information of the finished lanes, as Gymnasium's SyncVectorEnv lays them out."""
+        mask = self._finished.copy()
+        observations = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(mask):
+            observations[i] = self._lanes.frames[:, i].copy()
+        zeroed = {
+            name: np.where(mask[:, None], value, 0.0) for name, value in self._info().items() if not name.startswith("_")
+        }
+        masks = {f"_{name}": mask for name in zeroed}
+        return {"final_obs": observations, "_final_obs": mask, "final_info": zeroed | masks, "_final_info": mask}
+
+    def _observations(self) -> NDArray[np.float32]:
+        frames = self._lanes.frames
+        return (frames.copy() if self._copy else frames).T
+
+    def _info(self) -> dict[str, Any]:
+        values = self._lanes.values[: at.STRETCH + 1]
+        if self._copy:
+            values = values.copy()
+        everywhere = self._everywhere
+        return {
+            "state": values[:4].T,
+            "_state": everywhere,
+            "applied": values[self._lanes.applied_rows].T,
+            "_applied": everywhere,
+        }
+
+    def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
+        if mask is None:
+            return self._everywhere
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_:
+            msg = f"reset_mask: got {array.dtype} of shape {array.shape}; allowed: bool of shape ({self.num_envs},)"
+            raise SceneError(msg)
+        return array
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+        if not self._seeded:
+            self._lanes.seed(int(self.np_random.integers(SEEDS)))
+            self._seeded = True
+        if seed is not None:
+            self._lanes.seed(seed, mask)
