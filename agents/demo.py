@@ -1,0 +1,27 @@
+"""Train on the adaptive absorber within three minutes, and report: ``python -m agents.demo``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from agents.config import read_settings
+from agents.evaluate import report_run
+from agents.runs import Run
+from agents.train import train
+
+SETTINGS = Path(__file__).parent.parent / "configs" / "agents" / "pre_stretch.toml"
+
+
+def main() -> None:
+    """Train anew, or continue a killed demo."""
+    settings = read_settings(SETTINGS)
+    run = Run(settings.name)
+    if run.finished:
+        run.clear()
+    train(settings, run)
+    report_run(run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

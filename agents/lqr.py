@@ -1,0 +1,147 @@
+"""The linear-quadratic regulator of the sampled plant, checked after it is computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+
+from mm_gym import compile_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import MovingMassVectorEnv, Scene
+
+STATES = ("x1", "x2", "v1", "v2")
+
+
+class DesignError(ValueError):
+    """A controller cannot be designed for the scene; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A regulator u = -gain @ state[states], with the cost-to-go state' P state.
+
+    Attributes
+    ----------
+    states
+        Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1, v2.
+    gain
+        (1, n) [N/m, N s/m].
+    cost
+        (n, n): P of the discrete Riccati equation; the sum of rewards from a state is -(x'P x - x'Q x).
+    weight
+        (n, n): Q, the reward's weight of the state.
+    """
+
+    states: tuple[int, ...]
+    gain: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    weight: NDArray[np.float64]
+
+
+def design(scene: Scene) -> Design:
+    """Solve the discrete Riccati equation for the scene's reward and its sampled linear plant.
+
+    The states are those that the cost depends on: a sphere without springs drifts freely, its position is neither paid
+    for nor controllable, and Riccati solvers return garbage on it without a word.
+
+    Raises
+    ------
+    DesignError
+        If the scene has no force actuator, pays nothing for force, or is not stabilisable, or if the solution fails its
+        checks: residual, definiteness, closed-loop eigenvalues.
+    """
+    actuator, objective = scene.actuation.force, scene.objective
+    if actuator is None:
+        msg = "actuation.force: missing; an LQR needs a force (a stretch does not enter the linear plant)"
+        raise DesignError(msg)
+    if objective.effort_weight == 0.0:
+        msg = "objective.effort_weight: got 0; allowed: greater than 0 (the Riccati equation needs a price of force)"
+        raise DesignError(msg)
+    plant = compile_scene(scene)
+    weight = _state_weight(scene)
+    states = _states_that_matter(plant.linear()[0], weight)
+    a, b = plant.discrete()
+    a, b, weight = a[np.ix_(states, states)], b[list(states)], weight[np.ix_(states, states)]
+    price = np.array([[objective.effort_weight / actuator.limit**2]])
+    _require_stabilisable(a, b, states)
+    try:
+        gain, cost, _ = control.dlqr(a, b, weight, price)
+    except (np.linalg.LinAlgError, control.ControlArgument) as error:
+        msg = f"the Riccati equation has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+    solution = Design(states, np.asarray(gain), np.asarray(cost), weight)
+    _check(solution, a, b, price)
+    return solution
+
+
+def _state_weight(scene: Scene) -> NDArray[np.float64]:
+    objective = scene.objective
+    stroke = objective.stroke_weight / objective.stroke_scale**2
+    weight = np.zeros((4, 4))
+    weight[0, 0] = objective.displacement_weight / objective.displacement_scale**2 + stroke
+    weight[1, 1] = stroke
+    weight[0, 1] = weight[1, 0] = -stroke
+    weight[2, 2] = objective.velocity_weight / objective.velocity_scale**2
+    return weight
+
+
+def _states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
+    """Return the states that are paid for or that, through A, move one that is."""
+    matters = weight.any(axis=0) | np.array([True, False, True, False])
+    for _ in range(len(a)):
+        matters = matters | a[matters].any(axis=0)
+    return tuple(int(i) for i in np.flatnonzero(matters))
+
+
+def _require_stabilisable(a: NDArray[np.float64], b: NDArray[np.float64], states: tuple[int, ...]) -> None:
+    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay."""
+    names = ", ".join(STATES[i] for i in states)
+    for eigenvalue in np.linalg.eigvals(a):
+        if abs(eigenvalue) >= 1.0 - 1e-12:
+            pencil = np.hstack([a - eigenvalue * np.eye(len(a)), b / max(np.abs(b).max(), 1e-300)])
+            smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
+            if smallest < 1e-10:  # well above the round-off of an entry of order one, far below a usable input
+                msg = f"the states {names} are not stabilisable: the force does not reach the mode {eigenvalue:.6g}"
+                raise DesignError(msg)
+
+
+def _check(solution: Design, a: NDArray[np.float64], b: NDArray[np.float64], price: NDArray[np.float64]) -> None:
+    p, gain = solution.cost, solution.gain
+    closed = a - b @ gain
+    residual = closed.T @ p @ closed + gain.T @ price @ gain + solution.weight - p
+    relative = np.abs(residual).max() / np.abs(p).max()
+    if not relative < 1e-9:
+        msg = f"the Riccati residual is {relative:.1e} of P; allowed: below 1e-9"
+        raise DesignError(msg)
+    least = np.linalg.eigvalsh(p).min() / np.abs(p).max()
+    if not least > -1e-12:
+        msg = f"P is not positive semidefinite: its least eigenvalue is {least:.1e} of its largest entry"
+        raise DesignError(msg)
+    radius = np.abs(np.linalg.eigvals(closed)).max()
+    if not radius < 1.0:
+        msg = f"the closed loop is not stable: its spectral radius is {radius:.12f}"
+        raise DesignError(msg)
+
+
+class LQR:
+    """Feed the measured state back through the optimal gain."""
+
+    name = "LQR"
+
+    def __init__(self, scene: Scene) -> None:
+        self.design = design(scene)
+        assert scene.actuation.force is not None  # design refuses otherwise  # noqa: S101
+        self.limit = scene.actuation.force.limit
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return -gain @ state as a share of the force limit; the environment clips it."""
+        return info["state"][:, self.design.states] @ (-self.design.gain.T / self.limit)

@@ -1,0 +1,162 @@
+"""Train a PPO agent: ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
+
+A killed run continues where its last checkpoint left it; the best model of the validations is kept.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import torch
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import TransformReward
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import LinearSchedule
+
+from agents.config import TrainSettings, settings_from_command_line
+from agents.evaluation import VALIDATION_SEED, evaluate
+from agents.learned import Learned
+from agents.runs import Run, RunError, save_whole
+from mm_gym import SceneError
+from mm_gym.files import write_csv
+from mm_gym.sb3 import VectorEnvAdapter
+
+if TYPE_CHECKING:
+    from mm_gym import Scene
+
+
+def train(settings: TrainSettings, run: Run) -> None:
+    """Train until the steps or the time are used up, and write the best model to the run's folder."""
+    run.open(settings)
+    if run.finished:
+        return
+    torch.set_num_threads(settings.threads)
+    scene = settings.load_scene()
+    env = make_env(settings, scene)
+    model = continue_or_begin(settings, run, env)
+    left = settings.steps - model.num_timesteps
+    if left > 0:
+        watch = Validation(settings, scene, run)
+        fresh = model.num_timesteps == 0
+        model.learn(left, callback=watch, progress_bar=True, reset_num_timesteps=fresh, tb_log_name="ppo")
+    env.close()
+    (run.best if run.best.exists() else run.checkpoint).replace(run.model)
+
+
+def make_env(settings: TrainSettings, scene: Scene) -> VectorEnvAdapter:
+    """Return the training lanes with scaled rewards."""
+    lanes = gymnasium.make_vec(
+        settings.task,
+        num_envs=settings.lanes,
+        vectorization_mode="vector_entry_point",
+        scene=scene,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    return VectorEnvAdapter(TransformReward(lanes, lambda reward: settings.ppo.reward_scale * reward))
+
+
+def continue_or_begin(settings: TrainSettings, run: Run, env: VectorEnvAdapter) -> PPO:
+    """Return the model of the last checkpoint, or a new one."""
+    if run.checkpoint.exists():
+        return PPO.load(run.checkpoint, env=env, device="cpu")
+    ppo = settings.ppo
+    return PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=LinearSchedule(ppo.learning_rate, 0.0, 1.0),
+        n_steps=ppo.rollout,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.epochs,
+        gamma=ppo.discount,
+        gae_lambda=ppo.gae_lambda,
+        policy_kwargs={"net_arch": list(ppo.hidden), "log_std_init": ppo.initial_log_std},
+        tensorboard_log=str(run.folder / "tensorboard"),
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
+class Validation(BaseCallback):
+    """Score the policy on validation episodes, keep the best model, checkpoint, and stop when time is up."""
+
+    def __init__(self, settings: TrainSettings, scene: Scene, run: Run) -> None:
+        super().__init__()
+        self.settings, self.scene, self.run = settings, scene, run
+        self.every = -(-settings.steps // settings.evaluations)
+        self.began = time.perf_counter()
+        self.metrics = Metrics.read(run)
+
+    def _on_training_start(self) -> None:
+        self.next = self.num_timesteps + self.every
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps >= self.next:
+            self.next += self.every
+            self._validate()
+
+    def _on_step(self) -> bool:
+        return time.perf_counter() - self.began < self.settings.time_budget
+
+    def _on_training_end(self) -> None:
+        self._validate()
+
+    def _validate(self) -> None:
+        score = evaluate(self.scene, Learned(self.model), seed=VALIDATION_SEED, episodes=100).score
+        self.logger.record("validation/score", score)
+        if score < self.metrics.best:
+            save_whole(self.model, self.run.best)
+        self.metrics.add(self.num_timesteps, time.perf_counter() - self.began, score)
+        self.metrics.write(self.run)
+        save_whole(self.model, self.run.checkpoint)
+
+
+class Metrics:
+    """The validations so far, as the columns of ``metrics.csv``."""
+
+    HEADER = ("steps [-]", "time [s]", "score [-]")
+
+    def __init__(self, rows: list[tuple[float, float, float]]) -> None:
+        self.rows = rows
+
+    @classmethod
+    def read(cls, run: Run) -> Metrics:
+        """Read the rows that a killed run left, if any."""
+        file = run.folder / "metrics.csv"
+        lines = file.read_text(encoding="utf-8").splitlines()[1:] if file.exists() else []
+        rows = [tuple(float(word) for word in line.split(",")) for line in lines]
+        return cls([(row[0], row[1], row[2]) for row in rows])
+
+    @property
+    def best(self) -> float:
+        """The least score so far."""
+        return min((row[2] for row in self.rows), default=float("inf"))
+
+    def add(self, steps: int, seconds: float, score: float) -> None:
+        """Append a row."""
+        self.rows.append((float(steps), seconds, score))
+
+    def write(self, run: Run) -> None:
+        """Write ``metrics.csv`` whole."""
+        write_csv(run.folder / "metrics.csv", self.HEADER, list(zip(*self.rows, strict=True)))
+
+
+def main() -> Any:  # noqa: ANN401 - an exit status or nothing
+    """Train from the command line, then report."""
+    from agents.evaluate import report_run  # noqa: PLC0415 - matplotlib loads only when it is needed
+
+    try:
+        settings = settings_from_command_line(__doc__ or "")
+        run = Run(settings.name)
+        train(settings, run)
+        report_run(run)
+    except (SceneError, RunError) as error:
+        return f"error: {error}"
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,94 @@
+"""Do the classical laws do what their sources say?"""
+
+import numpy as np
+import pytest
+
+from agents.controller import ConstantStretch, StretchCommand, Zero
+from agents.evaluation import baselines, best_constant_stretch, evaluate
+from agents.semi_active import PhaseLaw
+from agents.tuned_mass_damper import MatchingStretch
+from mm_gym import MovingMassVectorEnv
+from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
+
+RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
+
+
+@pytest.mark.parametrize("scene", [PRE_STRETCH, RATE], ids=["position", "rate"])
+def test_constant_stretch_reaches_and_holds_it_at_the_rate_limit(scene) -> None:
+    result = evaluate(scene, ConstantStretch(scene, 2.5), episodes=20)
+    assert np.all(np.abs(np.diff(result.applied[:, :, 0], axis=0)) <= 0.04 + 1e-12)
+    # 1 to 3 takes 50 steps at 0.04 a step; then it stays, up to the rounding of action and stretch.
+    np.testing.assert_allclose(result.applied[51:, :, 0], 2.5, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scene", [PRE_STRETCH, RATE], ids=["position", "rate"])
+def test_no_control_holds_the_initial_stretch(scene) -> None:
+    env = MovingMassVectorEnv(scene, 8)
+    observation, info = env.reset(seed=1)
+    controller, start = Zero(scene), info["applied"].copy()
+    controller.reset(env)
+    for _ in range(5):
+        observation, *_, info = env.step(controller.act(observation, info))
+    np.testing.assert_allclose(info["applied"], start, rtol=1e-14)
+
+
+def test_matching_stretch_inverts_the_spring_law() -> None:
+    scene = PRE_STRETCH.replace(randomization={"excitation.0.frequency": (45.0, 70.0)})
+    env = MovingMassVectorEnv(scene, 16)
+    env.reset(seed=0)
+    controller = MatchingStretch(scene)
+    controller.reset(env)
+    k2 = 2 * 35.0 * (1 + 2 / controller.stretch**3)
+    np.testing.assert_allclose(np.sqrt(k2 / 0.04), env.drawn("excitation.0.frequency"), rtol=1e-12)
+
+
+def test_phase_law_stretches_while_displacement_and_offset_agree() -> None:
+    env = MovingMassVectorEnv(PRE_STRETCH, 2)
+    law = PhaseLaw(PRE_STRETCH)
+    law.reset(env)
+    state = np.array([[0.001, 0.003, 0, 0], [0.001, -0.003, 0, 0]])
+    action = law.act(np.zeros((2, 15), np.float32), {"state": state, "applied": np.full((2, 1), 2.0)})
+    assert action[0, 0] > 0.0 > action[1, 0]
+
+
+def test_classical_laws_rank_as_theory_says() -> None:
+    results = {type(c).__name__: evaluate(PRE_STRETCH, c, episodes=60).score for c in baselines(PRE_STRETCH)}
+    assert results["MatchingStretch"] < results["PhaseLaw"] < results["ConstantStretch"] < results["Zero"]
+    # Measured independently on a prototype: 1.01, 0.43 and 0.31; 60 episodes scatter by a few per cent.
+    assert results["ConstantStretch"] == pytest.approx(1.01, abs=0.05)
+    assert results["PhaseLaw"] == pytest.approx(0.43, abs=0.03)
+    assert results["MatchingStretch"] == pytest.approx(0.31, abs=0.03)
+
+
+def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
+    best = best_constant_stretch(PRE_STRETCH)
+    score = evaluate(PRE_STRETCH, best, episodes=100).score
+    others = [evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=100).score for s in np.linspace(1, 3, 41)]
+    # Tuned on other episodes than these, which can move the optimum a little.
+    assert score <= min(others) * 1.01
+
+
+def test_regulator_beats_no_control_on_the_yardstick() -> None:
+    zero, lqr = (evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE))
+    assert np.all(lqr.returns > zero.returns)
+
+
+def test_every_controller_sees_the_same_held_out_episodes() -> None:
+    first, second = (evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=10) for s in (1.2, 2.4))
+    np.testing.assert_array_equal(first.frequency, second.frequency)
+    # The first step cannot differ by more than one rate-limited step of the stretch.
+    np.testing.assert_allclose(first.applied[0], second.applied[0], atol=2 * 0.04 + 1e-12)
+
+
+def test_evaluation_stops_counting_terminated_episodes() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
+    result = evaluate(scene, Zero(scene), episodes=40)
+    ended = np.abs(result.displacement[-1]) * 0.01 > 0.004
+    assert ended.any()
+    assert not ended.all()
+    assert np.all(result.returns < 0.0)
+
+
+def test_stretch_command_refuses_a_scene_without_it() -> None:
+    with pytest.raises(ValueError, match="stretch actuator"):
+        StretchCommand(CARRIAGE_FORCE)

@@ -1,0 +1,90 @@
+"""Is the linear-quadratic regulator optimal, and does it refuse what it cannot do?"""
+
+import numpy as np
+import pytest
+
+from agents.lqr import LQR, DesignError, design
+from mm_gym import MovingMassVectorEnv, Scene, compile_scene
+from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
+
+LONG = CARRIAGE_FORCE.replace(**{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0})
+"""The task without clipping: the same price of force in newtons, a limit out of reach, and time to settle."""
+
+LANES = 32
+
+
+def roll_out(scene: Scene, gain: np.ndarray, states: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return each lane's initial state and sum of rewards under u = -gain @ state, and the largest action of all."""
+    assert scene.actuation.force is not None
+    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+    _, info = env.reset(seed=7)
+    start, total, largest = info["state"].copy(), np.zeros(LANES), 0.0
+    for _ in range(scene.control.steps):
+        action = info["state"][:, states] @ (-gain.T / scene.actuation.force.limit)
+        largest = max(largest, float(np.abs(action).max()))
+        _, reward, *_, info = env.step(action)
+        total += reward
+    return start, total, largest
+
+
+SPRINGS = {"kind": "small_on_large", "stiffness": 35.0, "stretch": 1.5}
+
+
+@pytest.mark.parametrize(("springs", "stroke_weight"), [({"kind": "none"}, 0.0), (SPRINGS, 0.0), (SPRINGS, 0.3)])
+def test_rolled_out_cost_equals_the_riccati_cost(springs: dict, stroke_weight: float) -> None:
+    scene = LONG.replace(**{"springs": springs, "objective.stroke_weight": stroke_weight})
+    solution = design(scene)
+    start, total, largest = roll_out(scene, solution.gain, solution.states)
+    assert largest < 1.0, "clipping would break the identity"
+    x = start[:, solution.states]
+    expected = np.einsum("ni,ij,nj->n", x, solution.cost - solution.weight, x)
+    # The Riccati solver keeps about 1e-12; what is left after 30 s of the slowest mode is far below.
+    np.testing.assert_allclose(-total, expected, rtol=1e-9)
+
+
+def test_no_perturbed_gain_beats_the_regulator() -> None:
+    scene = LONG.replace(**{"control.steps": 600})
+    solution = design(scene)
+    _, best, _ = roll_out(scene, solution.gain, solution.states)
+    generator = np.random.default_rng(0)
+    for _ in range(200):
+        factor = 1.0 + generator.uniform(0.01, 0.5) * generator.standard_normal(solution.gain.shape)
+        _, other, _ = roll_out(scene, solution.gain * factor, solution.states)
+        # The regulator minimises the cost from every start, so from each lane's.
+        assert np.all(other <= best * (1.0 - 1e-12))
+
+
+def test_free_sphere_is_left_out_of_the_regulated_states() -> None:
+    assert design(CARRIAGE_FORCE).states == (0, 2, 3)
+    assert design(CARRIAGE_FORCE.replace(interface={"kind": "none"})).states == (0, 2)
+
+
+def test_sprung_sphere_is_regulated_in_all_states() -> None:
+    scene = CARRIAGE_FORCE.replace(springs={"kind": "small_on_large"})
+    assert design(scene).states == (0, 1, 2, 3)
+
+
+def test_closed_loop_is_stable_and_faster_than_the_open_one() -> None:
+    a, b = compile_scene(LONG).discrete()
+    solution = design(LONG)
+    a, b = a[np.ix_(solution.states, solution.states)], b[list(solution.states)]
+    closed, opened = (np.abs(np.linalg.eigvals(m)).max() for m in (a - b @ solution.gain, a))
+    assert closed < opened < 1.0
+
+
+def test_missing_force_is_refused() -> None:
+    with pytest.raises(DesignError, match="actuation.force: missing"):
+        LQR(PRE_STRETCH)
+
+
+def test_free_force_is_refused() -> None:
+    with pytest.raises(DesignError, match="objective.effort_weight: got 0"):
+        LQR(CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0}))
+
+
+@pytest.mark.parametrize("kind", ["none", "viscous"])
+def test_paid_drift_of_a_free_sphere_is_refused(kind: str) -> None:
+    # The stroke is paid for, but m2 v2 + c (x2 - x1) is constant whatever the force: nothing can bring it to rest.
+    scene = CARRIAGE_FORCE.replace(**{"interface": {"kind": kind}, "objective.stroke_weight": 1.0})
+    with pytest.raises(DesignError, match="not stabilisable"):
+        LQR(scene)

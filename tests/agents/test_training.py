@@ -1,0 +1,181 @@
+"""Does training learn, repeat itself, and survive a kill?"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+
+from agents.config import TrainSettings, read_settings
+from agents.controller import Zero
+from agents.evaluate import report_run
+from agents.evaluation import evaluate
+from agents.learned import Learned
+from agents.runs import Run, RunError
+from agents.train import train
+from mm_gym import SceneError
+
+ROOT = Path(__file__).parents[2]
+
+QUICK = TrainSettings(
+    task="mm_gym/CarriageForce-v0",
+    name="quick",
+    lanes=16,
+    steps=12_800,
+    evaluations=4,
+    ppo={"rollout": 50, "batch_size": 400, "epochs": 4, "reward_scale": 10.0},
+)
+
+
+def changed(ppo: dict[str, object] | None = None, **fields: object) -> TrainSettings:
+    data = QUICK.model_dump() | fields
+    return TrainSettings(**(data | {"ppo": data["ppo"] | (ppo or {})}))
+
+
+def weights(run: Run) -> list[np.ndarray]:
+    return [parameter.detach().numpy() for parameter in PPO.load(run.model, device="cpu").policy.parameters()]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    run = Run("quick", tmp_path_factory.mktemp("runs"))
+    train(QUICK, run)
+    return run
+
+
+def test_training_with_one_seed_repeats_itself(finished: Run, tmp_path: Path) -> None:
+    again = Run("quick", tmp_path)
+    train(QUICK, again)
+    for first, second in zip(weights(finished), weights(again), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_training_learns_to_still_the_carriage(tmp_path: Path) -> None:
+    settings = changed(steps=160_000, lanes=64, ppo={"batch_size": 800, "learning_rate": 3e-3})
+    run = Run("longer", tmp_path)
+    train(settings, run)
+    scene = settings.load_scene()
+    learned = evaluate(scene, Learned(PPO.load(run.model, device="cpu")), episodes=100)
+    # No control scores 0.093 and the optimal regulator 0.034: half way is learning, not luck.
+    assert learned.returns.mean() > 0.6 * evaluate(scene, Zero(scene), episodes=100).returns.mean()
+
+
+def test_run_folder_holds_what_is_needed_to_repeat_it(finished: Run) -> None:
+    record = json.loads(finished.record.read_text())
+    assert TrainSettings(**record["settings"]) == QUICK
+    assert record["scene_digest"] == QUICK.load_scene().digest
+    assert record["versions"]["torch"].startswith("2.")
+    rows = (finished.folder / "metrics.csv").read_text().splitlines()
+    assert rows[0] == "steps [-],time [s],score [-]"
+    assert len(rows) == 1 + QUICK.evaluations
+    assert list((finished.folder / "tensorboard").rglob("events*"))
+
+
+def test_report_writes_tables_and_figures(finished: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    results = report_run(finished, episodes=20)
+    assert [result.name for result in results] == ["no control", "LQR", "learned"]
+    assert "LQR" in capsys.readouterr().out
+    scores = (finished.folder / "scores.csv").read_text().splitlines()
+    assert len(scores) == 4
+    assert len((finished.folder / "episodes.csv").read_text().splitlines()) == 21
+    for name in ("response.png", "score_against_frequency.png"):
+        assert (finished.folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
+    run = Run("killed", tmp_path)
+    settings = changed(steps=64_000, evaluations=8)
+
+    class Killed(Exception):  # noqa: N818 - not an error
+        pass
+
+    def kill(*_: object, **__: object) -> float:
+        msg = "as if the process had died"
+        raise Killed(msg)
+
+    with pytest.MonkeyPatch.context() as patch:
+        from agents import train as module
+
+        original = module.evaluate
+        calls = iter([original, original, kill])
+        patch.setattr(module, "evaluate", lambda *args, **kwargs: next(calls)(*args, **kwargs))
+        with pytest.raises(Killed):
+            train(settings, run)
+    assert not run.finished
+    stopped = PPO.load(run.checkpoint, device="cpu").num_timesteps
+    assert 0 < stopped < settings.steps
+    train(settings, run)
+    assert run.finished
+    steps = [float(row.split(",")[0]) for row in (run.folder / "metrics.csv").read_text().splitlines()[1:]]
+    assert steps == sorted(set(steps))
+    assert steps[-1] >= settings.steps
+
+
+def test_other_settings_do_not_overwrite_a_run(finished: Run) -> None:
+    with pytest.raises(RunError, match="other settings"):
+        train(changed(seed=5), finished)
+
+
+def test_unfinished_run_is_not_reported(tmp_path: Path) -> None:
+    run = Run("nothing", tmp_path)
+    with pytest.raises(RunError, match="train first"):
+        report_run(run)
+
+
+def test_time_budget_stops_training(tmp_path: Path) -> None:
+    run = Run("brief", tmp_path)
+    train(changed(steps=100_000_000, time_budget=2.0), run)
+    assert run.finished
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "configs" / "agents").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_agent_file_loads(file: Path) -> None:
+    assert read_settings(file).load_scene()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stepps = 3", "did you mean 'steps'"),
+        ("steps = -3", "steps: got -3"),
+        ("[ppo]\nlearning_rate = 'fast'", "ppo.learning_rate: got 'fast'"),
+        ("steps = ", "Invalid value"),
+    ],
+)
+def test_bad_agent_file_names_file_and_field(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "agent.toml"
+    file.write_text(text)
+    with pytest.raises(SceneError, match=message) as caught:
+        read_settings(file)
+    assert str(file) in str(caught.value)
+
+
+def test_missing_agent_file_and_unknown_task_are_named(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"absent\.toml"):
+        read_settings(tmp_path / "absent.toml")
+    with pytest.raises(SceneError, match="task: "):
+        TrainSettings(task="mm_gym/PreStretsh-v0").load_scene()
+    with pytest.raises(SceneError, match="not a task of mm_gym"):
+        TrainSettings(task="CartPole-v1").load_scene()
+
+
+def test_command_line_reads_file_then_flags(tmp_path: Path) -> None:
+    file = tmp_path / "agent.toml"
+    file.write_text('task = "mm_gym/CarriageForce-v0"\nlanes = 16\nsteps = 1600\nevaluations = 1\n[ppo]\nrollout = 50\nbatch_size = 400\n')
+    command = [sys.executable, "-m", "agents.train", str(file), "--name", "from_flags", "--ppo.epochs", "1"]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    record = json.loads((tmp_path / "runs" / "from_flags" / "run.json").read_text())
+    assert (record["settings"]["lanes"], record["settings"]["ppo"]["epochs"]) == (16, 1)
+
+
+def test_command_line_names_a_bad_flag(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "agents.train", "--sede", "3"]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "--seed" in done.stderr
