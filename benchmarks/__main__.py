@@ -1,0 +1,38 @@
+"""Measure everything and write docs/benchmarks.md: ``make bench``, or ``python -m benchmarks [SECTION ...]``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from benchmarks.learning import learning
+from benchmarks.report import machine
+from benchmarks.startup import startup
+from benchmarks.stepping import single, vector
+from mm_gym.files import write_text
+
+SECTIONS = {"single": single, "vector": vector, "learning": learning, "startup": startup}
+PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
+HEADER = """# Benchmarks
+
+Written by `make bench`. Every ratio is the median over rounds in which the candidates took turns; ± is half the
+interquartile range. Peers that are not installed are left out (`pip install --group bench`).
+"""
+
+
+def main() -> None:
+    """Run the sections asked for, or all of them and write the page."""
+    asked = sys.argv[1:] or list(SECTIONS)
+    unknown = [name for name in asked if name not in SECTIONS]
+    if unknown:
+        sys.exit(f"unknown section {unknown[0]!r}; allowed: {', '.join(SECTIONS)}")
+    parts = []
+    for name in asked:
+        parts.append(SECTIONS[name]())
+        print(parts[-1], flush=True)
+    if not sys.argv[1:]:
+        write_text(PAGE, "\n".join([HEADER, machine(), "", *parts]))
+
+
+if __name__ == "__main__":
+    main()

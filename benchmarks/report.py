@@ -1,0 +1,50 @@
+"""Tables of the benchmark report."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+PACKAGES = (
+    "mm-gym", "gymnasium", "numpy", "scipy", "numba", "torch", "stable-baselines3", "heyoka", "scikit-sundae", "gymnax",
+    "jax", "envpool",
+)  # fmt: skip
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a Markdown table; numbers should come formatted."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return "\n".join([*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)])
+
+
+def machine() -> str:
+    """Return what the figures were measured on, as a Markdown list."""
+    return "\n".join(
+        [
+            f"- processor: {_processor()}, {platform.machine()}",
+            f"- Python {platform.python_version()} on {platform.system()}",
+            "- " + ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name))),
+        ]
+    )
+
+
+def installed(name: str) -> str | None:
+    """Return a package's version, or None if it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    information = Path("/proc/cpuinfo")
+    if information.exists():
+        for line in information.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":")[1].strip()
+    return platform.processor() or "unknown"

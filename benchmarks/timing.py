@@ -1,0 +1,82 @@
+"""Timing side by side: candidates take turns, so that what disturbs the machine disturbs them alike."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Seconds per unit of work of one candidate, one value per round."""
+
+    name: str
+    seconds: NDArray[np.float64]
+
+    @property
+    def median(self) -> float:
+        """Median seconds per unit of work."""
+        return float(np.median(self.seconds))
+
+    @property
+    def spread(self) -> float:
+        """Half the interquartile range, relative to the median."""
+        low, high = np.quantile(self.seconds, [0.25, 0.75])
+        return float((high - low) / 2.0 / self.median)
+
+    def times_faster_than(self, other: Timing) -> float:
+        """Return the median over rounds of the other's time over this one's."""
+        return float(np.median(other.seconds / self.seconds))
+
+
+def side_by_side(
+    candidates: Mapping[str, Callable[[], object]],
+    *,
+    work: Mapping[str, float] | float = 1.0,
+    rounds: int = 15,
+    seconds: float = 0.05,
+) -> dict[str, Timing]:
+    """Time candidates in turns.
+
+    Parameters
+    ----------
+    candidates
+        Name -> function without arguments; set-up belongs outside.
+    work
+        Units of work that one call does.
+    rounds
+        Turns of each candidate.
+    seconds
+        Duration of one turn, from which the number of calls in it follows.
+    """
+    calls = {name: _calls_for(function, seconds) for name, function in candidates.items()}
+    measured: dict[str, list[float]] = {name: [] for name in candidates}
+    for _ in range(rounds):
+        for name, function in candidates.items():
+            measured[name].append(_time(function, calls[name]) / calls[name])
+    units = work if isinstance(work, dict) else dict.fromkeys(candidates, work)
+    return {name: Timing(name, np.array(values) / units[name]) for name, values in measured.items()}  # pyright: ignore[reportArgumentType, reportIndexIssue]
+
+
+def _calls_for(function: Callable[[], object], seconds: float) -> int:
+    """Warm up, then return the number of calls that take about the given time."""
+    function()
+    calls = 1
+    while (taken := _time(function, calls)) < seconds / 4.0:
+        calls *= 2
+    return max(1, round(calls * seconds / taken))
+
+
+def _time(function: Callable[[], object], calls: int) -> float:
+    began = time.perf_counter()
+    for _ in range(calls):
+        function()
+    return time.perf_counter() - began
