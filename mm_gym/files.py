@@ -31,7 +31,9 @@ def write_text(path: str | PathLike[str], text: str) -> None:
         raise
 
 
-def write_csv(path: str | PathLike[str], header: Sequence[str], columns: Sequence[ArrayLike]) -> None:
+def write_csv(
+    path: str | PathLike[str], header: Sequence[str], columns: Sequence[ArrayLike]
+) -> None:
     """Write columns with a header line; numbers keep all their digits."""
     rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
     lines = [",".join(header), *(",".join(str(value) for value in row) for row in rows)]

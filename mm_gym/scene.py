@@ -278,7 +278,11 @@ class Scene(Part):
 
     @model_validator(mode="after")
     def _rules_across_parts(self) -> Self:
-        problems = [*self._stretch_problems(), *self._range_problems(), *self._randomization_problems()]
+        problems = [
+            *self._stretch_problems(),
+            *self._range_problems(),
+            *self._randomization_problems(),
+        ]
         if problems:
             raise ValueError("\n".join(problems))
         return self
@@ -301,11 +305,15 @@ class Scene(Part):
         problems: list[str] = []
         if springs.kind == "none":
             if actuator is not None:
-                problems.append("actuation.stretch: there are no springs to stretch; set springs.kind")
+                problems.append(
+                    "actuation.stretch: there are no springs to stretch; set springs.kind"
+                )
             if "stretch" in self.sensors.channels:
                 problems.append("sensors.channels: 'stretch' needs springs; set springs.kind")
         if initial is not None and actuator is None:
-            problems.append("initial.stretch: has no effect without actuation.stretch; set springs.stretch")
+            problems.append(
+                "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
+            )
         if actuator is not None and springs.kind != "none":
             name = "springs.stretch" if initial is None else "initial.stretch"
             low, high = bounds(springs.stretch if initial is None else initial)
@@ -362,7 +370,9 @@ def _numeric_fields(data: dict[str, object]) -> list[str]:
         items = enumerate(content) if isinstance(content, tuple | list) else ((None, content),)
         for index, fields in items:
             prefix = part if index is None else f"{part}.{index}"
-            names += [f"{prefix}.{key}" for key, value in fields.items() if isinstance(value, float)]
+            names += [
+                f"{prefix}.{key}" for key, value in fields.items() if isinstance(value, float)
+            ]
     return names
 
 

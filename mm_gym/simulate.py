@@ -77,8 +77,17 @@ def simulate(
         _run(lanes, _commands(plant, action, steps, start), states[1:], applied)
     columns = [at.FORCE - 4 + ("force", "stretch").index(name) for name in plant.actuators]
     state, indices = _sample(plant, start, instants, states, applied)
-    held = np.vstack([applied, applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]])[indices]
-    return Trajectory(time=instants, state=state, action=held[:, columns], applied=held, actuators=plant.actuators, parameters=start)
+    held = np.vstack([applied, applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]])[
+        indices
+    ]
+    return Trajectory(
+        time=instants,
+        state=state,
+        action=held[:, columns],
+        applied=held,
+        actuators=plant.actuators,
+        parameters=start,
+    )
 
 
 def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:
@@ -87,7 +96,12 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
             msg = "times: has no effect together with duration; give one of them"
             raise SimulationError(msg)
         instants = np.array(times, np.float64, ndmin=1)
-        if instants.ndim != 1 or not instants.size or not np.all(np.isfinite(instants)) or instants[0] < 0.0:
+        if (
+            instants.ndim != 1
+            or not instants.size
+            or not np.all(np.isfinite(instants))
+            or instants[0] < 0.0
+        ):
             msg = "times: allowed: a row of finite instants of at least 0 s"
             raise SimulationError(msg)
         if np.any(np.diff(instants) <= 0.0):
@@ -113,7 +127,9 @@ def _steps_until(time: float, time_step: float) -> int:
     return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
 
 
-def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]) -> NDArray[np.float64]:
+def _commands(
+    plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return (steps, 2) commands: force [N], stretch [-]; columns without an actuator are ignored by the kernel."""
     commands = np.empty((steps, 2))
     commands[:] = 0.0, start[at.STRETCH]
@@ -132,15 +148,26 @@ def _commands(plant: Plant, action: ArrayLike | None, steps: int, start: NDArray
     return commands
 
 
-def _run(lanes: Lanes, commands: NDArray[np.float64], states: NDArray[np.float64], applied: NDArray[np.float64]) -> None:
+def _run(
+    lanes: Lanes,
+    commands: NDArray[np.float64],
+    states: NDArray[np.float64],
+    applied: NDArray[np.float64],
+) -> None:
     plant = lanes.plant
-    lanes.raise_for(plant.method.entries.run(plant.model, plant.task, lanes.values, commands, states, applied))
+    lanes.raise_for(
+        plant.method.entries.run(plant.model, plant.task, lanes.values, commands, states, applied)
+    )
 
 
-def _follow_policy(lanes: Lanes, policy: Policy, states: NDArray[np.float64], applied: NDArray[np.float64]) -> None:
+def _follow_policy(
+    lanes: Lanes, policy: Policy, states: NDArray[np.float64], applied: NDArray[np.float64]
+) -> None:
     plant = lanes.plant
     for n in range(len(applied)):
-        wanted = np.atleast_1d(np.asarray(policy(n * plant.time_step, states[n].copy()), np.float64))
+        wanted = np.atleast_1d(
+            np.asarray(policy(n * plant.time_step, states[n].copy()), np.float64)
+        )
         command = _commands(plant, wanted, 1, lanes.values[:, 0])
         _run(lanes, command, states[n + 1 : n + 2], applied[n : n + 1])
 
@@ -166,6 +193,9 @@ def _sample(
         lane.values[:4, 0], lane.values[[at.FORCE, at.STRETCH], 0] = states[n], applied[n]
         for tone in range(at.TONES, len(start), at.TONE_ROWS):
             angle = start[tone + at.PHASE] + start[tone + at.FREQUENCY] * (n * plant.time_step)
-            lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+            lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = (
+                np.cos(angle),
+                np.sin(angle),
+            )
         _run(lane, applied[n : n + 1].copy(), sampled[i : i + 1], np.empty((1, 2)))
     return sampled, indices

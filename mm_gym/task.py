@@ -52,8 +52,12 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.WEIGHT_VELOCITY] = objective.velocity_weight / objective.velocity_scale**2
     task[at.WEIGHT_STROKE] = objective.stroke_weight / objective.stroke_scale**2
     task[at.WEIGHT_EFFORT] = objective.effort_weight
-    task[at.DISPLACEMENT_LIMIT] = np.inf if objective.displacement_limit is None else objective.displacement_limit
-    task[at.RAIL_LIMIT] = np.inf if objective.rail_half_length is None else objective.rail_half_length
+    task[at.DISPLACEMENT_LIMIT] = (
+        np.inf if objective.displacement_limit is None else objective.displacement_limit
+    )
+    task[at.RAIL_LIMIT] = (
+        np.inf if objective.rail_half_length is None else objective.rail_half_length
+    )
     task[at.STEPS] = scene.control.steps
 
 
@@ -63,7 +67,9 @@ def _scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
     if channel == "stretch":
         if actuator is None:
             return 1.0, 0.0
-        return 2.0 / (actuator.maximum - actuator.minimum), 0.5 * (actuator.maximum + actuator.minimum)
+        return 2.0 / (actuator.maximum - actuator.minimum), 0.5 * (
+            actuator.maximum + actuator.minimum
+        )
     if channel == "sphere_offset":
         return 1.0 / objective.stroke_scale, 0.0
     if channel.endswith("velocity"):

@@ -34,7 +34,14 @@ PRE_STRETCH = Scene(
     initial=Initial(stretch=(1.0, 3.0)),
     actuation=Actuation(stretch=StretchActuator(minimum=1.0, maximum=3.0, rate_limit=4.0)),
     sensors=Sensors(
-        channels=("carriage_displacement", "sphere_offset", "carriage_velocity", "slip_velocity", "stretch"), history=3
+        channels=(
+            "carriage_displacement",
+            "sphere_offset",
+            "carriage_velocity",
+            "slip_velocity",
+            "stretch",
+        ),
+        history=3,
     ),
     objective=Objective(displacement_scale=0.0025, velocity_scale=0.15, stroke_scale=0.01),
     control=Control(time_step=0.01, steps=400),

@@ -45,7 +45,9 @@ def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
     kind, got = finding["type"], finding["input"]
     if kind == "extra_forbidden":
         allowed = list(owner.model_fields) if owner else []
-        return f"unknown key{suggest(str(finding['loc'][-1]), allowed)}; allowed: {', '.join(allowed)}"
+        return (
+            f"unknown key{suggest(str(finding['loc'][-1]), allowed)}; allowed: {', '.join(allowed)}"
+        )
     if kind == "missing":
         return "missing"
     if kind == "union_tag_not_found":
@@ -58,7 +60,11 @@ def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
         return f"unknown kind {context['tag']!r}{suggest(str(context['tag']), allowed)}; allowed: {', '.join(allowed)}"
     allowed = str(finding["msg"]).removeprefix("Input should be ").replace("valid number", "number")
     if kind == "literal_error" and isinstance(got, str):
-        options = [option for option in str(finding.get("ctx", {}).get("expected", "")).split("'") if option.isidentifier()]
+        options = [
+            option
+            for option in str(finding.get("ctx", {}).get("expected", "")).split("'")
+            if option.isidentifier()
+        ]
         return f"got {got!r}{suggest(got, options)}; allowed: {allowed}"
     return f"got {got!r}; allowed: {allowed}"
 
@@ -69,7 +75,9 @@ def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, ty
     present: list[type[Part]] = [model]
     owner: type[Part] | None = model
     for depth, item in enumerate(location):
-        field = next((part.model_fields[str(item)] for part in present if item in part.model_fields), None)
+        field = next(
+            (part.model_fields[str(item)] for part in present if item in part.model_fields), None
+        )
         if field is not None:
             owner = next(part for part in present if item in part.model_fields)
             names.append(str(item))

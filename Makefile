@@ -1,0 +1,40 @@
+# Every target sets up .venv by itself, from any Python >= 3.11 that has venv.
+
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python
+INSTALLED := $(VENV)/.installed
+
+.PHONY: demo test test-slow check bench clean
+.DELETE_ON_ERROR:
+
+demo: $(INSTALLED)
+	$(RUN) -m agents.demo
+
+test: $(INSTALLED)
+	$(RUN) -m pytest -m "not slow"
+
+test-slow: $(INSTALLED)
+	$(RUN) -m pytest
+
+check: $(INSTALLED)
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m pyright --pythonpath $(RUN)
+	$(VENV)/bin/lint-imports
+	$(VENV)/bin/codespell
+
+bench: $(INSTALLED)
+	$(RUN) -m benchmarks
+
+# The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
+# groups need pip 25.1.
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "mm_gym needs Python 3.11 or newer: make PYTHON=/path/to/it")'
+	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install --quiet --upgrade "pip>=25.1"
+	$(RUN) -m pip install --quiet -c constraints.txt -e ".[all]" --group dev
+	@touch $@
+
+clean:
+	rm -rf $(VENV) dist .pytest_cache .ruff_cache .hypothesis
