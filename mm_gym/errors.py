@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 class SceneError(ValueError):
     """A scene, or a file that holds one, says something that is not allowed.
 
-    The message lists every finding: field, value, what is allowed and, for a misspelt name, the nearest one.
+    The message lists every finding: field, value, what is allowed and, for a misspelt name, the
+    nearest one.
     """
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write text to a temporary file beside the path, then rename it into place; parents are created."""
+    """Write text beside the path, then rename it into place; parents are created."""
     file = Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")

@@ -11,7 +11,7 @@ def register_envs() -> None:
     """Register every task that is not registered yet; Gymnasium calls this when it is imported."""
     for name, scene in TASKS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(
+            gymnasium.register(  # pyright: ignore[reportUnknownMemberType] - its own annotation
                 id=name,
                 entry_point="mm_gym.env:MovingMassEnv",
                 vector_entry_point="mm_gym.vector_env:MovingMassVectorEnv",

@@ -1,21 +1,25 @@
-"""A scene: what a person writes. The only home of defaults, ranges, units and rules that span fields."""
+"""A scene: what a person writes. The one home of defaults, ranges, units and cross-field rules."""
 
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import Field, Strict, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from mm_gym.dotted import put
 from mm_gym.errors import SceneError, suggest
-from mm_gym.validation import Part
+from mm_gym.validation import Part, listed
+
+if TYPE_CHECKING:
+    from mm_gym.dotted import Data
 
 GRAVITY = 9.81
 """Standard acceleration of the paper [m/s^2]; the default normal force is sphere.mass * GRAVITY."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Range = Annotated[tuple[float, float], Strict(False)]
+Range = Annotated[tuple[float, float], BeforeValidator(listed)]
 NumberOrRange = float | Range
 
 
@@ -73,10 +77,8 @@ class DryFriction(Part):
     @model_validator(mode="after")
     def _kinetic_at_most_static(self) -> Self:
         if self.kinetic_coefficient > self.static_coefficient:
-            msg = (
-                f"kinetic_coefficient: got {self.kinetic_coefficient}; allowed: at most static_coefficient = "
-                f"{self.static_coefficient}"
-            )
+            allowed = f"at most static_coefficient = {self.static_coefficient}"
+            msg = f"kinetic_coefficient: got {self.kinetic_coefficient}; allowed: {allowed}"
             raise ValueError(msg)
         return self
 
@@ -88,17 +90,17 @@ class NoSprings(Part):
 
 
 class SmallOnLarge(Part):
-    """Pre-stretched springs, linearised about their stretch (eq. 15): k2 = 2 k0 (1 + 2 / stretch^3)."""
+    """Springs linearised about their pre-stretch (eq. 15): k2 = 2 k0 (1 + 2 / stretch^3)."""
 
     kind: Literal["small_on_large"] = "small_on_large"
     stiffness: Positive = 35.0
     """k0 [N/m]"""
     stretch: Annotated[float, Field(ge=1)] = 1.5
-    """lambda [-], at least 1; where the stretch is actuated, the value that an episode starts from by default"""
+    """lambda [-]; where it is actuated, the value that an episode starts from by default"""
 
 
 class FiniteStretch(Part):
-    """The exact incompressible neo-Hookean pair: each side pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
+    """The neo-Hookean pair: each side pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
 
     kind: Literal["finite_stretch"] = "finite_stretch"
     stiffness: Positive = 35.0
@@ -189,9 +191,9 @@ Channel = Literal[
 
 
 class Sensors(Part):
-    """What the agent sees: channels, scaled to order one, of the last `history` control steps, oldest first."""
+    """What the agent sees: channels of the last `history` control steps, oldest first."""
 
-    channels: Annotated[tuple[Channel, ...], Strict(False), Field(min_length=1)] = (
+    channels: Annotated[tuple[Channel, ...], BeforeValidator(listed), Field(min_length=1)] = (
         "carriage_displacement",
         "sphere_offset",
         "carriage_velocity",
@@ -210,7 +212,10 @@ class Sensors(Part):
 
 
 class Objective(Part):
-    """reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2), a the clipped action."""
+    """What the agent is paid, with `a` the clipped action.
+
+    reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
+    """
 
     displacement_weight: NonNegative = 1.0
     """w_x [-]"""
@@ -256,23 +261,23 @@ Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminato
 
 
 class Scene(Part):
-    """A carriage, a sphere, what joins and disturbs them, what the agent may do, sees and is paid for.
+    """A carriage, a sphere, what joins and disturbs them, what the agent does, sees and is paid.
 
-    Every field has a default; a scene states only what differs. All parts are frozen, and `Scene(...)` raises
-    `SceneError` with every finding at once.
+    Every field has a default; a scene states only what differs. All parts are frozen, and
+    `Scene(...)` raises `SceneError` with every finding at once.
     """
 
     carriage: Carriage = Carriage()
     sphere: Sphere = Sphere()
     interface: Interface = Viscous()
     springs: Springs = NoSprings()
-    excitation: Annotated[tuple[Harmonic, ...], Strict(False)] = ()
+    excitation: Annotated[tuple[Harmonic, ...], BeforeValidator(listed)] = ()
     initial: Initial = Initial()
     actuation: Actuation = Actuation()
     sensors: Sensors = Sensors()
     objective: Objective = Objective()
     control: Control = Control()
-    randomization: dict[str, Range] = {}
+    randomization: dict[str, Range] = Field(default_factory=dict)
     """any numeric field by its dotted name -> [low, high], drawn uniformly for each episode"""
     solver: Solver = Solver()
 
@@ -293,12 +298,20 @@ class Scene(Part):
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
     def replace(self, **values: object) -> Scene:
-        """Return a copy with fields replaced by dotted name, validated anew: ``replace(**{"carriage.mass": 0.2})``."""
-        data = self.model_dump()
+        """Return a copy with fields replaced by dotted name, validated anew.
+
+        Examples
+        --------
+        >>> Scene().replace(**{"carriage.mass": 0.2}).carriage.mass
+        0.2
+        """
+        data = self._dump()
         for name, value in values.items():
-            holder, key = _holder_of(data, name)
-            holder[key] = value  # pyright: ignore[reportArgumentType, reportCallIssue]
-        return Scene(**data)
+            put(data, name, value)
+        return Scene.of(data)
+
+    def _dump(self) -> dict[str, Data]:
+        return self.model_dump(mode="json")
 
     def _stretch_problems(self) -> list[str]:
         springs, actuator, initial = self.springs, self.actuation.stretch, self.initial.stretch
@@ -315,13 +328,13 @@ class Scene(Part):
                 "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
             )
         if actuator is not None and springs.kind != "none":
-            name = "springs.stretch" if initial is None else "initial.stretch"
-            low, high = bounds(springs.stretch if initial is None else initial)
+            name, value = (
+                ("initial", initial) if initial is not None else ("springs", springs.stretch)
+            )
+            low, high = bounds(value)
             if low < actuator.minimum or high > actuator.maximum:
-                problems.append(
-                    f"{name}: got {springs.stretch if initial is None else initial}; allowed: within actuation.stretch, "
-                    f"{actuator.minimum} to {actuator.maximum}"
-                )
+                allowed = f"within actuation.stretch, {actuator.minimum} to {actuator.maximum}"
+                problems.append(f"{name}.stretch: got {value}; allowed: {allowed}")
         return problems
 
     def _range_problems(self) -> list[str]:
@@ -335,62 +348,51 @@ class Scene(Part):
 
     def _randomization_problems(self) -> list[str]:
         problems: list[str] = []
-        data = self.model_dump()
-        names = list(_numeric_fields(data))
-        for name, (low, high) in self.randomization.items():
+        names = self._drawable()
+        for name, ends in self.randomization.items():
             if name not in names:
-                problems.append(
-                    f"randomization.{name}: not a numeric field of this scene that can be drawn{suggest(name, names)}"
-                )
-                continue
-            for value in (low, high):
-                trial = self.model_dump() | {"randomization": {}}
-                holder, key = _holder_of(trial, name)
-                holder[key] = value  # pyright: ignore[reportArgumentType, reportCallIssue]
-                try:
-                    Scene(**trial)
-                except SceneError as error:
-                    problems.append(f"randomization.{name}: {error}")
+                texts = [f"not a number of this scene that can be drawn{suggest(name, names)}"]
+            elif name == "springs.stretch" and self.actuation.stretch is not None:
+                texts = ["has no effect with actuation.stretch; set initial.stretch"]
+            else:
+                texts = self._refusals(name, ends)
+            problems += [f"randomization.{name}: {text}" for text in texts]
         return problems
 
+    def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
+        """Return what speaks against either end of a range, as far as the ends are to blame."""
+        texts: list[str] = []
+        for value in dict.fromkeys(ends):
+            trial = self._dump()
+            trial["randomization"] = {}
+            put(trial, name, value)
+            try:
+                Scene.of(trial)
+            except SceneError as error:
+                found = [line.removeprefix(f"{name}: ") for line in str(error).splitlines()]
+                texts += [line for line in found if line not in self._stretch_problems()]
+        return texts
 
-DRAWABLE = ("carriage", "sphere", "interface", "springs", "excitation")
-"""The parts whose numbers may differ from episode to episode; `initial` has ranges of its own."""
+    def _drawable(self) -> list[str]:
+        """Return the dotted names of the numbers that may differ from episode to episode.
+
+        Those of `initial` are not among them: they have ranges of their own.
+        """
+        parts: dict[str, Part] = {
+            "carriage": self.carriage,
+            "sphere": self.sphere,
+            "interface": self.interface,
+            "springs": self.springs,
+        }
+        parts |= {f"excitation.{index}": tone for index, tone in enumerate(self.excitation)}
+        return [
+            f"{prefix}.{field}"
+            for prefix, part in parts.items()
+            for field, value in part
+            if isinstance(value, float)
+        ]
 
 
 def bounds(value: NumberOrRange) -> tuple[float, float]:
     """Return (low, high) of a number or a range."""
     return value if isinstance(value, tuple) else (value, value)
-
-
-def _numeric_fields(data: dict[str, object]) -> list[str]:
-    names: list[str] = []
-    for part in DRAWABLE:
-        content = data[part]
-        items = enumerate(content) if isinstance(content, tuple | list) else ((None, content),)
-        for index, fields in items:
-            prefix = part if index is None else f"{part}.{index}"
-            names += [
-                f"{prefix}.{key}" for key, value in fields.items() if isinstance(value, float)
-            ]
-    return names
-
-
-def _holder_of(data: object, name: str) -> tuple[dict[str, object] | list[object], str | int]:
-    """Return the dictionary or list of dumped data that a dotted name's last word indexes, and that word."""
-    *path, last = name.split(".")
-    holder = data
-    for word in path:
-        holder = _entry(holder, word, name)
-    _entry(holder, last, name)
-    return holder, int(last) if isinstance(holder, list) else last  # pyright: ignore[reportReturnType]
-
-
-def _entry(holder: object, word: str, name: str) -> object:
-    if isinstance(holder, dict) and word in holder:
-        return holder[word]  # pyright: ignore[reportUnknownVariableType]
-    if isinstance(holder, list | tuple) and word.isdigit() and int(word) < len(holder):  # pyright: ignore[reportUnknownArgumentType]
-        return holder[int(word)]  # pyright: ignore[reportUnknownVariableType]
-    known = [str(key) for key in holder] if isinstance(holder, dict) else []  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-    msg = f"{name}: there is no {word!r}{suggest(word, known)}"
-    raise SceneError(msg)

@@ -1,4 +1,7 @@
-"""Scenes in files: TOML with typed numbers and no duplicate keys, holding only what differs from the defaults."""
+"""Scenes in files, holding only what differs from the defaults.
+
+TOML has typed numbers and refuses duplicate keys.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,8 @@ def load_scene(path: str | PathLike[str]) -> Scene:
     Raises
     ------
     SceneError
-        If the file is missing or unreadable, is not TOML, or says something that is not allowed. The message begins
-        with the path and lists every finding.
+        If the file is missing or unreadable, is not TOML, or says something that is not allowed.
+        The message begins with the path and lists every finding.
     """
     file = Path(path)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import index
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,13 +42,14 @@ def simulate(
     scene
         A scene, or the plant it compiles to.
     duration
-        Length [s]; by default that of an episode. The trajectory then has one row per control step, and one at its end.
+        Length [s]; by default that of an episode. The trajectory then has one row per control step,
+        and one at its end.
     times
         (n,) increasing instants [s] to return instead, between control steps too.
     action
-        What the actuators are asked for, in their units (force [N], stretch [-]), a column per actuator: None (no
-        force, the initial stretch), a constant, an array with a row per control step, or a function of time [s] and
-        state (4,). Limits and rate limits apply.
+        What the actuators are asked for, in their units (force [N], stretch [-]), a column per
+        actuator: None (no force, the initial stretch), a constant, an array with a row per control
+        step, or a function of time [s] and state (4,). Limits and rate limits apply.
     seed
         Seed of what the scene draws; by default 0.
 
@@ -66,7 +68,7 @@ def simulate(
     instants = _instants(plant, duration, times)
     steps = _steps_until(float(instants[-1]), plant.time_step)
     lanes = Lanes(plant, 1)
-    lanes.seed(0 if seed is None else seed)
+    lanes.seed(0 if seed is None else index(seed))
     lanes.restart()
     start = lanes.values[:, 0].copy()
     states, applied = np.empty((steps + 1, 4)), np.empty((steps, 2))
@@ -75,15 +77,14 @@ def simulate(
         _follow_policy(lanes, action, states, applied)
     else:
         _run(lanes, _commands(plant, action, steps, start), states[1:], applied)
-    columns = [at.FORCE - 4 + ("force", "stretch").index(name) for name in plant.actuators]
     state, indices = _sample(plant, start, instants, states, applied)
-    held = np.vstack([applied, applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]])[
-        indices
-    ]
+    _check_finite(instants, state)
+    last = applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]
+    held = np.vstack([applied, last])[indices]
     return Trajectory(
         time=instants,
         state=state,
-        action=held[:, columns],
+        action=held[:, _columns(plant)],
         applied=held,
         actuators=plant.actuators,
         parameters=start,
@@ -95,26 +96,36 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
         if duration is not None:
             msg = "times: has no effect together with duration; give one of them"
             raise SimulationError(msg)
-        instants = np.array(times, np.float64, ndmin=1)
-        if (
-            instants.ndim != 1
-            or not instants.size
-            or not np.all(np.isfinite(instants))
-            or instants[0] < 0.0
-        ):
-            msg = "times: allowed: a row of finite instants of at least 0 s"
-            raise SimulationError(msg)
-        if np.any(np.diff(instants) <= 0.0):
-            msg = "times: allowed: increasing instants"
+        instants = np.atleast_1d(_numbers("times", times, SimulationError))
+        increasing = instants.ndim == 1 and instants.size and np.all(np.diff(instants) > 0.0)
+        if not (increasing and instants[0] >= 0.0):
+            msg = "times: allowed: a row of increasing instants of at least 0 s"
             raise SimulationError(msg)
         return instants
     if duration is None:
-        return plant.time_step * np.arange(plant.steps + 1)
-    if not (np.isfinite(duration) and duration > 0.0):
-        msg = f"duration: got {duration}; allowed: finite and greater than 0 s"
+        return np.multiply(plant.time_step, np.arange(plant.steps + 1), dtype=np.float64)
+    length = _numbers("duration", duration, SimulationError)
+    if not (length.shape == () and length > 0.0):
+        msg = f"duration: got {duration}; allowed: a number greater than 0 s"
         raise SimulationError(msg)
-    grid = plant.time_step * np.arange(_steps_until(duration, plant.time_step))
-    return np.append(grid, duration)
+    grid = plant.time_step * np.arange(_steps_until(float(length), plant.time_step))
+    return np.concatenate([grid, length[None]], dtype=np.float64)
+
+
+def _numbers(name: str, value: object, error: type[Exception]) -> NDArray[np.float64]:
+    """Return finite numbers as an array; raise the error for anything else."""
+    try:
+        array = np.asarray(value)
+    except ValueError as problem:  # rows of different lengths
+        msg = f"{name}: not an array: {problem}"
+        raise error(msg) from None
+    if array.size and array.dtype.kind not in "fiu":
+        msg = f"{name}: got type {array.dtype}; allowed: numbers"
+        raise error(msg)
+    if not np.all(np.isfinite(array)):
+        msg = f"{name}: got NaN or infinity; allowed: finite numbers"
+        raise error(msg)
+    return array.astype(np.float64)
 
 
 def _steps_until(time: float, time_step: float) -> int:
@@ -130,22 +141,32 @@ def _steps_until(time: float, time_step: float) -> int:
 def _commands(
     plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (steps, 2) commands: force [N], stretch [-]; columns without an actuator are ignored by the kernel."""
+    """Return (steps, 2) commands, force [N] and stretch [-]; what is not actuated stays."""
     commands = np.empty((steps, 2))
     commands[:] = 0.0, start[at.STRETCH]
     if action is None:
         return commands
-    given, count = np.asarray(action, np.float64), len(plant.actuators)
+    given, count = _numbers("action", action, ActionError), len(plant.actuators)
     if given.ndim == 1 and count == 1 and given.shape != (1,):
         given = given[:, None]
     if given.shape not in ((), (count,), (steps, count)) or (given.shape == () and count != 1):
-        msg = f"action: got shape {given.shape}; allowed: ({count},) or ({steps}, {count}) for {plant.actuators}"
+        allowed = f"({count},) or ({steps}, {count}) for {plant.actuators}"
+        msg = f"action: got shape {given.shape}; allowed: {allowed}"
         raise ActionError(msg)
-    if not np.all(np.isfinite(given)):
-        msg = "action: got NaN or infinity; allowed: finite numbers"
-        raise ActionError(msg)
-    commands[:, [("force", "stretch").index(name) for name in plant.actuators]] = given
+    commands[:, _columns(plant)] = given
     return commands
+
+
+def _columns(plant: Plant) -> list[int]:
+    """Return the column that each actuator has among force and stretch."""
+    return [("force", "stretch").index(name) for name in plant.actuators]
+
+
+def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+    lost = np.flatnonzero(~np.all(np.isfinite(state), axis=1))
+    if lost.size:
+        msg = f"the state is beyond the largest double from t = {instants[lost[0]]:g} s on"
+        raise SimulationError(msg)
 
 
 def _run(
@@ -165,9 +186,7 @@ def _follow_policy(
 ) -> None:
     plant = lanes.plant
     for n in range(len(applied)):
-        wanted = np.atleast_1d(
-            np.asarray(policy(n * plant.time_step, states[n].copy()), np.float64)
-        )
+        wanted = policy(n * plant.time_step, states[n].copy())
         command = _commands(plant, wanted, 1, lanes.values[:, 0])
         _run(lanes, command, states[n + 1 : n + 2], applied[n : n + 1])
 
@@ -193,9 +212,7 @@ def _sample(
         lane.values[:4, 0], lane.values[[at.FORCE, at.STRETCH], 0] = states[n], applied[n]
         for tone in range(at.TONES, len(start), at.TONE_ROWS):
             angle = start[tone + at.PHASE] + start[tone + at.FREQUENCY] * (n * plant.time_step)
-            lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = (
-                np.cos(angle),
-                np.sin(angle),
-            )
+            lane.values[tone + at.COSINE, 0] = np.cos(angle)
+            lane.values[tone + at.SINE, 0] = np.sin(angle)
         _run(lane, applied[n : n + 1].copy(), sampled[i : i + 1], np.empty((1, 2)))
     return sampled, indices

@@ -62,7 +62,7 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
 
 
 def _scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
-    """Return the factor of a channel and the value shown as zero, so that observations are of order one."""
+    """Return the factor of a channel and the value shown as zero: observations are of order one."""
     objective, actuator = scene.objective, scene.actuation.stretch
     if channel == "stretch":
         if actuator is None:

@@ -24,7 +24,7 @@ CARRIAGE_FORCE = Scene(
     objective=Objective(velocity_weight=0.1, effort_weight=0.01),
     control=Control(time_step=0.01, steps=100),
 )
-"""Free mass on a viscous interface, released from random displacements, pushed by the carriage's actuator."""
+"""Free mass on a viscous interface, released from random displacements; a force on the carriage."""
 
 PRE_STRETCH = Scene(
     interface=Viscous(damping=0.1),
@@ -46,7 +46,7 @@ PRE_STRETCH = Scene(
     objective=Objective(displacement_scale=0.0025, velocity_scale=0.15, stroke_scale=0.01),
     control=Control(time_step=0.01, steps=400),
 )
-"""An adaptive absorber: a harmonic force of unknown frequency, and springs whose stretch the agent sets."""
+"""An adaptive absorber: a harmonic force of unknown frequency; the agent sets the stretch."""
 
 TASKS = {"mm_gym/CarriageForce-v0": CARRIAGE_FORCE, "mm_gym/PreStretch-v0": PRE_STRETCH}
 """Scene of each registered id."""

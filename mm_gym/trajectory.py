@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from mm_gym.files import write_csv
 from mm_gym.kernels import layout as at
 
 if TYPE_CHECKING:
     from os import PathLike
 
+    import numpy as np
     from numpy.typing import NDArray
 
 UNITS = {"force": "N", "stretch": "-"}
@@ -47,14 +46,14 @@ class Trajectory:
 
     @property
     def energy(self) -> NDArray[np.float64]:
-        """Kinetic and elastic energy (n,) [J]; the springs of the sphere with the stretch of each instant."""
+        """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
         p, (x1, x2, v1, v2) = self.parameters, self.state.T
         k2 = 2.0 * p[at.K0] * (1.0 + 2.0 / self.applied[:, 1] ** 3) if p[at.K0] else 0.0
         carriage = p[at.K1] * (0.5 * p[at.ALPHA] * x1**2 + 0.25 * p[at.BETA] * x1**4)
         return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2 + k2 * (x2 - x1) ** 2) + carriage
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write time, state and action as columns with units, all digits kept; the file is written whole."""
+        """Write time, state and action as columns with units; all digits are kept."""
         header = ["time [s]", "x1 [m]", "x2 [m]", "v1 [m/s]", "v2 [m/s]"]
         header += [f"{name} [{UNITS[name]}]" for name in self.actuators]
         write_csv(path, header, [self.time, *self.state.T, *self.action.T])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args
+import reprlib
+from typing import TYPE_CHECKING, Self, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mm_gym.errors import SceneError, suggest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from pydantic_core import ErrorDetails
 
@@ -27,68 +28,106 @@ class Part(BaseModel):
         except ValidationError as error:
             raise SceneError(report(type(self), error)) from None
 
-    # Without this mark pydantic calls __init__ for each nested part and the first finding would hide all others.
+    # Without this mark pydantic calls __init__ for each nested part, and the first finding would
+    # hide all others.
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
+
+    @classmethod
+    def of(cls, data: Mapping[str, object]) -> Self:
+        """Return the part that the data describes; raise `SceneError` with every finding."""
+        return cls(**data)
+
+
+def listed(value: object) -> object:
+    """Let a list stand for a tuple, as in files; a set does not, because it has no order."""
+    return tuple(cast("list[object]", value)) if isinstance(value, list) else value
 
 
 def report(model: type[Part], error: ValidationError) -> str:
     """Return one line per finding: where, what, got, allowed."""
     lines: dict[str, str] = {}
-    for finding in error.errors():
-        where, owner = _locate(model, finding["loc"])
-        # A field that takes a number or a range reports once per alternative; the first says enough.
-        lines.setdefault(where, _explain(finding, owner))
+    findings = error.errors()
+    places = [finding["loc"] for finding in findings]
+    for finding in findings:
+        place = finding["loc"]
+        if finding["type"] == "too_short" and any(p[:-1] == place for p in places if p != place):
+            continue  # its entries were refused; that they are missing now is no news
+        where, owner = _locate(model, place)
+        text = _explain(finding, owner)
+        if finding["type"] == "value_error" and where:
+            where, _, text = f"{where}.{text}".partition(": ")
+        # A number or a range is reported once per alternative; the first says enough.
+        lines.setdefault(where, text)
     return "\n".join(f"{where}: {text}" if where else text for where, text in lines.items())
 
 
 def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
-    kind, got = finding["type"], finding["input"]
+    kind, got, context = finding["type"], finding["input"], finding.get("ctx", {})
     if kind == "extra_forbidden":
         allowed = list(owner.model_fields) if owner else []
-        return (
-            f"unknown key{suggest(str(finding['loc'][-1]), allowed)}; allowed: {', '.join(allowed)}"
-        )
-    if kind == "missing":
-        return "missing"
-    if kind == "union_tag_not_found":
-        return "'kind' is missing"
+        nearest = suggest(str(finding["loc"][-1]), allowed)
+        return f"unknown key{nearest}; allowed: {', '.join(allowed)}"
     if kind == "value_error":
         return str(finding["msg"]).removeprefix("Value error, ")
     if kind == "union_tag_invalid":
-        context = finding.get("ctx", {})
         allowed = [tag.strip("' ") for tag in str(context["expected_tags"]).split(",")]
-        return f"unknown kind {context['tag']!r}{suggest(str(context['tag']), allowed)}; allowed: {', '.join(allowed)}"
-    allowed = str(finding["msg"]).removeprefix("Input should be ").replace("valid number", "number")
+        tag = str(context["tag"])
+        return f"unknown kind {tag!r}{suggest(tag, allowed)}; allowed: {', '.join(allowed)}"
+    if kind in MISSING:
+        return MISSING[kind]
+    nearest = ""
     if kind == "literal_error" and isinstance(got, str):
-        options = [
-            option
-            for option in str(finding.get("ctx", {}).get("expected", "")).split("'")
-            if option.isidentifier()
-        ]
-        return f"got {got!r}{suggest(got, options)}; allowed: {allowed}"
-    return f"got {got!r}; allowed: {allowed}"
+        options = str(context["expected"]).split("'")
+        nearest = suggest(got, [option for option in options if option.isidentifier()])
+    allowed = (
+        "a finite number or [low, high]" if finding["loc"][-1] == "float" else _allowed(finding)
+    )
+    return f"got {reprlib.repr(got)}{nearest}; allowed: {allowed}"
+
+
+MISSING = {"missing": "missing", "union_tag_not_found": "'kind' is missing"}
+"""What to say about something that is not there."""
+
+
+def _allowed(finding: ErrorDetails) -> str:
+    context = finding.get("ctx", {})
+    if finding["type"] == "too_short":
+        return f"at least {context['min_length']} entries"
+    if finding["type"] == "too_long":
+        return f"at most {context['max_length']} entries"
+    text = str(finding["msg"]).removeprefix("Input should be ")
+    # The words of a file, not of Python's types.
+    for python, plain in (("valid tuple", "list"), ("a valid integer", "an integer")):
+        text = text.replace(python, plain)
+    return text.replace("valid ", "")
 
 
 def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, type[Part] | None]:
-    """Return the dotted name of a finding, without pydantic's labels of alternatives, and the part it lies in."""
+    """Return the dotted name of a finding and the part it lies in.
+
+    pydantic's labels of alternatives are left out: the tag of a kind, and where a number or a
+    range is allowed, all that follows.
+    """
     names: list[str] = []
     present: list[type[Part]] = [model]
     owner: type[Part] | None = model
+    keyed = False  # inside a dictionary, where every key is a name
     for depth, item in enumerate(location):
-        field = next(
-            (part.model_fields[str(item)] for part in present if item in part.model_fields), None
-        )
-        if field is not None:
-            owner = next(part for part in present if item in part.model_fields)
+        owners = [part for part in present if item in part.model_fields]
+        if owners:
+            owner, annotation = owners[0], owners[0].model_fields[str(item)].annotation
             names.append(str(item))
-            present = list(_parts_of(field.annotation))
-        elif isinstance(item, int):
+            present, keyed = list(_parts_of(annotation)), get_origin(annotation) is dict
+        elif isinstance(item, int) or keyed:
             names.append(str(item))
+            keyed = False
         elif tagged := [part for part in present if _tag(part) == item]:
             present, owner = tagged, tagged[0]
-        elif depth == len(location) - 1 and present:
+        elif present and depth == len(location) - 1:
             owner = present[0]
-            names.append(str(item))
+            names.append(item)
+        else:
+            break
     return ".".join(names), owner
 
 
