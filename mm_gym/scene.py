@@ -21,6 +21,8 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Range = Annotated[tuple[float, float], BeforeValidator(listed)]
 NumberOrRange = float | Range
+Weight = Annotated[float, Field(ge=0, le=1e12)]
+Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
 
 
 class Carriage(Part):
@@ -217,19 +219,19 @@ class Objective(Part):
     reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
     """
 
-    displacement_weight: NonNegative = 1.0
+    displacement_weight: Weight = 1.0
     """w_x [-]"""
-    displacement_scale: Positive = 0.01
+    displacement_scale: Scale = 0.01
     """x_ref [m]; also the scale of observed displacements"""
-    velocity_weight: NonNegative = 0.0
+    velocity_weight: Weight = 0.0
     """w_v [-]"""
-    velocity_scale: Positive = 0.5
+    velocity_scale: Scale = 0.5
     """v_ref [m/s]; also the scale of observed velocities"""
-    effort_weight: NonNegative = 0.0
+    effort_weight: Weight = 0.0
     """w_u [-]"""
-    stroke_weight: NonNegative = 0.0
+    stroke_weight: Weight = 0.0
     """w_s [-]"""
-    stroke_scale: Positive = 0.02
+    stroke_scale: Scale = 0.02
     """s_ref [m]; also the scale of the observed offset"""
     displacement_limit: Positive | None = None
     """[m]: an episode terminates when |x1| exceeds it"""
@@ -242,7 +244,7 @@ class Control(Part):
 
     time_step: Positive = 0.01
     """dt [s]"""
-    steps: Annotated[int, Field(ge=1)] = 400
+    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
     """control steps in an episode"""
 
 
@@ -283,11 +285,8 @@ class Scene(Part):
 
     @model_validator(mode="after")
     def _rules_across_parts(self) -> Self:
-        problems = [
-            *self._stretch_problems(),
-            *self._range_problems(),
-            *self._randomization_problems(),
-        ]
+        problems = [*self._stretch_problems(), *self._range_problems()]
+        problems += self._randomization_problems(known=problems)
         if problems:
             raise ValueError("\n".join(problems))
         return self
@@ -346,7 +345,7 @@ class Scene(Part):
             if isinstance(value, tuple) and value[0] > value[1]
         ]
 
-    def _randomization_problems(self) -> list[str]:
+    def _randomization_problems(self, known: list[str]) -> list[str]:
         problems: list[str] = []
         names = self._drawable()
         for name, ends in self.randomization.items():
@@ -355,12 +354,12 @@ class Scene(Part):
             elif name == "springs.stretch" and self.actuation.stretch is not None:
                 texts = ["has no effect with actuation.stretch; set initial.stretch"]
             else:
-                texts = self._refusals(name, ends)
+                texts = [text for text in self._refusals(name, ends) if text not in known]
             problems += [f"randomization.{name}: {text}" for text in texts]
         return problems
 
     def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
-        """Return what speaks against either end of a range, as far as the ends are to blame."""
+        """Return what speaks against the scene with the field at either end of a range."""
         texts: list[str] = []
         for value in dict.fromkeys(ends):
             trial = self._dump()
@@ -369,8 +368,7 @@ class Scene(Part):
             try:
                 Scene.of(trial)
             except SceneError as error:
-                found = [line.removeprefix(f"{name}: ") for line in str(error).splitlines()]
-                texts += [line for line in found if line not in self._stretch_problems()]
+                texts += [line.removeprefix(f"{name}: ") for line in str(error).splitlines()]
         return texts
 
     def _drawable(self) -> list[str]:
