@@ -90,3 +90,14 @@ def test_plant_with_changing_parameters_refuses_a_scene_too_stiff_for_it():
     )
     with pytest.raises(CompileError, match=r"control\.time_step: 0\.01 s"):
         compile_scene(scene)
+
+
+@pytest.mark.parametrize("values", [{"c": 1e100}, {"k1": 1e100}, {"d": 1e100}, {"m2": 1e-100}])
+def test_parameters_beyond_physics_are_right_or_refused(values):
+    system = System(**values)
+    try:
+        both = np.hstack(compile_scene(scene_of(system, 0.01)).discrete())
+    except CompileError as error:
+        assert "control.time_step" in str(error)  # noqa: PT017 - either outcome is right
+    else:
+        assert_rounded_once(both, system.sampled(0.01))

@@ -1,0 +1,268 @@
+"""The present of an episode is saved and restored exactly; what is refused changes nothing."""
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+from mm_gym import ActionError, MovingMassEnv, MovingMassVectorEnv, Scene, SceneError
+from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
+
+LANES = 4
+
+
+@pytest.fixture(params=["single", "vector"])
+def make(request):
+    if request.param == "single":
+        return MovingMassEnv
+    return lambda scene: MovingMassVectorEnv(scene, LANES)
+
+
+def random_actions(env, steps, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (steps, *env.action_space.shape)).astype(np.float32)
+
+
+def rollout(env, actions):
+    """Step, beginning anew where an episode ends; return everything that was handed out."""
+    seen = []
+    for action in actions:
+        result = env.step(action)
+        seen.append(result)
+        if isinstance(env, MovingMassEnv) and (result[2] or result[3]):
+            seen.append(env.reset())
+    return seen
+
+
+def test_state_restores_an_episode_and_its_future_exactly(make, ending_scene, assert_same):
+    env = make(ending_scene)
+    env.reset(seed=3)
+    rollout(env, random_actions(env, 13, seed=1))
+    saved = env.get_state()
+    actions = random_actions(env, 80)
+    first = rollout(env, actions)
+    env.set_state(saved)
+    assert_same(saved, env.get_state())
+    assert_same(rollout(env, actions), first)
+    # Another environment continues as well, even one that never was reset.
+    other = make(ending_scene)
+    other.set_state(saved)
+    assert_same(rollout(other, actions), first)
+
+
+def test_saved_state_is_a_copy(make, scene):
+    env = make(scene)
+    env.reset(seed=0)
+    saved = env.get_state()
+    kept = {name: np.copy(value) for name, value in saved.items()}
+    rollout(env, random_actions(env, 3))
+    assert all(np.array_equal(kept[name], saved[name]) for name in kept)
+    env.set_state(saved)
+    rollout(env, random_actions(env, 3))
+    assert all(np.array_equal(kept[name], saved[name]) for name in kept)
+
+
+def spoilt(saved):
+    """States that belong to something else."""
+    values = saved["values"]
+    yield {}, "missing"
+    yield {name: value for name, value in saved.items() if name != "streams"}, "streams"
+    yield saved | {"scene": "0123456789abcdef"}, "scene"
+    yield saved | {"values": values.tolist()}, "values"
+    yield saved | {"values": values[:, :0]}, "values"
+    yield saved | {"values": values.astype(np.float32)}, "values"
+    yield saved | {"frames": saved["frames"][:-1]}, "frames"
+    yield saved | {"streams": saved["streams"].astype(np.int64)}, "streams"
+
+
+def test_foreign_state_is_refused_and_changes_nothing(make, scene, assert_same):
+    env = make(scene)
+    env.reset(seed=0)
+    rollout(env, random_actions(env, 3))
+    saved = env.get_state()
+    for state, words in spoilt(saved):
+        with pytest.raises(SceneError, match=words):
+            env.set_state(state)
+        assert_same(saved, env.get_state())
+
+
+def test_state_of_another_scene_or_lane_count_is_refused(make):
+    env, other = make(CARRIAGE_FORCE), make(PRE_STRETCH)
+    env.reset(seed=0)
+    other.reset(seed=0)
+    with pytest.raises(SceneError, match="belongs to scene"):
+        env.set_state(other.get_state())
+    more = MovingMassVectorEnv(CARRIAGE_FORCE, LANES + 1)
+    more.reset(seed=0)
+    with pytest.raises(SceneError):
+        env.set_state(more.get_state())
+
+
+BAD_ACTIONS = {
+    "nan": lambda shape: np.full(shape, np.nan, np.float32),
+    "nan, double": lambda shape: np.full(shape, np.nan),
+    "inf": lambda shape: np.full(shape, np.inf, np.float32),
+    "-inf, double": lambda shape: np.full(shape, -np.inf),
+    "nan in the last place": lambda shape: np.where(
+        np.arange(np.prod(shape)).reshape(shape) == np.prod(shape) - 1, np.nan, 0.0
+    ),
+    "a column too many": lambda shape: np.zeros((*shape[:-1], shape[-1] + 1), np.float32),
+    "an axis too many": lambda shape: np.zeros((1, *shape), np.float32),
+    "a number": lambda _: 0.5,
+    "nothing": lambda _: None,
+    "empty": lambda _: [],
+    "a word": lambda _: "left",
+    "words": lambda shape: np.full(shape, "0.5"),
+    "objects": lambda shape: np.full(shape, object()),
+    "complex": lambda shape: np.zeros(shape, np.complex128),
+    "booleans": lambda shape: np.zeros(shape, np.bool_),
+    "ragged": lambda _: [[0.0], [0.0, 1.0]],
+    "a dictionary": lambda _: {"force": 0.0},
+}
+
+
+@pytest.mark.parametrize("name", BAD_ACTIONS)
+def test_bad_action_is_refused_and_changes_nothing(make, scene, name, assert_same):
+    env = make(scene)
+    env.reset(seed=0)
+    rollout(env, random_actions(env, 3))
+    before = env.get_state()
+    with pytest.raises(ActionError, match="action"):
+        env.step(BAD_ACTIONS[name](env.action_space.shape))
+    assert_same(before, env.get_state())
+    # It goes on as if nothing had been asked.
+    twin = make(scene)
+    twin.set_state(before)
+    actions = random_actions(env, 3)
+    assert_same(rollout(env, actions), rollout(twin, actions))
+
+
+@pytest.mark.parametrize("beyond", [1.5, 100.0, 3e38])
+def test_finite_actions_outside_the_space_are_clipped(make, scene, beyond, assert_same):
+    env, twin = make(scene), make(scene)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    for sign in (1.0, -1.0, 1.0):
+        action = np.full(env.action_space.shape, sign, np.float32)
+        assert_same(env.step(np.float32(beyond) * action), twin.step(action))
+
+
+def test_type_of_the_action_does_not_matter(make, scene, assert_same):
+    env = make(scene)
+    env.reset(seed=0)
+    saved = env.get_state()
+    half = np.full(env.action_space.shape, 0.5, np.float32)
+    expected = env.step(half)
+    for same in (half.astype(np.float64), half.astype(np.float16), half.tolist(), half[..., ::-1]):
+        env.set_state(saved)
+        assert_same(env.step(same), expected)
+    env.set_state(saved)
+    ones = np.ones(env.action_space.shape)
+    expected = env.step(ones)
+    env.set_state(saved)
+    assert_same(env.step(ones.astype(int)), expected)
+
+
+def test_step_needs_a_running_episode(ending_scene):
+    env = MovingMassEnv(ending_scene)
+    action = np.zeros(env.action_space.shape, np.float32)
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+    env.reset(seed=0)
+    ended = False
+    while not ended:
+        _, _, terminated, truncated, _ = env.step(action)
+        ended = terminated or truncated
+    before = env.get_state()
+    with pytest.raises(ResetNeeded, match="reset"):
+        env.step(action)
+    # The end of an episode is part of its state.
+    env.reset()
+    env.set_state(before)
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+
+
+def test_options_fix_what_would_be_drawn(make):
+    env = make(PRE_STRETCH)
+    options = {
+        "excitation.0.frequency": 50.0,
+        "initial.stretch": 2.0,
+        "initial.carriage_displacement": 0.003,
+        "initial.sphere_offset": -0.001,
+        "initial.sphere_velocity": 0.2,
+    }
+    env.reset(seed=0, options=options)
+    assert np.all(env.drawn("excitation.0.frequency") == 50.0)
+    assert np.all(env.drawn("initial.stretch") == 2.0)
+    expected = np.array([0.003, 0.003 - 0.001, 0.0, 0.2])
+    assert (np.atleast_2d(env.state) == expected).all()
+
+
+def test_options_do_not_disturb_the_stream(make, assert_same):
+    env, twin = make(PRE_STRETCH), make(PRE_STRETCH)
+    env.reset(seed=0, options={"excitation.0.frequency": 50.0})
+    twin.reset(seed=0)
+    assert np.all(env.drawn("excitation.0.phase") == twin.drawn("excitation.0.phase"))
+    assert_same(env.reset(), twin.reset())
+
+
+def test_options_of_the_vector_may_differ_by_lane():
+    env = MovingMassVectorEnv(PRE_STRETCH, 3)
+    frequencies = np.array([45.0, 55.0, 65.0])
+    env.reset(seed=0, options={"excitation.0.frequency": frequencies})
+    assert (env.drawn("excitation.0.frequency") == frequencies).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"excitation.0.frequncy": 50.0}, "did you mean 'excitation.0.frequency'"),
+        ({"excitation.0.frequency": 100.0}, "excitation.0.frequency: got 100.0; allowed: 44 to 71"),
+        ({"excitation.0.frequency": np.nan}, "excitation.0.frequency: got nan"),
+        ({"excitation.0.frequency": "50"}, "excitation.0.frequency: got"),
+        ({"excitation.0.frequency": 1j}, "excitation.0.frequency: got"),
+        ({"excitation.0.frequency": None}, "excitation.0.frequency: got"),
+        ({"excitation.0.frequency": [50.0] * 7}, "excitation.0.frequency: got"),
+        ({"initial.carriage_displacement": np.inf}, "initial.carriage_displacement: got inf"),
+        ({"initial.stretch": 3.5}, "initial.stretch: got 3.5; allowed: 1 to 3"),
+        ({"carriage.mass": 0.2}, "carriage.mass: got 0.2; allowed: 0.1 to 0.1"),
+        ({"seed": 3}, "seed: not a field"),
+        ({3: 3.0}, "3: not a field"),
+    ],
+    ids=str,
+)
+def test_bad_options_are_refused_and_change_nothing(make, options, words, assert_same):
+    env = make(PRE_STRETCH)
+    env.reset(seed=0)
+    rollout(env, random_actions(env, 2))
+    before = env.get_state()
+    with pytest.raises(SceneError) as caught:
+        env.reset(seed=5, options=options)
+    assert words in str(caught.value)
+    assert_same(before, env.get_state())
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "1"])
+def test_bad_seed_is_refused_and_changes_nothing(make, scene, seed, assert_same):
+    env = make(scene)
+    env.reset(seed=0)
+    before = env.get_state()
+    with pytest.raises(Exception, match=r"[Ss]eed|integer"):  # Gymnasium's own errors, and ours
+        env.reset(seed=seed)
+    assert_same(before, env.get_state())
+
+
+def test_scene_is_needed_and_needs_an_actuator(make, tmp_path):
+    with pytest.raises(SceneError, match="needs an actuator"):
+        make(Scene())
+    with pytest.raises(SceneError, match="scene: got dict"):
+        make({"carriage": {}})
+    with pytest.raises(SceneError, match="no such file"):
+        make(tmp_path / "scene.toml")
+
+
+def test_scene_may_be_a_file(make, tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text("[actuation.force]\nlimit = 2.0\n", "utf-8")
+    for path in (file, str(file)):
+        assert make(path).scene.actuation.force.limit == 2.0

@@ -1,0 +1,174 @@
+"""Lane i of the vector environment is the single environment seeded seed + i, to the last bit."""
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
+
+LANES, STEPS, SEED = 5, 160, 11
+MODES = list(AutoresetMode)
+
+
+def twins(scene, mode, lanes=LANES):
+    native = MovingMassVectorEnv(scene, lanes, autoreset_mode=mode)
+    return native, SyncVectorEnv(
+        [lambda: MovingMassEnv(scene)] * lanes, autoreset_mode=mode, copy=True
+    )
+
+
+def actions_for(envs, steps=STEPS):
+    shape = (steps, *envs.action_space.shape)
+    return np.random.default_rng(0).uniform(-1.3, 1.3, shape).astype(np.float32)
+
+
+def without_layout(result):
+    """Observations are Fortran-ordered in one and C-ordered in the other; the values count."""
+    return tuple(np.ascontiguousarray(x) if isinstance(x, np.ndarray) else x for x in result)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_lanes_equal_single_environments_over_resets(ending_scene, mode, assert_same):
+    native, sync = twins(ending_scene, mode)
+    assert_same(without_layout(native.reset(seed=SEED)), without_layout(sync.reset(seed=SEED)))
+    terminations = truncations = 0
+    for action in actions_for(native):
+        got, expected = native.step(action), sync.step(action)
+        assert_same(without_layout(got), without_layout(expected))
+        terminations += got[2].sum()
+        truncations += (got[3] & ~got[2]).sum()
+    assert terminations >= 3
+    assert truncations >= 3
+
+
+def test_lanes_without_autoreset_equal_single_environments(ending_scene, assert_same):
+    native, sync = twins(ending_scene, AutoresetMode.DISABLED)
+    assert_same(without_layout(native.reset(seed=SEED)), without_layout(sync.reset(seed=SEED)))
+    resets = 0
+    for action in actions_for(native):
+        got, expected = native.step(action), sync.step(action)
+        assert_same(without_layout(got), without_layout(expected))
+        mask = got[2] | got[3]
+        if mask.any():
+            resets += 1
+            options = {"reset_mask": mask}
+            obs, info = native.reset(options=dict(options))
+            expected_obs, expected_info = sync.reset(options=dict(options))
+            assert_same(np.ascontiguousarray(obs), np.ascontiguousarray(expected_obs))
+            for name in expected_info:
+                assert_same(info[name][mask], expected_info[name][mask])
+    assert resets >= 5
+
+
+@pytest.mark.parametrize("lanes", [1, 255, 257, 600])
+def test_number_of_lanes_does_not_matter(ending_scene, lanes):
+    # Blocks and their remainders, and vector units with theirs.
+    native = MovingMassVectorEnv(ending_scene, lanes)
+    singles = {i: MovingMassEnv(ending_scene) for i in {0, lanes // 2, lanes - 1}}
+    observations, _ = native.reset(seed=SEED)
+    for i, env in singles.items():
+        assert env.reset(seed=SEED + i)[0].tobytes() == observations[i].tobytes()
+    for action in actions_for(native, 6):
+        observations, rewards, terminated, truncated, info = native.step(action)
+        for i, env in list(singles.items()):
+            obs, reward, ended, _, single_info = env.step(action[i])
+            assert obs.tobytes() == observations[i].tobytes()
+            assert (reward, ended) == (rewards[i], terminated[i])
+            assert single_info["state"].tobytes() == info["state"][i].tobytes()
+            if ended:
+                del singles[i]
+        assert not truncated.any()
+
+
+def test_list_of_seeds_gives_each_lane_its_own(scene):
+    native = MovingMassVectorEnv(scene, 3)
+    observations, _ = native.reset(seed=[5, 99, 5])
+    assert observations[0].tobytes() == observations[2].tobytes()
+    for i, seed in enumerate([5, 99, 5]):
+        assert MovingMassEnv(scene).reset(seed=seed)[0].tobytes() == observations[i].tobytes()
+
+
+def test_lane_without_a_seed_goes_on_with_its_stream(scene):
+    native, other = (MovingMassVectorEnv(scene, 3) for _ in range(2))
+    native.reset(seed=4)
+    other.reset(seed=4)
+    expected, _ = other.reset()
+    observations, _ = native.reset(seed=[None, 8, None])
+    assert observations[0].tobytes() == expected[0].tobytes()
+    assert observations[1].tobytes() != expected[1].tobytes()
+    assert observations[2].tobytes() == expected[2].tobytes()
+
+
+def test_reset_mask_leaves_other_lanes_alone(scene, assert_same):
+    native = MovingMassVectorEnv(scene, 4, autoreset_mode="Disabled")
+    native.reset(seed=0)
+    native.step(np.ones(native.action_space.shape, np.float32))
+    before = native.get_state()
+    mask = np.array([False, True, False, True])
+    observations, _ = native.reset(options={"reset_mask": mask})
+    after = native.get_state()
+    for name in ("values", "streams", "frames"):
+        assert_same(before[name][:, ~mask], after[name][:, ~mask])
+        assert (before[name][:, mask] != after[name][:, mask]).any()
+    assert observations.T[:, ~mask].tobytes() == after["frames"][:, ~mask].tobytes()
+
+
+@pytest.mark.parametrize("mask", [[True], [1, 0, 1], "abc", np.ones((3, 1), bool)])
+def test_reset_mask_that_does_not_fit_is_refused(scene, mask, assert_same):
+    native = MovingMassVectorEnv(scene, 3)
+    native.reset(seed=0)
+    before = native.get_state()
+    with pytest.raises(SceneError, match="reset_mask"):
+        native.reset(seed=1, options={"reset_mask": mask})
+    assert_same(before, native.get_state())
+
+
+def test_copies_are_handed_out_by_default_and_views_on_request(scene):
+    for copy in (True, False):
+        native = MovingMassVectorEnv(scene, 3, copy=copy)
+        first, _ = native.reset(seed=0)
+        action = np.zeros(native.action_space.shape, np.float32)
+        second, rewards, *_, info = native.step(action)
+        _, more_rewards, *_, more_info = native.step(action)
+        assert np.shares_memory(first, second) is not copy
+        assert np.shares_memory(rewards, more_rewards) is not copy
+        assert np.shares_memory(info["state"], more_info["state"]) is not copy
+        assert second.flags.f_contiguous
+
+
+def test_views_and_copies_hold_the_same_values(scene, assert_same):
+    copied, viewed = (MovingMassVectorEnv(scene, 3, copy=copy) for copy in (True, False))
+    copied.reset(seed=1)
+    viewed.reset(seed=1)
+    for action in actions_for(copied, 20):
+        assert_same(without_layout(copied.step(action)), without_layout(viewed.step(action)))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_stepping_before_the_first_reset_is_refused(scene, mode):
+    native = MovingMassVectorEnv(scene, 2, autoreset_mode=mode)
+    with pytest.raises(ResetNeeded):
+        native.step(np.zeros(native.action_space.shape, np.float32))
+
+
+def test_stepping_a_finished_lane_without_autoreset_is_refused(ending_scene):
+    native = MovingMassVectorEnv(ending_scene, 2, autoreset_mode="Disabled")
+    native.reset(seed=0)
+    action = np.zeros(native.action_space.shape, np.float32)
+    while not (native.step(action)[2:4] != np.zeros((2, 2), np.bool_)).any():
+        pass
+    with pytest.raises(ResetNeeded, match="lanes need reset"):
+        native.step(action)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True, None])
+def test_number_of_lanes_is_checked(scene, count):
+    with pytest.raises(SceneError, match="num_envs"):
+        MovingMassVectorEnv(scene, count)
+
+
+@pytest.mark.parametrize("mode", ["nextstep", None, 1])
+def test_unknown_autoreset_mode_is_refused(scene, mode):
+    with pytest.raises(ValueError, match=r"AutoresetMode|autoreset_mode"):
+        MovingMassVectorEnv(scene, 2, autoreset_mode=mode)
