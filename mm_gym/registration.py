@@ -1,4 +1,4 @@
-"""Registers the tasks with Gymnasium, through its plug-in entry point."""
+"""Registers the tasks with Gymnasium, which imports this package for "mm_gym:mm_gym/<task>"."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mm_gym.tasks import TASKS
 
 
 def register_envs() -> None:
-    """Register every task that is not registered yet; Gymnasium calls this when it is imported."""
+    """Register every task that is not registered yet."""
     for name, scene in TASKS.items():
         if name not in gymnasium.registry:
             gymnasium.register(  # pyright: ignore[reportUnknownMemberType] - its own annotation

@@ -64,7 +64,7 @@ def test_saved_state_is_a_copy(make, scene):
 def spoilt(saved):
     """States that belong to something else."""
     values = saved["values"]
-    yield {}, "missing"
+    yield {}, "missing|finished"
     yield {name: value for name, value in saved.items() if name != "streams"}, "streams"
     yield saved | {"scene": "0123456789abcdef"}, "scene"
     yield saved | {"values": values.tolist()}, "values"
