@@ -8,7 +8,7 @@ from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
 # Short horizons, and limits that random starts and actions exceed now and then; some episodes of
 # the first begin beyond the limit and end at once.
 ENDING = {
-    "force": CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004, "control.steps": 23}),
+    "force": CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.007, "control.steps": 12}),
     "stretch": PRE_STRETCH.replace(
         **{
             "objective.displacement_limit": 0.006,
