@@ -88,6 +88,7 @@ def support_of(scene: Scene) -> Support:
     rows = {name: _row(name) for name in values}
     size = at.TONES + at.TONE_ROWS * len(scene.excitation)
     low, high = np.zeros(size), np.zeros(size)
+    low[at.STRETCH] = high[at.STRETCH] = 1.0  # without springs: any stretch that the spring law allows
     for name, value in values.items():
         low[rows[name]], high[rows[name]] = bounds(value)
     start_low, start_high = low.copy(), high.copy()
