@@ -8,19 +8,40 @@ viscous interface and/or fixed stretch, cubic
 coefficient 0, nothing randomised but the start       linear                transition matrix, harmonics as exosystem
 the same with actuated stretch, or with randomised
 parameters or excitation frequency                    parametric linear     Taylor series of the exponential's action
+dry friction that provably never slips                as a viscous interface of damping mu1 F_N / v_r
+dry friction, cubic coefficient 0, nothing
+randomised but the start                              switched linear       transition matrices, crossings bisected
+the same with actuated stretch, or with randomised    parametric switched
+parameters or excitation frequency                    linear                Taylor series for each regime
+cubic coefficient or finite stretch                   smooth nonlinear      adaptive Taylor series
+the same with dry friction                            switched nonlinear    adaptive Taylor series, crossings located
+carriage without mass, otherwise linear               massless carriage     transition matrix of three states
 ====================================================  ====================  ==========================================
+
+A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the interface.
 """
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
-from mm_gym.methods import LINEAR, PARAMETRIC, Method
+from mm_gym.methods import (
+    LINEAR,
+    MASSLESS,
+    PARAMETRIC,
+    SWITCHED,
+    SWITCHED_SERIES,
+    Method,
+    rk4_method,
+    semi_implicit_euler_method,
+    taylor_method,
+)
 from mm_gym.parameters import Support, support_of
 from mm_gym.plant import Plant
 from mm_gym.scene import Solver
@@ -34,6 +55,9 @@ if TYPE_CHECKING:
 PHYSICAL = range(at.M1, at.TONES)
 """Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
 
+FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+"""Rows of the parameters of dry friction."""
+
 
 def compile_scene(scene: Scene) -> Plant:
     """Choose the least model that covers the scene's whole support, and prepare it.
@@ -43,13 +67,14 @@ def compile_scene(scene: Scene) -> Plant:
     CompileError
         If no plant covers the scene within its bound, or the method asked for does not apply to it.
     """
-    support = support_of(scene)
-    method, reasons = _choose(scene, support)
+    support, reasons = _without_idle_friction(scene, support_of(scene))
+    _refuse_unsupported(scene, support)
+    method, why = _choose(scene, support)
     _check_solver(scene, method)
     template, draws = _start(support)
     return Plant(
         method=method,
-        reasons=reasons,
+        reasons=(*reasons, *why),
         support=support,
         model=method.model(support),
         task=task_array(scene),
@@ -64,12 +89,109 @@ def compile_scene(scene: Scene) -> Plant:
 
 
 def _choose(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
+    """Return the method that the decision table or the scene asks for, and why."""
+    method, reasons = _from_table(scene, support)
+    asked = scene.solver.method
+    if asked in ("auto", method.name):
+        return method, reasons
+    others = _others(scene, support, method)
+    if asked not in others:
+        allowed = ", ".join(repr(name) for name in ("auto", method.name, *others))
+        msg = f"solver.method: {asked!r} does not apply to this scene; allowed: {allowed}"
+        raise CompileError(msg)
+    return others[asked], (f"solver.method asks for it in place of {method.name!r}",)
+
+
+def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
     """Walk down the decision table; return the method and why."""
-    _refuse_unsupported(scene)
     moving = [name for name, row in support.names.items() if row in _dynamic_rows(support) and not support.fixed(row)]
-    if not moving:
-        return LINEAR, (_coupling(scene), "every parameter has one value")
-    return PARAMETRIC, (_coupling(scene), *(_moves(name, support) for name in moving))
+    moves = tuple(_moves(name, support) for name in moving)
+    friction = _slips(support)
+    if _is_nonlinear(support):
+        return taylor_method(scene.solver.tolerance, _name(support)), (*_nonlinearities(support), *_friction(support))
+    if friction:
+        return (SWITCHED_SERIES if moving else SWITCHED), (*_friction(support), *(moves or (FIXED,)))
+    if support.low[at.M1] == 0.0:
+        return MASSLESS, ("carriage.mass is 0: the forces on the carriage balance", FIXED)
+    return (PARAMETRIC if moving else LINEAR), (_coupling(scene), *(moves or (FIXED,)))
+
+
+def _others(scene: Scene, support: Support, chosen: Method) -> dict[str, Method]:
+    """Return by name the methods that apply besides the one of the decision table: their declared domains."""
+    if support.low[at.M1] == 0.0:
+        return {}
+    name = chosen.plant
+    others = {"taylor": taylor_method(scene.solver.tolerance, name)}
+    if not _slips(support):
+        substeps = scene.solver.substeps or 1
+        others["rk4"] = rk4_method(substeps, name)
+        others["semi_implicit_euler"] = semi_implicit_euler_method(substeps, name)
+    others.pop(chosen.name, None)
+    return others
+
+
+FIXED = "every parameter has one value"
+
+
+def _slips(support: Support) -> bool:
+    return bool(support.high[at.VR] > 0.0)
+
+
+def _is_nonlinear(support: Support) -> bool:
+    return bool(support.high[at.BETA] > 0.0 or support.high[at.L0] > 0.0)
+
+
+def _name(support: Support) -> str:
+    return "switched nonlinear" if _slips(support) else "smooth nonlinear"
+
+
+def _nonlinearities(support: Support) -> list[str]:
+    reasons: list[str] = []
+    if support.high[at.BETA] > 0.0:
+        reasons.append(f"carriage.cubic_coefficient reaches {support.high[at.BETA]:g} 1/m^2")
+    if support.high[at.L0] > 0.0:
+        reasons.append("springs of finite stretch")
+    return reasons
+
+
+def _friction(support: Support) -> list[str]:
+    if not _slips(support):
+        return []
+    return [f"dry friction may slip faster than interface.reference_velocity = {support.low[at.VR]:g} m/s"]
+
+
+def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
+    """Replace dry friction that provably never slips by the viscous interface that it then is."""
+    low, high = support.low, support.high
+    driven = scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
+    fixed = all(support.fixed(row) for row in FRICTION)
+    asked = scene.solver.method == "switched"
+    if not _slips(support) or driven or asked or not fixed or high[at.L0] > 0.0 or low[at.M1] == 0.0:
+        return support, ()
+    fastest, vr = _fastest_slip(support), low[at.VR]
+    if not fastest < vr:
+        return support, ()
+    damping = low[at.MU1] * low[at.FN] / vr
+    arrays: dict[str, NDArray[np.float64]] = {}
+    for name in ("start_low", "start_high", "low", "high"):
+        arrays[name] = getattr(support, name).copy()
+        arrays[name][list(FRICTION)] = 0.0
+        arrays[name][at.C] = damping
+    reason = (
+        f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below interface.reference_velocity = "
+        f"{vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
+    )
+    return replace(support, **arrays), (reason,)
+
+
+def _fastest_slip(support: Support) -> float:
+    """Return a bound of |w| from the largest energy at the start, which nothing adds to [m/s]."""
+    low, high = support.low, support.high
+    x1, offset, v1, v2 = (max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4))
+    k2 = 2.0 * high[at.K0] * (1.0 + 2.0 / low[at.STRETCH] ** 3) if high[at.K0] > 0.0 else 0.0
+    twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + k2 * offset**2
+    twice += high[at.K1] * (high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
+    return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))
 
 
 def _dynamic_rows(support: Support) -> set[int]:
@@ -89,28 +211,51 @@ def _moves(name: str, support: Support) -> str:
     return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
 
 
-def _refuse_unsupported(scene: Scene) -> None:
-    if scene.carriage.cubic_coefficient or "carriage.cubic_coefficient" in scene.randomization:
-        msg = "carriage.cubic_coefficient: no plant covers a cubic spring yet; allowed: 0"
+def _refuse_unsupported(scene: Scene, support: Support) -> None:
+    """Raise `CompileError` for what no plant covers."""
+    low, high = support.low, support.high
+    interface = scene.interface
+    if interface.kind == "dry_friction" and interface.normal_force is None and "sphere.mass" in scene.randomization:
+        msg = (
+            "interface.normal_force: missing; by default it is the sphere's weight, but sphere.mass is randomised. "
+            "State a number, or randomise it too"
+        )
         raise CompileError(msg)
-    if scene.interface.kind == "dry_friction":
-        msg = "interface.kind: no plant covers 'dry_friction' yet; allowed: 'none', 'viscous'"
+    if low[at.M1] == 0.0:
+        _refuse_massless(support)
+    furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
+    if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
+        msg = (
+            f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than stretch * rest_length = "
+            f"{low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite stretch is shortened to nothing"
+        )
         raise CompileError(msg)
-    if scene.springs.kind == "finite_stretch":
-        msg = "springs.kind: no plant covers 'finite_stretch' yet; allowed: 'none', 'small_on_large'"
+
+
+def _refuse_massless(support: Support) -> None:
+    """Raise `CompileError` unless a carriage without mass leaves a linear plant with fixed parameters."""
+    low = support.low
+    reason = ""
+    if _slips(support) or _is_nonlinear(support):
+        reason = "needs a viscous interface, or none, and linear springs"
+    elif not all(support.fixed(row) for row in _dynamic_rows(support)):
+        reason = "needs parameters, stretch and frequencies that have one value"
+    elif not low[at.C] + low[at.D] > 0.0:
+        reason = "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
+    if reason:
+        msg = f"carriage.mass: 0 {reason}; a small mass has no such limit"
         raise CompileError(msg)
 
 
 def _check_solver(scene: Scene, method: Method) -> None:
-    solver = scene.solver
-    if solver.method not in ("auto", method.name):
-        msg = f"solver.method: {solver.method!r} does not apply to this scene; allowed: 'auto', {method.name!r}"
-        raise CompileError(msg)
+    """Warn of options that have no effect."""
     default = Solver()
     for option in ("tolerance", "substeps"):
-        if getattr(solver, option) == getattr(default, option):
+        if option in method.options or getattr(scene.solver, option) == getattr(default, option):
             continue
-        warnings.warn(f"solver.{option} has no effect: the {method.plant} plant is exact", stacklevel=3)
+        warnings.warn(
+            f"solver.{option} has no effect: the {method.plant} plant is propagated by {method.name!r}", stacklevel=3
+        )
 
 
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 from mm_gym.state_space import StateSpace, state_space
 
@@ -81,17 +82,26 @@ class Plant:
     def discrete(self, stretch: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over the control step."""
         # Imported here: the layer of methods lies above the plant it builds.
-        from mm_gym.propagators import transition  # noqa: PLC0415
+        from mm_gym.propagators import massless_transition, transition  # noqa: PLC0415
 
-        both = transition(self.system(stretch), self.time_step)
+        row = self._middle(stretch)
+        massless = row[at.M1] == 0.0
+        both = massless_transition(values_of(row), self.time_step) if massless else transition(linear_system(row), self.time_step)
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
         """Return the linear equations about the rest position in decimal arithmetic, see `linear`."""
+        row = self._middle(stretch)
+        if row[at.M1] == 0.0:
+            msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
+            raise CompileError(msg)
+        return linear_system(row)
+
+    def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         middle = 0.5 * (self.support.start_low + self.support.start_high)
         if stretch is not None:
             middle[at.STRETCH] = stretch
-        return linear_system(middle)
+        return middle
 
     def at_time_step(self, time_step: float) -> Plant:
         """Return the same plant with another step, for samples between control steps."""
@@ -118,10 +128,18 @@ def _at_time_step(plant: Plant, time_step: float) -> Plant:
 
 
 def linear_system(row: NDArray[np.float64]) -> StateSpace:
-    """Return the linear equations for one lane's parameters; doubles enter as the decimals that they exactly are."""
+    """Return the linear equations for one lane's parameters; dry friction enters with its slope in stick."""
     with localcontext(Context(prec=60)):
-        m1, m2, k1, d, alpha, c, k0, stretch = (
-            Decimal(float(row[i])) for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
-        )
+        return state_space(values_of(row))
+
+
+def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
+    """Return m1, m2, k1 (times alpha), d, c and k2 of one lane; doubles enter as the decimals that they exactly are."""
+    m1, m2, k1, d, alpha, c, k0, stretch = (
+        Decimal(float(row[i])) for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
+    )
+    mu1, normal, vr = (Decimal(float(row[i])) for i in (at.MU1, at.FN, at.VR))
+    with localcontext(Context(prec=60)):
         k2 = 2 * k0 * (1 + 2 / stretch**3) if k0 else Decimal(0)
-        return state_space({"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2})
+        c = mu1 * normal / vr if vr else c
+        return {"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2}

@@ -28,8 +28,8 @@ Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
 class Carriage(Part):
     """The mass to be kept still, on a spring and a damper."""
 
-    mass: Positive = 0.1
-    """m1 [kg]"""
+    mass: NonNegative = 0.1
+    """m1 [kg]; 0 for a carriage without inertia, which needs a damper or a viscous interface"""
     stiffness: Positive = 400.0
     """k1 [N/m]"""
     damping: NonNegative = 1.0

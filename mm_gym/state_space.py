@@ -35,3 +35,19 @@ def state_space(p: Values) -> StateSpace:
     force = [zero, zero, one / m1, zero]
     ground = [zero, zero, -one, -one]
     return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground)))
+
+
+def slip_space(p: Values) -> StateSpace:
+    """Return the same equations for the state x1, x2 - x1, v1, v2 - v1: no digits of a small slip cancel."""
+    m1, m2, k1, d, c, k2 = (p[name] for name in ("m1", "m2", "k1", "d", "c", "k2"))
+    zero, one = 0 * m1, m1 / m1
+    both = one / m1 + one / m2
+    a = [
+        [zero, zero, one, zero],
+        [zero, zero, zero, one],
+        [-k1 / m1, k2 / m1, -d / m1, c / m1],
+        [k1 / m1, -k2 * both, d / m1, -c * both],
+    ]
+    force = [zero, zero, one / m1, -one / m1]
+    ground = [zero, zero, -one, zero]
+    return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground)))

@@ -1,0 +1,88 @@
+"""Fixed-step methods on the smooth plants, kept to show what the others save."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.taylor import SIZE, coefficients, interface_and_springs, outer_forces
+
+SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
+
+
+@kernel
+def propagate_rk4(model, lanes, first, last):
+    """Advance the lanes by one control step with the classical Runge-Kutta method (Kutta, 1901)."""
+    substeps, finite = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0
+    h, status = model[at.TIME_STEP] / substeps, at.OK
+    p, y, stage, slope, total = np.empty(SIZE), np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    for i in range(first, last):
+        coefficients(lanes, i, False, p)
+        for row in range(4):
+            y[row] = lanes[row, i]
+        for k in range(substeps):
+            total[:] = 0.0
+            for s in range(4):
+                share, weight = (0.0, 0.5, 0.5, 1.0)[s], (1.0, 2.0, 2.0, 1.0)[s] / 6.0
+                for row in range(4):
+                    stage[row] = y[row] + (share * h * slope[row] if s > 0 else 0.0)
+                _field(model, lanes, i, p, stage, (k + share) * h, finite, slope)
+                for row in range(4):
+                    total[row] += weight * slope[row]
+            for row in range(4):
+                y[row] += h * total[row]
+        status = max(status, _store(lanes, i, y))
+    return status
+
+
+@kernel
+def propagate_semi_implicit_euler(model, lanes, first, last):
+    """Advance the lanes by one control step: first the velocities, then the positions with the new ones."""
+    substeps, finite = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0
+    h, status = model[at.TIME_STEP] / substeps, at.OK
+    p, y, slope = np.empty(SIZE), np.empty(4), np.empty(4)
+    for i in range(first, last):
+        coefficients(lanes, i, False, p)
+        for row in range(4):
+            y[row] = lanes[row, i]
+        for k in range(substeps):
+            _field(model, lanes, i, p, y, k * h, finite, slope)
+            y[2] += h * slope[2]
+            y[3] += h * slope[3]
+            y[0] += h * y[2]
+            y[1] += h * y[3]
+        status = max(status, _store(lanes, i, y))
+    return status
+
+
+@kernel
+def _field(model, lanes, i, p, y, elapsed, finite, slope):
+    """Write the time derivative of the state."""
+    x1, offset, v1, v2 = y[0], y[1] - y[0], y[2], y[3]
+    force = ground = 0.0
+    for j in range(int(model[at.TONE_COUNT])):
+        tone = at.TONES + at.TONE_ROWS * j
+        turn = lanes[tone + at.FREQUENCY, i] * elapsed
+        value = lanes[tone + at.SINE, i] * math.cos(turn) + lanes[tone + at.COSINE, i] * math.sin(turn)
+        value *= lanes[tone + at.AMPLITUDE, i]
+        if (int(model[at.GROUND]) >> j) & 1:
+            ground += value
+        else:
+            force += value
+    inner = interface_and_springs(p, offset, v2 - v1, finite)
+    slope[0], slope[1] = v1, v2
+    slope[2] = (inner - outer_forces(p, x1, v1) + force) / p[0] - ground
+    slope[3] = -inner / p[1] - ground
+
+
+@kernel
+def _store(lanes, i, y):
+    """Write the state back if it is finite."""
+    if not abs(y[0]) + abs(y[1]) + abs(y[2]) + abs(y[3]) < np.inf:
+        return at.DIVERGED
+    for row in range(4):
+        lanes[row, i] = y[row]
+    return at.OK

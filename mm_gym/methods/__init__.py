@@ -1,0 +1,11 @@
+"""The methods: what each propagates, how, at what order, cost and error bound. One method, one file."""
+
+from mm_gym.methods.base import Method as Method
+from mm_gym.methods.fixed_step import rk4_method as rk4_method
+from mm_gym.methods.fixed_step import semi_implicit_euler_method as semi_implicit_euler_method
+from mm_gym.methods.linear import LINEAR as LINEAR
+from mm_gym.methods.massless import MASSLESS as MASSLESS
+from mm_gym.methods.parametric import PARAMETRIC as PARAMETRIC
+from mm_gym.methods.switched import SWITCHED as SWITCHED
+from mm_gym.methods.switched import SWITCHED_SERIES as SWITCHED_SERIES
+from mm_gym.methods.taylor import taylor_method as taylor_method

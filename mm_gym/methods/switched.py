@@ -1,0 +1,194 @@
+"""The switched linear plant: dry friction, every crossing found to round-off."""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal, localcontext
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import CompileError
+from mm_gym.exponential import ladder
+from mm_gym.kernels import layout as at
+from mm_gym.kernels import friction, switched
+from mm_gym.kernels.entries import build
+from mm_gym.methods.base import Method, degree, fastest_oscillation, fastest_rate, header
+from mm_gym.plant import values_of
+from mm_gym.state_space import slip_space
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.parameters import Support
+
+STATE_INPUTS = 6
+"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each tone follow."""
+
+LONGEST_SERIES = 1.0
+"""Longest last rung, in units of the shortest time constant; its Taylor series loses no digits."""
+
+LONGEST_PHASE = 2.0**18
+"""Longest control step, in units of the shortest time constant: a stiff step costs some hundred nanoseconds for each
+halving down to it, an oscillating one some ten for each unit."""
+
+MOST_PIECES = 50_000.0
+"""Pieces of a control step that the series alone may take: some 0.02 s of work."""
+
+FINER = 3
+"""Halvings of the last rung at which |w''| is sampled."""
+
+MOST_SAMPLES = 1 << 15
+
+SAMPLING = 1.1
+"""What |w''| may exceed its samples by, an eighth of the shortest time constant apart."""
+
+
+def _model(support: Support) -> NDArray[np.float64]:
+    low = support.low
+    mu1, mu2, vr, chi, normal = (Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN))
+    with localcontext(Context(prec=60)):
+        stick = mu1 * normal / vr
+        offset = mu2 * normal - chi * vr
+    phase = fastest_rate(support, max(float(stick), float(chi))) * support.time_step
+    if not phase <= LONGEST_PHASE:
+        msg = (
+            f"control.time_step: {support.time_step} s spans {phase:.3g} times the shortest time constant of the dry "
+            f"friction plant, {support.time_step / phase:.3g} s; allowed: {LONGEST_PHASE:.3g} times. Shorten the step, "
+            "raise interface.reference_velocity or carriage.mass"
+        )
+        raise CompileError(msg)
+    rungs = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
+    regimes = [_regime(support, *law, rungs) for law in ((stick, Decimal(0)), (chi, offset))]
+    model = header(support, switched.REGIMES - at.MODEL_OWN)
+    model[switched.VR], model[switched.LAST_RUNG] = float(vr), rungs
+    model[switched.DEGREE] = degree(phase / 2.0**rungs)
+    model[switched.RUNG_SIZE] = switched.TONES + switched.TONE_SIZE * len(support.ground)
+    model[switched.STICK] = switched.REGIMES
+    model[switched.SLIP] = switched.REGIMES + regimes[0].size
+    return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+
+
+def _regime(support: Support, damping: Decimal, force: Decimal, rungs: int) -> NDArray[np.float64]:
+    """Return the rungs of one regime of the friction, f = damping w + sign force; see `mm_gym.kernels.switched`."""
+    generator = _generator(support, damping, force)
+    steps = ladder(generator, support.time_step, rungs + FINER)
+    # The row that takes the inputs to w'' now.
+    second = (generator[3] @ generator).astype(np.float64)
+    gains = _gains(support, second, [step.astype(np.float64) for step in steps])
+    return np.array([_rung(second, step, gain) for step, gain in zip(steps, gains, strict=False)])
+
+
+def _rung(second: NDArray[np.float64], step: NDArray[np.object_], gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    rows, change = _state_rows(step), _change_of_slip(step)
+    slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
+    for k in range(6, len(second), 2):
+        own = slice(k, k + 2)
+        slots += [second[own], rows[:, own].ravel(), change[own], gains[own], step[own, k].astype(np.float64)]
+    return np.concatenate(slots)
+
+
+def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np.object_]:
+    """Return the equations of one regime with the inputs (x1, offset, v1, w, sign, u, cosine, sine, ...) as state."""
+    with localcontext(Context(prec=60)):
+        values = values_of(support.low) | {"c": damping}
+        system = slip_space(values)
+        size = STATE_INPUTS + 2 * len(support.ground)
+        generator = np.full((size, size), Decimal(0))
+        generator[:4, :4], generator[:4, 5] = system.a, system.force
+        generator[3, 4] = -force * (1 / values["m1"] + 1 / values["m2"])
+        generator[2, 4] = force / values["m1"]
+        for j, ground in enumerate(support.ground):
+            k = STATE_INPUTS + 2 * j
+            frequency = Decimal(float(support.low[at.TONES + at.TONE_ROWS * j + at.FREQUENCY]))
+            generator[:4, k + 1] = system.ground if ground else system.force
+            generator[k, k + 1], generator[k + 1, k] = -frequency, frequency
+    return generator
+
+
+def _state_rows(step: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return the rows of x1, x2, v1, v2 against the inputs with x2 and v2, each entry rounded once."""
+    with localcontext(Context(prec=100)):
+        rows = np.array([step[0], step[0] + step[1], step[2], step[2] + step[3]])
+        rows[:, 0], rows[:, 2] = rows[:, 0] - rows[:, 1], rows[:, 2] - rows[:, 3]
+    return rows.astype(np.float64)
+
+
+def _change_of_slip(step: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return the row of w(t) - w(0), each entry rounded once."""
+    row = step[3].copy()
+    with localcontext(Context(prec=100)):
+        row[3] -= 1
+    return row.astype(np.float64)
+
+
+def _gains(
+    support: Support, second: NDArray[np.float64], steps: list[NDArray[np.float64]]
+) -> list[NDArray[np.float64]]:
+    """Return for each rung gains such that h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|) while the rung lasts.
+
+    w''(t) = r(t) . inputs, with r sampled. Subtracting the share g(t) of r(t) along r(0) leaves what w''(0) does not
+    explain: on the slow motion of a stiff regime both parts are small, where |r| . |inputs| would not be.
+    """
+    finest = len(steps) - 1
+    rows = second[None]
+    while len(rows) <= min(1 << finest, MOST_SAMPLES):
+        rows = np.vstack([rows, rows @ steps[finest - int(np.log2(len(rows)))]])
+    frequency = fastest_oscillation(support) or 1.0
+    weights = np.zeros(len(second))
+    weights[:4] = frequency**-2, frequency**-2, 1.0, 1.0
+    norm = (weights * second) @ second
+    share = rows @ (weights * second) / norm if norm > 0.0 else np.zeros(len(rows))
+    rest = np.abs(rows - share[:, None] * second)
+    largest = SAMPLING * np.maximum.accumulate(np.column_stack([rest, np.abs(share)]))
+    gains: list[NDArray[np.float64]] = []
+    for k in range(len(steps) - FINER):
+        last = 1 << (finest - k)
+        # A rung too long to be sampled is never taken whole.
+        bend = largest[last] if last < len(rows) else np.full(len(second) + 1, np.inf)
+        gains.append(0.5 * (support.time_step / 2.0**k) ** 2 * bend)
+    return gains
+
+
+def _cost(model: NDArray[np.float64]) -> str:
+    tones = int(model[at.TONE_COUNT])
+    return f"7 products with {6 + 2 * tones} inputs; a series of degree {int(model[switched.DEGREE])} per change of regime"
+
+
+SWITCHED = Method(
+    name="switched",
+    plant="switched linear",
+    how="a transition matrix for stick and one for slip; crossings of the reference velocity bisected on halved steps",
+    order="exact for a held force, every crossing found",
+    bound="round-off: 1e-12 of the trajectory's scale",
+    cost=_cost,
+    model=_model,
+    entries=build(switched.propagate),
+)
+
+
+def _series_model(support: Support) -> NDArray[np.float64]:
+    low, high = support.low, support.high
+    damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
+    phase = fastest_rate(support, damping) * support.time_step
+    if not phase <= MOST_PIECES:
+        msg = (
+            f"control.time_step: {support.time_step} s spans {phase:.3g} times the shortest time constant that the "
+            f"scene can have, {support.time_step / phase:.3g} s; the series allows {MOST_PIECES:.0f}. Shorten the step, "
+            "or fix what is randomised or actuated"
+        )
+        raise CompileError(msg)
+    model = header(support, 1)
+    model[friction.DEGREE] = degree(LONGEST_SERIES)
+    return model
+
+
+SWITCHED_SERIES = Method(
+    name="switched",
+    plant="parametric switched linear",
+    how="a Taylor series, cut off below round-off, for each regime; crossings of the reference velocity found on it",
+    order="exact for a held force and stretch, every crossing found",
+    bound="round-off: 1e-12 of the trajectory's scale",
+    cost=lambda model: f"a series of degree {int(model[friction.DEGREE])} per time constant and change of regime",
+    model=_series_model,
+    entries=build(friction.propagate),
+)

@@ -1,0 +1,71 @@
+"""Every plant with two masses, by an adaptive Taylor series: the nonlinear ones need it."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+from mm_gym.errors import CompileError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels import taylor
+from mm_gym.kernels.entries import build
+from mm_gym.methods.base import Method, fastest_rate, header
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mm_gym.parameters import Support
+
+TIGHTEST = 1e-15
+"""Smallest useful tolerance: below it round-off is larger than what is cut off."""
+
+LOWEST_ORDER = 4
+
+RATE_PER_STEP = 2.0
+"""Shortest time constants that one series spans at least, whatever the order."""
+
+
+def _order(tolerance: float) -> int:
+    """Return the order at which a series costs least (Jorba and Zou, 2005, eq. 11)."""
+    return max(LOWEST_ORDER, math.ceil(-0.5 * math.log(max(tolerance, TIGHTEST))) + 1)
+
+
+def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
+    model = header(support, 5)
+    low, high = support.low, support.high
+    friction = low[at.VR] > 0.0
+    damping = high[at.MU1] * high[at.FN] / low[at.VR] + high[at.CHI] if friction else None
+    phase = fastest_rate(support, damping) * support.time_step
+    if not phase <= RATE_PER_STEP * taylor.MOST_STEPS:
+        msg = (
+            f"control.time_step: {support.time_step} s spans {phase:.3g} times the scene's shortest time constant "
+            f"{support.time_step / phase:.3g} s; the series allows {RATE_PER_STEP * taylor.MOST_STEPS:.0f}. Shorten the step"
+        )
+        raise CompileError(msg)
+    model[taylor.ORDER] = _order(tolerance)
+    model[taylor.LOG_TOLERANCE] = math.log2(max(tolerance, TIGHTEST))
+    model[taylor.HAS_FRICTION] = friction
+    model[taylor.IS_CUBIC] = high[at.BETA] > 0.0
+    model[taylor.IS_FINITE] = high[at.L0] > 0.0
+    return model
+
+
+def taylor_method(tolerance: float, plant: str) -> Method:
+    """Return the method for a tolerance: the relative error of the state's scale over a control step."""
+    order = _order(tolerance)
+    return Method(
+        name="taylor",
+        plant=plant,
+        how="adaptive Taylor series; the order follows from the tolerance, each step from the last two terms",
+        order=str(order),
+        bound=f"{tolerance:g} of the state's scale over a control step, and round-off",
+        cost=lambda _: f"some {order * (order + 20)} products a step, as many steps as the motion needs",
+        model=partial(_model, tolerance=tolerance),
+        entries=ENTRIES,
+        options=("tolerance",),
+    )
+
+
+ENTRIES = build(taylor.propagate)
