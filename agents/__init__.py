@@ -1,1 +1,4 @@
-"""Controllers for mm_gym, their training and their evaluation. Run from the checkout: ``python -m agents.train``."""
+"""Controllers for mm_gym, their training and their evaluation.
+
+Run from the checkout: ``python -m agents.train``.
+"""

@@ -65,7 +65,7 @@ class TrainSettings(Part):
     ppo: PPOSettings = PPOSettings()
 
     def load_scene(self) -> Scene:
-        """Return the scene to train on; raise `SceneError` if the file or the task does not hold one."""
+        """Return the scene to train on; raise `SceneError` if file or task does not hold one."""
         if self.scene is not None:
             return load_scene(self.scene)
         try:
@@ -80,7 +80,7 @@ class TrainSettings(Part):
 
 
 def read_settings(path: str | Path) -> TrainSettings:
-    """Read settings from a TOML file; raise `SceneError` for anything that is not allowed, with every finding."""
+    """Read settings from a TOML file; raise `SceneError` with everything that is not allowed."""
     file = Path(path)
     try:
         return TrainSettings(**tomllib.loads(file.read_text(encoding="utf-8")))

@@ -26,7 +26,7 @@ class Controller(Protocol):
 
 
 class StretchCommand:
-    """Turns a wanted stretch into the action that approaches it, whatever the actuator's command means."""
+    """Turns a wanted stretch into the action towards it, whatever the actuator's command means."""
 
     def __init__(self, scene: Scene) -> None:
         actuator = scene.actuation.stretch
@@ -36,13 +36,15 @@ class StretchCommand:
         self.actuator = actuator
         self.time_step = scene.control.time_step
 
-    def __call__(self, wanted: NDArray[np.float64], present: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return actions (lanes, 1) towards a wanted stretch (lanes,) from the present one (lanes,)."""
+    def __call__(
+        self, wanted: NDArray[np.float64], present: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return actions (lanes, 1) towards a wanted stretch (lanes,) from the present (lanes,)."""
         low, high = self.actuator.minimum, self.actuator.maximum
         if self.actuator.command == "position":
             action = (wanted - 0.5 * (high + low)) / (0.5 * (high - low))
         else:
-            assert self.actuator.rate_limit is not None  # the scene guarantees it  # noqa: S101
+            assert self.actuator.rate_limit is not None  # noqa: S101 - the scene guarantees it
             action = (wanted - present) / (self.actuator.rate_limit * self.time_step)
         return np.clip(action, -1.0, 1.0)[:, None]
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - tyro reads the annotation
 from typing import Annotated
 
 import tyro
@@ -34,7 +34,9 @@ class Arguments:
 
 
 def report_run(run: Run, episodes: int = 200) -> list[Evaluation]:
-    """Evaluate a run's model and the baselines on the same held-out episodes; write and print the result.
+    """Evaluate a run's model and the baselines on the same held-out episodes.
+
+    The result is written to the run's folder and printed.
 
     Returns
     -------
@@ -57,7 +59,7 @@ def report_run(run: Run, episodes: int = 200) -> list[Evaluation]:
 
 
 def write_results(run: Run, results: list[Evaluation]) -> None:
-    """Write ``scores.csv`` (a row per controller) and ``episodes.csv`` (a row per held-out episode)."""
+    """Write ``scores.csv``, a row per controller, and ``episodes.csv``, a row per episode."""
     write_csv(
         run.folder / "scores.csv",
         ["controller", "score [-]", "ratio to reference [-]", "mean return [-]"],
@@ -78,13 +80,22 @@ def write_results(run: Run, results: list[Evaluation]) -> None:
 def print_table(results: list[Evaluation], scene: Scene) -> None:
     """Print the controllers, best last reference first."""
     unit = f"{scene.objective.displacement_scale * 1e3:g} mm"
-    table = Table(title=f"score: rms of x1 / {unit} over {results[0].returns.size} held-out episodes")
+    table = Table(
+        title=f"score: rms of x1 / {unit} over {results[0].returns.size} held-out episodes"
+    )
     table.add_column("controller", no_wrap=True)
     for heading in ("score", "ratio", "mean return"):
         table.add_column(heading, justify="right")
     for result in sorted(results, key=lambda result: -result.score):
-        table.add_row(result.name, f"{result.score:.3f}", f"{result.score / results[0].score:.2f}", f"{result.returns.mean():.2f}")
-    Console().print(table, f"ratio: to {results[0].name}, the best of its kind", sep="\n", highlight=False)
+        table.add_row(
+            result.name,
+            f"{result.score:.3f}",
+            f"{result.score / results[0].score:.2f}",
+            f"{result.returns.mean():.2f}",
+        )
+    Console().print(
+        table, f"ratio: to {results[0].name}, the best of its kind", sep="\n", highlight=False
+    )
 
 
 def main() -> str | None:

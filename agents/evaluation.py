@@ -44,7 +44,8 @@ class Evaluation:
     frequency
         (episodes,) [rad/s] of the first excitation, or the episode's number where there is none.
     time, displacement, applied
-        (steps,) [s]; (steps, episodes) x1 / displacement_scale; (steps, episodes, k) what the actuators reached.
+        (steps,) [s]; (steps, episodes) x1 / displacement_scale; (steps, episodes, k) what the
+        actuators reached.
     """
 
     name: str
@@ -57,10 +58,13 @@ class Evaluation:
     applied: NDArray[np.float64]
 
 
-def evaluate(scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED, episodes: int = 200) -> Evaluation:
-    """Run a controller through one episode a lane, an unknown frequency spread evenly over its band.
+def evaluate(
+    scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED, episodes: int = 200
+) -> Evaluation:
+    """Run a controller through one episode a lane.
 
-    A lane whose episode terminates early keeps the displacement that it ended with.
+    An unknown frequency is spread evenly over its band. A lane whose episode terminates early keeps
+    the displacement that it ended with.
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     band = scene.randomization.get(FREQUENCY)
@@ -73,7 +77,9 @@ def evaluate(scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED,
     rewards, alive = np.zeros(episodes), np.ones(episodes, np.bool_)
     for step in range(steps):
         displacement[step], applied[step] = displacement[step - 1], applied[step - 1]
-        observation, reward, terminated, truncated, info = env.step(controller.act(observation, info))
+        observation, reward, terminated, truncated, info = env.step(
+            controller.act(observation, info)
+        )
         displacement[step, alive] = info["state"][alive, 0]
         applied[step, alive] = info["applied"][alive]
         rewards[alive] += reward[alive]
@@ -100,7 +106,8 @@ def evaluate(scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED,
 def baselines(scene: Scene) -> list[Controller]:
     """Return the classical controllers that apply to a scene, tuned on the validation episodes.
 
-    The first is the one that ratios refer to: the best constant stretch, or no control where there is no stretch.
+    The first is the one that ratios refer to: the best constant stretch, or no control where there
+    is no stretch.
     """
     found: list[Controller] = [Zero(scene)]
     if scene.actuation.stretch is not None and scene.actuation.force is None:
@@ -113,7 +120,7 @@ def baselines(scene: Scene) -> list[Controller]:
 
 
 def best_constant_stretch(scene: Scene) -> Controller:
-    """Search the constant stretch with the least score: a grid, then a bounded descent about its best."""
+    """Search the constant stretch of least score: a grid, then a bounded descent about its best."""
     actuator = scene.actuation.stretch
     if actuator is None:
         msg = "actuation.stretch: missing; there is no stretch to hold"
@@ -128,7 +135,9 @@ def best_phase_law(scene: Scene) -> Controller:
     return _search(scene, law, np.linspace(-2.0, 2.0, 17))
 
 
-def _search(scene: Scene, make: Callable[[float], Controller], grid: NDArray[np.float64]) -> Controller:
+def _search(
+    scene: Scene, make: Callable[[float], Controller], grid: NDArray[np.float64]
+) -> Controller:
     def score(value: float) -> float:
         return evaluate(scene, make(float(value)), seed=VALIDATION_SEED, episodes=100).score
 

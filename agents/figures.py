@@ -25,7 +25,10 @@ LABELS = {"force": "control force [N]", "stretch": "stretch [-]"}
 
 
 def draw_scores(results: list[Evaluation], scene: Scene, path: Path) -> None:
-    """Draw the score of each controller against frequency: bins of ten episodes, and the learned agent's episodes."""
+    """Draw the score of each controller against frequency.
+
+    The lines are of bins of ten episodes; the dots are the learned agent's episodes.
+    """
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.add_subplot()
     for i, result in enumerate(results):
@@ -47,22 +50,27 @@ def draw_scores(results: list[Evaluation], scene: Scene, path: Path) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("frequency of the force [rad/s]" if scene.excitation else "held-out episode")
     axes.set_ylabel(f"rms of x1 / {scene.objective.displacement_scale * 1e3:g} mm [-]")
-    axes.set_title("Each point pools ten held-out episodes; dots are single ones of the learned agent", fontsize=10)
+    axes.set_title(
+        "Each point pools ten held-out episodes; dots are single ones of the learned agent",
+        fontsize=10,
+    )
     figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
     axes.grid(visible=True, which="major", alpha=0.25)
     _save(figure, path)
 
 
 def _binned(result: Evaluation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean frequency and the pooled score of each bin of ten episodes, in order of frequency."""
+    """Return mean frequency and pooled score of each bin of ten episodes, by frequency."""
     order = np.argsort(result.frequency)
     bins = np.array_split(order, max(order.size // 10, 1))
     frequency = np.array([result.frequency[members].mean() for members in bins])
-    return frequency, np.array([np.sqrt(np.mean(result.episode_scores[members] ** 2)) for members in bins])
+    return frequency, np.array(
+        [np.sqrt(np.mean(result.episode_scores[members] ** 2)) for members in bins]
+    )
 
 
 def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path: Path) -> None:
-    """Draw displacement and actuators over time, of the episode in which the reference does its median."""
+    """Draw displacement and actuators over time, in the reference's median episode."""
     episode = int(np.argsort(reference.episode_scores)[reference.episode_scores.size // 2])
     names = [name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None]
     figure = Figure(figsize=(6.4, 2.4 + 1.6 * len(names)), layout="constrained")
@@ -77,7 +85,13 @@ def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path
     grid[-1].set_xlabel("time [s]")
     where = f" at {reference.frequency[episode]:.1f} rad/s" if scene.excitation else ""
     grid[0].set_title(f"The reference's median held-out episode{where}", fontsize=10)
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8, frameon=False)
+    figure.legend(
+        *grid[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=2,
+        fontsize=8,
+        frameon=False,
+    )
     for axes in grid:
         axes.grid(visible=True, alpha=0.25)
         axes.margins(x=0.01)

@@ -17,6 +17,15 @@ if TYPE_CHECKING:
 
 STATES = ("x1", "x2", "v1", "v2")
 
+UNREACHED = 1e-10
+"""Singular value of a mode's pencil below which the force does not reach it.
+
+It is well above the round-off of entries of order one, and far below a usable input.
+"""
+
+RESIDUAL, INDEFINITE = 1e-9, 1e-12
+"""Bounds, relative to P, on the Riccati residual and on the size of a negative eigenvalue."""
+
 
 class DesignError(ValueError):
     """A controller cannot be designed for the scene; the message says why."""
@@ -29,11 +38,13 @@ class Design:
     Attributes
     ----------
     states
-        Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1, v2.
+        Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1,
+        v2.
     gain
         (1, n) [N/m, N s/m].
     cost
-        (n, n): P of the discrete Riccati equation; the sum of rewards from a state is -(x'P x - x'Q x).
+        (n, n): P of the discrete Riccati equation; the sum of rewards from a state is
+        -(x'P x - x'Q x).
     weight
         (n, n): Q, the reward's weight of the state.
     """
@@ -47,21 +58,28 @@ class Design:
 def design(scene: Scene) -> Design:
     """Solve the discrete Riccati equation for the scene's reward and its sampled linear plant.
 
-    The states are those that the cost depends on: a sphere without springs drifts freely, its position is neither paid
-    for nor controllable, and Riccati solvers return garbage on it without a word.
+    The states are those that the cost depends on: a sphere without springs drifts freely, its
+    position is neither paid for nor controllable, and Riccati solvers return garbage on it without
+    a word.
 
     Raises
     ------
     DesignError
-        If the scene has no force actuator, pays nothing for force, or is not stabilisable, or if the solution fails its
-        checks: residual, definiteness, closed-loop eigenvalues.
+        If the scene has no force actuator, pays nothing for force, or is not stabilisable, or if
+        the solution fails its checks: residual, definiteness, closed-loop eigenvalues.
     """
     actuator, objective = scene.actuation.force, scene.objective
     if actuator is None:
-        msg = "actuation.force: missing; an LQR needs a force (a stretch does not enter the linear plant)"
+        msg = (
+            "actuation.force: missing; "
+            "an LQR needs a force (a stretch does not enter the linear plant)"
+        )
         raise DesignError(msg)
     if objective.effort_weight == 0.0:
-        msg = "objective.effort_weight: got 0; allowed: greater than 0 (the Riccati equation needs a price of force)"
+        msg = (
+            "objective.effort_weight: got 0; "
+            "allowed: greater than 0 (the Riccati equation needs a price of force)"
+        )
         raise DesignError(msg)
     plant = compile_scene(scene)
     weight = _state_weight(scene)
@@ -99,29 +117,39 @@ def _states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> 
     return tuple(int(i) for i in np.flatnonzero(matters))
 
 
-def _require_stabilisable(a: NDArray[np.float64], b: NDArray[np.float64], states: tuple[int, ...]) -> None:
+def _require_stabilisable(
+    a: NDArray[np.float64], b: NDArray[np.float64], states: tuple[int, ...]
+) -> None:
     """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay."""
     names = ", ".join(STATES[i] for i in states)
     for eigenvalue in np.linalg.eigvals(a):
         if abs(eigenvalue) >= 1.0 - 1e-12:
             pencil = np.hstack([a - eigenvalue * np.eye(len(a)), b / max(np.abs(b).max(), 1e-300)])
             smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
-            if smallest < 1e-10:  # well above the round-off of an entry of order one, far below a usable input
-                msg = f"the states {names} are not stabilisable: the force does not reach the mode {eigenvalue:.6g}"
+            if smallest < UNREACHED:
+                msg = (
+                    f"the states {names} are not stabilisable: "
+                    f"the force does not reach the mode {eigenvalue:.6g}"
+                )
                 raise DesignError(msg)
 
 
-def _check(solution: Design, a: NDArray[np.float64], b: NDArray[np.float64], price: NDArray[np.float64]) -> None:
+def _check(
+    solution: Design, a: NDArray[np.float64], b: NDArray[np.float64], price: NDArray[np.float64]
+) -> None:
     p, gain = solution.cost, solution.gain
     closed = a - b @ gain
     residual = closed.T @ p @ closed + gain.T @ price @ gain + solution.weight - p
     relative = np.abs(residual).max() / np.abs(p).max()
-    if not relative < 1e-9:
-        msg = f"the Riccati residual is {relative:.1e} of P; allowed: below 1e-9"
+    if not relative < RESIDUAL:
+        msg = f"the Riccati residual is {relative:.1e} of P; allowed: below {RESIDUAL}"
         raise DesignError(msg)
     least = np.linalg.eigvalsh(p).min() / np.abs(p).max()
-    if not least > -1e-12:
-        msg = f"P is not positive semidefinite: its least eigenvalue is {least:.1e} of its largest entry"
+    if not least > -INDEFINITE:
+        msg = (
+            "P is not positive semidefinite: "
+            f"its least eigenvalue is {least:.1e} of its largest entry"
+        )
         raise DesignError(msg)
     radius = np.abs(np.linalg.eigvals(closed)).max()
     if not radius < 1.0:
@@ -136,7 +164,7 @@ class LQR:
 
     def __init__(self, scene: Scene) -> None:
         self.design = design(scene)
-        assert scene.actuation.force is not None  # design refuses otherwise  # noqa: S101
+        assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
         self.limit = scene.actuation.force.limit
 
     def reset(self, env: MovingMassVectorEnv) -> None:

@@ -17,7 +17,17 @@ if TYPE_CHECKING:
 
     from agents.config import TrainSettings
 
-PACKAGES = ("mm-gym", "gymnasium", "numpy", "scipy", "numba", "pydantic", "control", "stable-baselines3", "torch")
+PACKAGES = (
+    "mm-gym",
+    "gymnasium",
+    "numpy",
+    "scipy",
+    "numba",
+    "pydantic",
+    "control",
+    "stable-baselines3",
+    "torch",
+)
 
 
 class RunError(RuntimeError):
@@ -27,8 +37,8 @@ class RunError(RuntimeError):
 class Run:
     """The folder ``runs/NAME``.
 
-    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.zip`` what a killed run continues from;
-    ``model.zip`` the best model, written when training is over.
+    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.zip`` what a killed
+    run continues from; ``model.zip`` the best model, written when training is over.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
@@ -48,7 +58,10 @@ class Run:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def open(self, settings: TrainSettings) -> None:
-        """Begin the run, or continue a killed one of the same settings; raise `RunError` if others ran here."""
+        """Begin the run, or continue a killed one of the same settings.
+
+        Raise `RunError` if the folder holds a run of other settings or another scene.
+        """
         scene = settings.load_scene()
         contents = {
             "settings": json.loads(settings.model_dump_json()),
@@ -62,7 +75,10 @@ class Run:
         if self.record.exists():
             earlier = json.loads(self.record.read_text(encoding="utf-8"))
             if any(earlier[key] != contents[key] for key in ("settings", "scene_digest")):
-                msg = f"{self.folder}: holds a run with other settings; choose another name or delete it"
+                msg = (
+                    f"{self.folder}: holds a run with other settings; "
+                    "choose another name or delete it"
+                )
                 raise RunError(msg)
             return
         write_text(self.record, json.dumps(contents, indent=2) + "\n")

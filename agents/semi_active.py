@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 class PhaseLaw:
     """Tune an absorber by its phase: the rate of stretch is proportional to x1 (x2 - x1).
 
-    A tuned absorber moves a quarter period behind the carriage, so the mean of x1 times offset vanishes. Below resonance
-    of the absorber the mean is positive and the springs should soften (stretch more); above, stiffen. Nagarajaiah,
-    *Adaptive passive, semiactive, smart tuned mass dampers*, Struct. Control Health Monit. 16 (2009).
+    A tuned absorber moves a quarter period behind the carriage, so the mean of x1 times offset
+    vanishes. Below resonance of the absorber the mean is positive and the springs should soften
+    (stretch more); above, stiffen. Nagarajaiah, *Adaptive passive, semiactive, smart tuned mass
+    dampers*, Struct. Control Health Monit. 16 (2009).
     """
 
     def __init__(self, scene: Scene, gain: float = 1.0) -> None:

@@ -1,4 +1,6 @@
-"""Train a PPO agent: ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
+"""Train a PPO agent.
+
+For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
 
 A killed run continues where its last checkpoint left it; the best model of the validations is kept.
 """
@@ -7,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -16,6 +19,7 @@ from gymnasium.wrappers.vector import TransformReward
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import LinearSchedule
+from tqdm import TqdmExperimentalWarning
 
 from agents.config import TrainSettings, settings_from_command_line
 from agents.evaluation import VALIDATION_SEED, evaluate
@@ -30,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def train(settings: TrainSettings, run: Run) -> None:
-    """Train until the steps or the time are used up, and write the best model to the run's folder."""
+    """Train until steps or time are used up, and write the best model to the run's folder."""
     run.open(settings)
     if run.finished:
         return
@@ -42,7 +46,16 @@ def train(settings: TrainSettings, run: Run) -> None:
     if left > 0:
         watch = Validation(settings, scene, run)
         fresh = model.num_timesteps == 0
-        model.learn(left, callback=watch, progress_bar=True, reset_num_timesteps=fresh, tb_log_name="ppo")
+        with warnings.catch_warnings():
+            # Stable-Baselines3's progress bar is tqdm's rich one, which calls itself experimental.
+            warnings.simplefilter("ignore", TqdmExperimentalWarning)
+            model.learn(
+                left,
+                callback=watch,
+                progress_bar=True,
+                reset_num_timesteps=fresh,
+                tb_log_name="ppo",
+            )
     env.close()
     (run.best if run.best.exists() else run.checkpoint).replace(run.model)
 
@@ -56,7 +69,9 @@ def make_env(settings: TrainSettings, scene: Scene) -> VectorEnvAdapter:
         scene=scene,
         autoreset_mode=AutoresetMode.SAME_STEP,
     )
-    return VectorEnvAdapter(TransformReward(lanes, lambda reward: settings.ppo.reward_scale * reward))
+    return VectorEnvAdapter(
+        TransformReward(lanes, lambda reward: settings.ppo.reward_scale * reward)
+    )
 
 
 def continue_or_begin(settings: TrainSettings, run: Run, env: VectorEnvAdapter) -> PPO:
@@ -81,7 +96,10 @@ def continue_or_begin(settings: TrainSettings, run: Run, env: VectorEnvAdapter) 
 
 
 class Validation(BaseCallback):
-    """Score the policy on validation episodes, keep the best model, checkpoint, and stop when time is up."""
+    """Score the policy on validation episodes and keep the best model.
+
+    It also writes the checkpoint, and stops the training when time is up.
+    """
 
     def __init__(self, settings: TrainSettings, scene: Scene, run: Run) -> None:
         super().__init__()

@@ -17,10 +17,11 @@ FREQUENCY = "excitation.0.frequency"
 
 
 class MatchingStretch:
-    """Hold the stretch whose stiffness makes the sphere resonate with a known harmonic force: k2 = m2 w^2.
+    """Hold the stretch at which the sphere resonates with a known harmonic force.
 
-    Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that frequency an undamped absorber stills the carriage.
-    The stretch is eq. 15 of the paper inverted, (2 / (k2 / 2 k0 - 1))^(1/3), within the actuator's range.
+    Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
+    frequency an undamped absorber stills the carriage. The stretch is eq. 15 of the paper inverted,
+    (2 / (k2 / 2 k0 - 1))^(1/3), within the actuator's range.
     """
 
     name = "matching stretch (knows the frequency)"

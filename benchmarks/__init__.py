@@ -1,1 +1,4 @@
-"""The speed and accuracy figures of the documentation: ``make bench`` measures them all and writes docs/benchmarks.md."""
+"""The speed and accuracy figures of the documentation.
+
+``make bench`` measures them all and writes docs/benchmarks.md.
+"""

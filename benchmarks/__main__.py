@@ -1,4 +1,7 @@
-"""Measure everything and write docs/benchmarks.md: ``make bench``, or ``python -m benchmarks [SECTION ...]``."""
+"""Measure everything and write docs/benchmarks.md: ``make bench``.
+
+``python -m benchmarks SECTION ...`` measures and prints the sections named, and writes nothing.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,9 @@ SECTIONS = {"single": single, "vector": vector, "learning": learning, "startup":
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
-Written by `make bench`. Every ratio is the median over rounds in which the candidates took turns; ± is half the
-interquartile range. Peers that are not installed are left out (`pip install --group bench`).
+Written by `make bench`. Every ratio is the median over rounds in which the candidates took turns;
+± is half the interquartile range. Peers that are not installed are left out
+(`pip install --group bench`).
 """
 
 

@@ -1,4 +1,7 @@
-"""What the environment costs in training: PPO's frames per second, native `VecEnv` against `DummyVecEnv`."""
+"""What the environment costs in training.
+
+PPO's frames per second, native `VecEnv` against `DummyVecEnv`.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +41,17 @@ class Stopwatch:
 
 
 def learning() -> str:
-    """Return the section on training at 64 lanes with Stable-Baselines3's default networks, in turns."""
+    """Return the section on training 64 lanes in turns, with SB3's default networks."""
     torch.set_num_threads(1)
     envs = {
         "native VecEnv": make_vec_env("mm_gym/PreStretch-v0", LANES),
         "DummyVecEnv": DummyVecEnv([lambda: MovingMassEnv(PRE_STRETCH)] * LANES),
     }
     watches = {name: Stopwatch(env) for name, env in envs.items()}
-    models = {name: PPO("MlpPolicy", env, n_steps=ROLLOUT, batch_size=1600, seed=0, device="cpu") for name, env in envs.items()}
+    models = {
+        name: PPO("MlpPolicy", env, n_steps=ROLLOUT, batch_size=1600, seed=0, device="cpu")
+        for name, env in envs.items()
+    }
     totals = dict.fromkeys(envs, 0.0)
     for model in models.values():
         model.learn(LANES * ROLLOUT)
@@ -58,8 +64,18 @@ def learning() -> str:
             totals[name] += time.perf_counter() - began
     frames = ROUNDS * LANES * ROLLOUT
     rows = [
-        (name, f"{frames / totals[name]:,.0f}", f"{watches[name].seconds / totals[name] * 100:.1f} %", f"{totals['DummyVecEnv'] / totals[name]:.2f}")
+        (
+            name,
+            f"{frames / totals[name]:,.0f}",
+            f"{watches[name].seconds / totals[name] * 100:.1f} %",
+            f"{totals['DummyVecEnv'] / totals[name]:.2f}",
+        )
         for name in envs
     ]
-    header = (f"PPO, {LANES} lanes of PreStretch", "frames/s", "environment's share", "times as fast as DummyVecEnv")
+    header = (
+        f"PPO, {LANES} lanes of PreStretch",
+        "frames/s",
+        "environment's share",
+        "times as fast as DummyVecEnv",
+    )
     return f"## Training\n\n{table(header, rows)}\n"

@@ -11,15 +11,27 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 PACKAGES = (
-    "mm-gym", "gymnasium", "numpy", "scipy", "numba", "torch", "stable-baselines3", "heyoka", "scikit-sundae", "gymnax",
-    "jax", "envpool",
-)  # fmt: skip
+    "mm-gym",
+    "gymnasium",
+    "numpy",
+    "scipy",
+    "numba",
+    "torch",
+    "stable-baselines3",
+    "heyoka",
+    "scikit-sundae",
+    "gymnax",
+    "jax",
+    "envpool",
+)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a Markdown table; numbers should come formatted."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return "\n".join([*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)])
+    return "\n".join(
+        [*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)]
+    )
 
 
 def machine() -> str:

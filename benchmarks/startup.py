@@ -29,8 +29,12 @@ def startup() -> str:
     seconds: dict[str, list[float]] = {name: [] for name in SCRIPTS}
     for _ in range(ROUNDS + 1):
         for name, script in SCRIPTS.items():
-            timed = f"import time; t = time.perf_counter(); {script}; print(time.perf_counter() - t)"
-            done = subprocess.run([sys.executable, "-c", timed], capture_output=True, text=True, check=True)  # noqa: S603
+            timed = (
+                f"import time; t = time.perf_counter(); {script}; print(time.perf_counter() - t)"
+            )
+            done = subprocess.run(
+                [sys.executable, "-c", timed], capture_output=True, text=True, check=True
+            )
             seconds[name].append(float(done.stdout.split()[-1]))
     # The first round fills the caches.
     rows = [(name, f"{np.median(values[1:]):.2f}") for name, values in seconds.items()]

@@ -1,4 +1,4 @@
-"""Cost of a control step: one environment, and many lanes, beside Gymnasium's own and other peers."""
+"""Cost of a control step: one environment and many lanes, beside Gymnasium's and other peers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from mm_gym.tasks import CARRIAGE_FORCE, TASKS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from mm_gym import Scene
 
@@ -40,13 +42,20 @@ def single() -> str:
         )
         for name, timing in timings.items()
     ]
-    header = ("environment, unwrapped", "µs a step", "times faster than MountainCarContinuous", "than CartPole")
+    header = (
+        "environment, unwrapped",
+        "µs a step",
+        "times faster than MountainCarContinuous",
+        "than CartPole",
+    )
     return f"## One environment\n\n{table(header, rows)}\n"
 
 
 def vector() -> str:
     """Return the section on vector environments at 16,384 lanes, resets included, one core."""
-    candidates: dict[str, Callable[[], object]] = {"bare 4 x 5 product over the lanes": _bare_product()}
+    candidates: dict[str, Callable[[], object]] = {
+        "bare 4 x 5 product over the lanes": _bare_product()
+    }
     for name, scene in TASKS.items():
         candidates[f"{name}, views"] = _step_of_many(scene, copy=False)
         candidates[f"{name}, copies"] = _step_of_many(scene, copy=True)
@@ -67,16 +76,27 @@ def vector() -> str:
         )
         for name, timing in timings.items()
     ]
-    header = (f"{LANES:,} lanes, one core", "million steps/s", "of the bare product", "times faster than CartPole vector")
+    header = (
+        f"{LANES:,} lanes, one core",
+        "million steps/s",
+        "of the bare product",
+        "times faster than CartPole vector",
+    )
     return f"## Many lanes\n\n{table(header, rows)}\n\n{_threads()}"
 
 
 def _threads() -> str:
     """Return how two threads compare with one."""
-    candidates = {f"{threads} threads": _step_of_many(CARRIAGE_FORCE, copy=False, threads=threads, lanes=16 * LANES) for threads in (1, 2)}
+    candidates = {
+        f"{threads} threads": _step_of_many(
+            CARRIAGE_FORCE, copy=False, threads=threads, lanes=16 * LANES
+        )
+        for threads in (1, 2)
+    }
     timings = side_by_side(candidates, work=16 * LANES)
     factor = timings["2 threads"].times_faster_than(timings["1 threads"])
-    return f"Two threads step {16 * LANES:,} lanes of CarriageForce {factor:.2f} times as fast as one.\n"
+    lanes = f"{16 * LANES:,} lanes of CarriageForce"
+    return f"Two threads step {lanes} {factor:.2f} times as fast as one.\n"
 
 
 def _step_of_one(scene: Scene) -> Callable[[], object]:
@@ -98,7 +118,9 @@ def _step_of_peer(name: str) -> Callable[[], object]:
     return step
 
 
-def _step_of_many(scene: Scene, *, copy: bool, threads: int = 1, lanes: int = LANES) -> Callable[[], object]:
+def _step_of_many(
+    scene: Scene, *, copy: bool, threads: int = 1, lanes: int = LANES
+) -> Callable[[], object]:
     env = MovingMassVectorEnv(scene, lanes, copy=copy, threads=threads)
     env.reset(seed=0)
     actions = env.action_space.sample()
@@ -106,10 +128,10 @@ def _step_of_many(scene: Scene, *, copy: bool, threads: int = 1, lanes: int = LA
 
 
 def _bare_product() -> Callable[[], object]:
-    """Return the least that a linear step can be: the state's product with the transition matrix."""
+    """Return the least that a linear step can be: the transition matrix times the state."""
 
     @numba.njit
-    def product(m, lanes):
+    def product(m: NDArray[np.float64], lanes: NDArray[np.float64]) -> None:
         x1s, x2s, v1s, v2s, us = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4]
         for i in range(x1s.size):
             x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
@@ -131,7 +153,7 @@ def _step_of_cart_poles() -> Callable[[], object]:
 
 def _step_of_gymnax() -> Callable[[], object]:
     import gymnax  # noqa: PLC0415 - an optional peer
-    import jax  # noqa: PLC0415
+    import jax  # noqa: PLC0415 - the same
 
     env, parameters = gymnax.make("CartPole-v1")
     keys = jax.random.split(jax.random.PRNGKey(0), LANES)
@@ -148,5 +170,3 @@ def _step_of_envpool() -> Callable[[], object]:
     env.reset()
     actions = np.zeros(LANES, np.int32)
     return lambda: env.step(actions)
-
-

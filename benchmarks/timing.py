@@ -1,4 +1,7 @@
-"""Timing side by side: candidates take turns, so that what disturbs the machine disturbs them alike."""
+"""Timing side by side.
+
+Candidates take turns, so that what disturbs the machine disturbs them alike.
+"""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Indices = None | int | Iterable[int]
 
 
-def make_vec_env(id: str, num_envs: int, **kwargs: object) -> VectorEnvAdapter:  # noqa: A002 - Gymnasium's name for it
+def make_vec_env(id: str, num_envs: int, **kwargs: Any) -> VectorEnvAdapter:  # noqa: A002, ANN401 - Gymnasium's signature
     """Make a registered environment as a Stable-Baselines3 `VecEnv`.
 
     Parameters
@@ -56,8 +56,9 @@ def make_vec_env(id: str, num_envs: int, **kwargs: object) -> VectorEnvAdapter: 
 class VectorEnvAdapter(VecEnv):
     """Any Gymnasium `VectorEnv` with same-step autoreset, as a Stable-Baselines3 `VecEnv`.
 
-    At an episode's end the lane's info holds ``terminal_observation``, ``TimeLimit.truncated`` (truncated and not
-    terminated) and ``episode`` (return, length, seconds) as Stable-Baselines3's `Monitor` would write it.
+    At an episode's end the lane's info holds ``terminal_observation``, ``TimeLimit.truncated``
+    (truncated and not terminated) and ``episode`` (return, length, seconds) as Stable-Baselines3's
+    `Monitor` would write it.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -66,7 +67,7 @@ class VectorEnvAdapter(VecEnv):
             message = f"autoreset_mode: got {mode}; allowed: {AutoresetMode.SAME_STEP}"
             raise ValueError(message)
         self.env = env
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)  # pyright: ignore[reportUnknownMemberType] - SB3 and Gymnasium write a bare Space
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, np.int64)
         self._began = time.perf_counter()
@@ -75,8 +76,11 @@ class VectorEnvAdapter(VecEnv):
     def reset(self) -> NDArray[Any]:
         """Begin an episode in every lane, with the seeds and options set before."""
         seeds = self._seeds
-        seed = None if all(value is None for value in seeds) else [value for value in seeds]
-        observations, infos = self.env.reset(seed=seed, options=self._merged_options())
+        seed = None if all(value is None for value in seeds) else list(seeds)
+        observations, infos = self.env.reset(
+            seed=seed,  # pyright: ignore[reportArgumentType] - Gymnasium's SyncVectorEnv takes a list too
+            options=self._merged_options(),
+        )
         self.reset_infos = self._split(infos)
         self._returns[:], self._lengths[:] = 0.0, 0
         self._reset_seeds()
@@ -87,7 +91,9 @@ class VectorEnvAdapter(VecEnv):
         """Keep the actions until `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(
+        self,
+    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], list[dict[str, Any]]]:
         """Make the step."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         done = terminated | truncated
@@ -133,14 +139,19 @@ class VectorEnvAdapter(VecEnv):
         result = getattr(self.env.unwrapped, method_name)(*method_args, **method_kwargs)
         return [result] * len(self._lanes(indices))
 
-    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Indices = None) -> list[bool]:
-        """Tell that episodes are monitored, which they are without a wrapper, and that nothing else is wrapped."""
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Indices = None
+    ) -> list[bool]:
+        """Tell that episodes are monitored and that nothing else is wrapped.
+
+        They are monitored without a wrapper.
+        """
         return [issubclass(wrapper_class, Monitor)] * len(self._lanes(indices))
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the rendered frames, if the environment renders."""
         frames = self.env.render()
-        return [None] * self.num_envs if frames is None else list(frames)
+        return [None] * self.num_envs if frames is None else list(frames)  # pyright: ignore[reportReturnType] - Gymnasium does not tell the type of a frame
 
     def _lanes(self, indices: Indices) -> list[int]:
         return list(self._get_indices(indices))
@@ -155,4 +166,7 @@ class VectorEnvAdapter(VecEnv):
 
     def _split(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
         names = [name for name in infos if not name.startswith("_")]
-        return [{name: infos[name][i] for name in names if infos[f"_{name}"][i]} for i in range(self.num_envs)]
+        return [
+            {name: infos[name][i] for name in names if infos[f"_{name}"][i]}
+            for i in range(self.num_envs)
+        ]

@@ -47,14 +47,25 @@ def test_phase_law_stretches_while_displacement_and_offset_agree() -> None:
     law = PhaseLaw(PRE_STRETCH)
     law.reset(env)
     state = np.array([[0.001, 0.003, 0, 0], [0.001, -0.003, 0, 0]])
-    action = law.act(np.zeros((2, 15), np.float32), {"state": state, "applied": np.full((2, 1), 2.0)})
+    action = law.act(
+        np.zeros((2, 15), np.float32), {"state": state, "applied": np.full((2, 1), 2.0)}
+    )
     assert action[0, 0] > 0.0 > action[1, 0]
 
 
 def test_classical_laws_rank_as_theory_says() -> None:
-    results = {type(c).__name__: evaluate(PRE_STRETCH, c, episodes=60).score for c in baselines(PRE_STRETCH)}
-    assert results["MatchingStretch"] < results["PhaseLaw"] < results["ConstantStretch"] < results["Zero"]
-    # Measured independently on a prototype: 1.01, 0.43 and 0.31; 60 episodes scatter by a few per cent.
+    results = {
+        type(c).__name__: evaluate(PRE_STRETCH, c, episodes=60).score
+        for c in baselines(PRE_STRETCH)
+    }
+    assert (
+        results["MatchingStretch"]
+        < results["PhaseLaw"]
+        < results["ConstantStretch"]
+        < results["Zero"]
+    )
+    # Measured independently on a prototype: 1.01, 0.43 and 0.31; 60 episodes scatter by a few per
+    # cent.
     assert results["ConstantStretch"] == pytest.approx(1.01, abs=0.05)
     assert results["PhaseLaw"] == pytest.approx(0.43, abs=0.03)
     assert results["MatchingStretch"] == pytest.approx(0.31, abs=0.03)
@@ -63,7 +74,10 @@ def test_classical_laws_rank_as_theory_says() -> None:
 def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
     best = best_constant_stretch(PRE_STRETCH)
     score = evaluate(PRE_STRETCH, best, episodes=100).score
-    others = [evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=100).score for s in np.linspace(1, 3, 41)]
+    others = [
+        evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=100).score
+        for s in np.linspace(1, 3, 41)
+    ]
     # Tuned on other episodes than these, which can move the optimum a little.
     assert score <= min(others) * 1.01
 
@@ -74,7 +88,9 @@ def test_regulator_beats_no_control_on_the_yardstick() -> None:
 
 
 def test_every_controller_sees_the_same_held_out_episodes() -> None:
-    first, second = (evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=10) for s in (1.2, 2.4))
+    first, second = (
+        evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=10) for s in (1.2, 2.4)
+    )
     np.testing.assert_array_equal(first.frequency, second.frequency)
     # The first step cannot differ by more than one rate-limited step of the stretch.
     np.testing.assert_allclose(first.applied[0], second.applied[0], atol=2 * 0.04 + 1e-12)

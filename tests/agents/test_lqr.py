@@ -7,14 +7,22 @@ from agents.lqr import LQR, DesignError, design
 from mm_gym import MovingMassVectorEnv, Scene, compile_scene
 from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-LONG = CARRIAGE_FORCE.replace(**{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0})
-"""The task without clipping: the same price of force in newtons, a limit out of reach, and time to settle."""
+LONG = CARRIAGE_FORCE.replace(
+    **{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0}
+)
+"""The task without clipping: the same price of force in newtons, a limit out of reach, and time
+to settle."""
 
 LANES = 32
 
 
-def roll_out(scene: Scene, gain: np.ndarray, states: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return each lane's initial state and sum of rewards under u = -gain @ state, and the largest action of all."""
+def roll_out(
+    scene: Scene, gain: np.ndarray, states: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return each lane's initial state and sum of rewards, and the largest action of all.
+
+    The control is u = -gain @ state.
+    """
     assert scene.actuation.force is not None
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     _, info = env.reset(seed=7)
@@ -30,7 +38,9 @@ def roll_out(scene: Scene, gain: np.ndarray, states: tuple[int, ...]) -> tuple[n
 SPRINGS = {"kind": "small_on_large", "stiffness": 35.0, "stretch": 1.5}
 
 
-@pytest.mark.parametrize(("springs", "stroke_weight"), [({"kind": "none"}, 0.0), (SPRINGS, 0.0), (SPRINGS, 0.3)])
+@pytest.mark.parametrize(
+    ("springs", "stroke_weight"), [({"kind": "none"}, 0.0), (SPRINGS, 0.0), (SPRINGS, 0.3)]
+)
 def test_rolled_out_cost_equals_the_riccati_cost(springs: dict, stroke_weight: float) -> None:
     scene = LONG.replace(**{"springs": springs, "objective.stroke_weight": stroke_weight})
     solution = design(scene)
@@ -38,7 +48,8 @@ def test_rolled_out_cost_equals_the_riccati_cost(springs: dict, stroke_weight: f
     assert largest < 1.0, "clipping would break the identity"
     x = start[:, solution.states]
     expected = np.einsum("ni,ij,nj->n", x, solution.cost - solution.weight, x)
-    # The Riccati solver keeps about 1e-12; what is left after 30 s of the slowest mode is far below.
+    # The Riccati solver keeps about 1e-12; what is left after 30 s of the slowest mode is far
+    # below.
     np.testing.assert_allclose(-total, expected, rtol=1e-9)
 
 
@@ -73,18 +84,19 @@ def test_closed_loop_is_stable_and_faster_than_the_open_one() -> None:
 
 
 def test_missing_force_is_refused() -> None:
-    with pytest.raises(DesignError, match="actuation.force: missing"):
+    with pytest.raises(DesignError, match=r"actuation\.force: missing"):
         LQR(PRE_STRETCH)
 
 
 def test_free_force_is_refused() -> None:
-    with pytest.raises(DesignError, match="objective.effort_weight: got 0"):
+    with pytest.raises(DesignError, match=r"objective\.effort_weight: got 0"):
         LQR(CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0}))
 
 
 @pytest.mark.parametrize("kind", ["none", "viscous"])
 def test_paid_drift_of_a_free_sphere_is_refused(kind: str) -> None:
-    # The stroke is paid for, but m2 v2 + c (x2 - x1) is constant whatever the force: nothing can bring it to rest.
+    # The stroke is paid for, but m2 v2 + c (x2 - x1) is constant whatever the force: nothing can
+    # bring it to rest.
     scene = CARRIAGE_FORCE.replace(**{"interface": {"kind": kind}, "objective.stroke_weight": 1.0})
     with pytest.raises(DesignError, match="not stabilisable"):
         LQR(scene)

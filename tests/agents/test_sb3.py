@@ -31,7 +31,9 @@ def test_steps_equal_those_of_dummy_vec_env_through_ends_of_episodes() -> None:
         for mine, reference in zip(ours[3], theirs[3], strict=True):
             assert ("terminal_observation" in mine) == ("terminal_observation" in reference)
             if "terminal_observation" in mine:
-                np.testing.assert_array_equal(mine["terminal_observation"], reference["terminal_observation"])
+                np.testing.assert_array_equal(
+                    mine["terminal_observation"], reference["terminal_observation"]
+                )
                 assert mine["TimeLimit.truncated"] == reference["TimeLimit.truncated"]
                 truncations += mine["TimeLimit.truncated"]
                 terminations += not mine["TimeLimit.truncated"]

@@ -36,7 +36,10 @@ def changed(ppo: dict[str, object] | None = None, **fields: object) -> TrainSett
 
 
 def weights(run: Run) -> list[np.ndarray]:
-    return [parameter.detach().numpy() for parameter in PPO.load(run.model, device="cpu").policy.parameters()]
+    return [
+        parameter.detach().numpy()
+        for parameter in PPO.load(run.model, device="cpu").policy.parameters()
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +77,9 @@ def test_run_folder_holds_what_is_needed_to_repeat_it(finished: Run) -> None:
     assert list((finished.folder / "tensorboard").rglob("events*"))
 
 
-def test_report_writes_tables_and_figures(finished: Run, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_writes_tables_and_figures(
+    finished: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
     results = report_run(finished, episodes=20)
     assert [result.name for result in results] == ["no control", "LQR", "learned"]
     assert "LQR" in capsys.readouterr().out
@@ -96,12 +101,13 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
         msg = "as if the process had died"
         raise Killed(msg)
 
-    with pytest.MonkeyPatch.context() as patch:
-        from agents import train as module
+    calls = iter([evaluate, evaluate, kill])
 
-        original = module.evaluate
-        calls = iter([original, original, kill])
-        patch.setattr(module, "evaluate", lambda *args, **kwargs: next(calls)(*args, **kwargs))
+    def next_evaluate(*arguments: object, **options: object) -> object:
+        return next(calls)(*arguments, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agents.train.evaluate", next_evaluate)
         with pytest.raises(Killed):
             train(settings, run)
     assert not run.finished
@@ -109,7 +115,10 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
     assert 0 < stopped < settings.steps
     train(settings, run)
     assert run.finished
-    steps = [float(row.split(",")[0]) for row in (run.folder / "metrics.csv").read_text().splitlines()[1:]]
+    steps = [
+        float(row.split(",")[0])
+        for row in (run.folder / "metrics.csv").read_text().splitlines()[1:]
+    ]
     assert steps == sorted(set(steps))
     assert steps[-1] >= settings.steps
 
@@ -131,7 +140,9 @@ def test_time_budget_stops_training(tmp_path: Path) -> None:
     assert run.finished
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "configs" / "agents").glob("*.toml")), ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file", sorted((ROOT / "configs" / "agents").glob("*.toml")), ids=lambda file: file.stem
+)
 def test_every_agent_file_loads(file: Path) -> None:
     assert read_settings(file).load_scene()
 
@@ -164,10 +175,24 @@ def test_missing_agent_file_and_unknown_task_are_named(tmp_path: Path) -> None:
 
 def test_command_line_reads_file_then_flags(tmp_path: Path) -> None:
     file = tmp_path / "agent.toml"
-    file.write_text('task = "mm_gym/CarriageForce-v0"\nlanes = 16\nsteps = 1600\nevaluations = 1\n[ppo]\nrollout = 50\nbatch_size = 400\n')
-    command = [sys.executable, "-m", "agents.train", str(file), "--name", "from_flags", "--ppo.epochs", "1"]
+    file.write_text(
+        'task = "mm_gym/CarriageForce-v0"\nlanes = 16\nsteps = 1600\nevaluations = 1\n'
+        "[ppo]\nrollout = 50\nbatch_size = 400\n"
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "agents.train",
+        str(file),
+        "--name",
+        "from_flags",
+        "--ppo.epochs",
+        "1",
+    ]
     environment = {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     record = json.loads((tmp_path / "runs" / "from_flags" / "run.json").read_text())
     assert (record["settings"]["lanes"], record["settings"]["ppo"]["epochs"]) == (16, 1)
@@ -176,6 +201,8 @@ def test_command_line_reads_file_then_flags(tmp_path: Path) -> None:
 def test_command_line_names_a_bad_flag(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "agents.train", "--sede", "3"]
     environment = {"PYTHONPATH": str(ROOT), "PATH": "", "HOME": str(tmp_path)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode != 0
     assert "--seed" in done.stderr
