@@ -186,7 +186,8 @@ def _follow_policy(
 ) -> None:
     plant = lanes.plant
     for n in range(len(applied)):
-        wanted = policy(n * plant.time_step, states[n].copy())
+        asked = policy(n * plant.time_step, states[n].copy())
+        wanted = _numbers("action", asked, ActionError)
         command = _commands(plant, wanted, 1, lanes.values[:, 0])
         _run(lanes, command, states[n + 1 : n + 2], applied[n : n + 1])
 

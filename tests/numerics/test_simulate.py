@@ -1,0 +1,144 @@
+"""The simulation's own contract: what may be asked, and what is handed out."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from mm_gym import ActionError, Scene, SimulationError, compile_scene, simulate
+
+PUSHED = Scene(
+    springs={"kind": "small_on_large"},
+    initial={"carriage_displacement": 0.01},
+    actuation={"force": {"limit": 2.0, "rate_limit": 50.0}},
+    control={"time_step": 0.01, "steps": 40},
+)
+BOTH = PUSHED.replace(**{"actuation.stretch": {"rate_limit": 4.0}})
+
+
+def test_trajectory_has_a_row_per_step_and_one_at_the_end():
+    trajectory = simulate(PUSHED)
+    assert trajectory.time == pytest.approx(0.01 * np.arange(41), abs=1e-15)
+    assert trajectory.state.shape == (41, 4)
+    assert trajectory.action.shape == (41, 1)
+    assert simulate(PUSHED, duration=0.0375).time.tolist() == [0.0, 0.01, 0.02, 0.03, 0.0375]
+
+
+def test_scene_and_its_plant_give_the_same():
+    plant = compile_scene(PUSHED)
+    assert np.array_equal(simulate(plant, action=1.0).state, simulate(PUSHED, action=1.0).state)
+
+
+def test_states_between_steps_lie_on_the_same_motion():
+    # Every state of a trajectory, asked for alone and all at once.
+    times = [0.0, 0.0031, 0.01, 0.0199, 0.125, 0.4]
+    together = simulate(BOTH, times=times, action=[1.0, 2.0]).state
+    alone = [simulate(BOTH, times=[t], action=[1.0, 2.0]).state[0] for t in times]
+    assert np.array_equal(together, alone)
+
+
+@pytest.mark.parametrize("form", ["constant", "array", "function"])
+def test_action_may_be_constant_array_or_function(form):
+    steps = np.tile([1.5, 2.0], (40, 1))
+    action = {"constant": [1.5, 2.0], "array": steps, "function": lambda _t, _x: [1.5, 2.0]}[form]
+    expected = simulate(BOTH, action=steps)
+    assert np.array_equal(simulate(BOTH, action=action).state, expected.state)
+
+
+def test_function_sees_time_and_a_state_that_it_may_keep():
+    seen = []
+
+    def policy(time, state):
+        seen.append((time, state))
+        return -50.0 * state[2:3]
+
+    trajectory = simulate(PUSHED, action=policy)
+    assert [time for time, _ in seen] == trajectory.time[:-1].tolist()
+    assert np.array_equal([state for _, state in seen], trajectory.state[:-1])
+
+
+def test_limits_and_rates_apply_to_what_is_asked():
+    # From 0 N at 50 N/s in steps of 0.01 s up to 2 N.
+    action = simulate(PUSHED, action=100.0).action[:, 0]
+    assert action == pytest.approx(np.minimum(0.5 * np.arange(1, 42), 2.0), rel=1e-15)
+    stretch = simulate(BOTH, action=[0.0, 99.0]).action[:, 1]
+    assert stretch == pytest.approx(np.minimum(1.5 + 0.04 * np.arange(1, 42), 3.0), rel=1e-14)
+
+
+def test_without_an_action_actuators_rest():
+    trajectory = simulate(BOTH)
+    assert (trajectory.action == [0.0, 1.5]).all()
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        "push",
+        1j,
+        np.nan,
+        [np.inf],
+        [1.0, 2.0],
+        np.zeros((39, 1)),
+        np.zeros((40, 2)),
+        [[1.0], [1.0, 2.0]],
+        True,
+        lambda _t, _x: np.nan,
+        lambda _t, _x: [1.0, 2.0],
+        lambda _t, _x: None,
+    ],
+    ids=str,
+)
+def test_action_that_does_not_fit_is_refused(action):
+    with pytest.raises(ActionError, match="action: "):
+        simulate(PUSHED, action=action)
+
+
+def test_scene_without_actuators_takes_no_action():
+    with pytest.raises(ActionError, match="action: got shape"):
+        simulate(Scene(), action=1.0)
+
+
+@pytest.mark.parametrize(
+    "when",
+    [
+        {"duration": 0.0},
+        {"duration": -1.0},
+        {"duration": np.nan},
+        {"duration": np.inf},
+        {"duration": "1"},
+        {"duration": [1.0, 2.0]},
+        {"duration": 1e9},
+        {"times": []},
+        {"times": [0.1, 0.1]},
+        {"times": [0.2, 0.1]},
+        {"times": [-0.1]},
+        {"times": [np.nan]},
+        {"times": "soon"},
+        {"times": [[0.1, 0.2]]},
+        {"times": [0.1], "duration": 1.0},
+    ],
+    ids=str,
+)
+def test_times_that_make_no_sense_are_refused(when):
+    with pytest.raises(SimulationError, match=r"times|duration|control steps"):
+        simulate(PUSHED, **when)
+
+
+def test_seed_decides_what_is_drawn():
+    scene = PUSHED.replace(**{"initial.sphere_offset": (-0.01, 0.01)})
+    starts = {seed: simulate(scene, times=[0.0], seed=seed).state[0, 1] for seed in range(5)}
+    assert len(set(starts.values())) == 5
+    assert simulate(scene, times=[0.0], seed=3).state[0, 1] == starts[3]
+    assert simulate(scene, times=[0.0]).state[0, 1] == starts[0]
+
+
+def test_csv_keeps_every_digit(tmp_path):
+    trajectory = simulate(BOTH, action=[1.0, 2.0])
+    trajectory.to_csv(tmp_path / "new" / "motion.csv")
+    with (tmp_path / "new" / "motion.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[:2] == ["time [s]", "x1 [m]"]
+    assert header[5:] == ["force [N]", "stretch [-]"]
+    expected = np.column_stack([trajectory.time, trajectory.state, trajectory.action])
+    assert np.array_equal(np.array(rows, float), expected)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["motion.csv"]
