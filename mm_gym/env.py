@@ -99,14 +99,18 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = observation_space(self.plant)
         self._lanes = Lanes(self.plant, 1)
         self._shape = self.action_space.shape
-        self._action = np.zeros((1, *self._shape))
+        # Views of the one lane, kept because indexing an array takes as long as a control step.
+        column = self._lanes.values[:, 0]
+        self._state, self._applied = column[:4], column[self._lanes.applied_rows]
+        self._reward = column[at.REWARD : at.REWARD + 1]
+        self._frame = self._lanes.frames[:, 0]
         self._seeded = False
         self._running = False
 
     @property
     def state(self) -> NDArray[np.float64]:
         """The state x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
-        return self._lanes.values[:4, 0].copy()
+        return self._state.copy()
 
     def drawn(self, name: str) -> float:
         """Return this episode's value of a field by its dotted name, for example "excitation.0.frequency"."""
@@ -122,7 +126,7 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._seeded = True
         self._lanes.restart(fixed=options)
         self._running = True
-        return self._lanes.frames[:, 0].copy(), self._info()
+        return self._frame.copy(), self._info()
 
     def step(self, action: NDArray[np.floating]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Make one control step.
@@ -139,15 +143,14 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ResetNeeded(msg)
         if type(action) is not np.ndarray or action.shape != self._shape or action.dtype != np.float32:
             action = checked_actions(action, self._shape)
-        self._action[0] = action
-        lanes = self._lanes
-        status = lanes.advance(self._action)
+        status = self._lanes.advance_some(action, 0, 1)
         terminated = truncated = False
         if status:
+            lanes = self._lanes
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
             self._running = False
-        return lanes.frames[:, 0].copy(), float(lanes.values[at.REWARD, 0]), terminated, truncated, self._info()
+        return self._frame.copy(), self._reward.item(), terminated, truncated, self._info()
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact present, random stream included, for `set_state`."""
@@ -160,5 +163,4 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._seeded = True
 
     def _info(self) -> dict[str, Any]:
-        values = self._lanes.values[: at.STRETCH + 1, 0].copy()
-        return {"state": values[:4], "applied": values[self._lanes.applied_rows]}
+        return {"state": self._state.copy(), "applied": self._applied.copy()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 SNAPSHOT = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the present of a set of lanes."""
 
+CACHE_LINE = 64
+"""Bytes. Rows begin on a cache line, so that no vector of lanes straddles two."""
+
+PAGE = 512
+"""Numbers of eight bytes after which addresses collide in the first-level cache."""
+
 
 class Lanes:
     """Independent copies of a plant, each in an episode of its own.
@@ -35,31 +42,41 @@ class Lanes:
         (history * channels, count) float32: the observed history, oldest frame first.
     terminated, truncated
         (count,) bool: how the last control step ended.
+    advance_some
+        (actions, first, last) -> status: make one control step of some lanes; actions as for `advance`.
+
+    Notes
+    -----
+    `values` and `frames` are views of longer rows, see `rows_of`; the kernels work on those.
     """
 
     def __init__(self, plant: Plant, count: int) -> None:
         self.plant = plant
-        self.values = np.repeat(plant.template[:, None], count, axis=1)
+        self.count = count
+        self._values = rows_of(len(plant.template), count, np.float64)
+        self._values[...] = plant.template[:, None]
+        self._frames = rows_of(plant.history * len(plant.channels), count, np.float32)
+        self._ends = rows_of(2, count, np.bool_)
+        self.values, self.frames = self._values[:, :count], self._frames[:, :count]
+        self.terminated, self.truncated = self._ends[:, :count]
         self.streams = np.zeros((2, count), np.uint64)
-        self.frames = np.zeros((plant.history * len(plant.channels), count), np.float32)
-        self.terminated = np.zeros(count, np.bool_)
-        self.truncated = np.zeros(count, np.bool_)
-        columns = slice(at.FORCE if "force" in plant.actuators else at.STRETCH, at.STRETCH + ("stretch" in plant.actuators))
-        self.applied_rows = columns
-
-    @property
-    def count(self) -> int:
-        """Number of lanes."""
-        return self.values.shape[1]
+        first = at.FORCE if "force" in plant.actuators else at.STRETCH
+        self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
+        self.advance_some = partial(
+            plant.method.entries.advance, plant.model, plant.task, self._values, self._frames, self._ends
+        )
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
-        seeds = [seed + i for i in range(self.count)] if isinstance(seed, int) else list(seed)
-        if len(seeds) != self.count:
-            msg = f"seed: got {len(seeds)} seeds; allowed: one, or {self.count}"
+        if isinstance(seed, int):
+            keys = np.arange(self.count, dtype=np.uint64) + np.uint64(seed % 2**64)
+            given = np.ones(self.count, np.bool_)
+        else:
+            keys = np.array([(value or 0) % 2**64 for value in seed], np.uint64)
+            given = np.array([value is not None for value in seed], np.bool_)
+        if len(keys) != self.count:
+            msg = f"seed: got {len(keys)} seeds; allowed: one, or {self.count}"
             raise SceneError(msg)
-        given = np.array([value is not None for value in seeds])
-        keys = np.array([(value or 0) % 2**64 for value in seeds], np.uint64)
         seed_streams(self.streams, keys, given if mask is None else given & mask)
 
     def restart(self, mask: NDArray[np.bool_] | None = None, fixed: Mapping[str, ArrayLike] | None = None) -> None:
@@ -79,10 +96,10 @@ class Lanes:
         rows = {plant.support.row_of(name): self._checked(name, value) for name, value in (fixed or {}).items()}
         if mask is None:
             mask = np.ones(self.count, np.bool_)
-        kernels.draw(plant.template, plant.draws, self.values, self.streams, mask)
+        kernels.draw(plant.template, plant.draws, self._values, self.streams, mask)
         for row, value in rows.items():
             self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        kernels.begin(plant.model, plant.task, self.values, self.frames, mask)
+        kernels.begin(plant.model, plant.task, self._values, self._frames, mask)
 
     def _checked(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
         support = self.plant.support
@@ -100,11 +117,8 @@ class Lanes:
         return array
 
     def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
-        """Make one control step of all lanes and return the status; actions (count, k), C-contiguous."""
-        plant = self.plant
-        return plant.method.entries.advance(
-            plant.model, plant.task, self.values, self.frames, actions, self.terminated, self.truncated, 0, self.count
-        )
+        """Make one control step of all lanes and return the status; actions (actuators, count), flat in C order."""
+        return self.advance_some(actions, 0, self.count)
 
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""
@@ -135,3 +149,16 @@ class Lanes:
                 raise SceneError(msg)
         for name in SNAPSHOT:
             getattr(self, name)[...] = snapshot[name]
+
+
+def rows_of(rows: int, count: int, dtype: type[np.generic]) -> NDArray[np.generic]:
+    """Return zeroed rows of at least `count` columns, laid out for the cache.
+
+    They begin on a cache line. Long rows are padded to an odd number of half pages and a bit: were they a multiple of
+    a page apart, a lane's entries in all rows would compete for the same few places of the first-level cache.
+    """
+    length = count if count < PAGE else count + (PAGE // 2 + 40 - count) % PAGE
+    size = rows * length * np.dtype(dtype).itemsize
+    buffer = np.zeros(size + CACHE_LINE, np.uint8)
+    start = -buffer.ctypes.data % CACHE_LINE
+    return buffer[start : start + size].view(dtype).reshape(rows, length)

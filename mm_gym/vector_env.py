@@ -118,7 +118,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._any_finished and (self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded):
             msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
-        status = lanes.advance(checked_actions(actions, self.action_space.shape))
+        status = lanes.advance(checked_actions(actions, self.action_space.shape).T.reshape(-1))
         if status > at.ENDED:
             lanes.raise_for(status)
         if self._any_finished:

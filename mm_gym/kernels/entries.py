@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
-from mm_gym.kernels.lanes import approach, command, finite, observe, rotate, score
+from mm_gym.kernels.lanes import approach, command, finite, observe, rotate, score, width_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,9 +23,9 @@ def build(propagate: Callable[..., object]) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``."""
 
     @kernel
-    def advance(model, task, lanes, frames, actions, terminated, truncated, first, last):
+    def advance(model, task, lanes, frames, ends, actions, first, last):
         """Make one control step of the lanes first .. last - 1, without resets; return the status."""
-        if not finite(actions, first, last):
+        if not finite(actions, width_of(task), first, last):
             return at.NOT_FINITE
         status = at.OK
         for start in range(first, last, at.BLOCK):
@@ -33,7 +33,7 @@ def build(propagate: Callable[..., object]) -> Entries:
             command(task, lanes, actions, start, stop)
             status = max(status, propagate(model, lanes, start, stop))
             rotate(model, lanes, start, stop)
-            if score(task, lanes, actions, terminated, truncated, start, stop):
+            if score(task, lanes, ends, start, stop):
                 status = max(status, at.ENDED)
             observe(task, lanes, frames, start, stop)
         return status

@@ -11,49 +11,74 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import clip, fma, span
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.random import uniform
 
 
 @kernel
-def clip(value, low, high):
-    """Return the value limited to [low, high]."""
-    return min(max(value, low), high)
+def finite(actions, width, first, last):
+    """Tell whether all actions of the lanes are finite."""
+    wrong = 0
+    for column in range(width):
+        start = column_start(actions, width, column)
+        for i in span(start + first, start + last):
+            wrong += not abs(actions[i]) < np.inf
+    return wrong == 0
 
 
 @kernel
-def finite(actions, first, last):
-    """Tell whether every action of the lanes is finite."""
-    bad = False
-    for j in range(actions.shape[1]):
-        column = actions[first:last, j]
-        for i in range(last - first):
-            bad |= not abs(column[i]) < np.inf
-    return not bad
+def width_of(task):
+    """Return the number of actions per lane."""
+    return int(task[at.HAS_FORCE] + task[at.HAS_STRETCH])
+
+
+@kernel
+def column_start(actions, width, column):
+    """Return where an actuator's actions begin in the flat array of all: (actuators, lanes) in C order."""
+    return column * (actions.shape[0] // width)
 
 
 @kernel
 def command(task, lanes, actions, first, last):
-    """Turn actions in [-1, 1] into the applied force [N] and stretch, within limits and rate limits."""
-    column = 0
+    """Turn actions in [-1, 1] into the applied force [N] and stretch, and begin the rewards with their cost."""
+    width = width_of(task)
     if task[at.HAS_FORCE] > 0.0:
-        asked, force = actions[first:last, 0], lanes[at.FORCE, first:last]
-        limit, rate = task[at.FORCE_LIMIT], task[at.FORCE_RATE]
-        for i in range(last - first):
-            force[i] = approach(force[i], limit * clip(float(asked[i]), -1.0, 1.0), rate, -limit, limit)
-        column = 1
+        push(task, lanes, actions, first, last)
+    else:
+        clear(lanes, at.REWARD, first, last)
     if task[at.HAS_STRETCH] > 0.0:
-        asked, stretch = actions[first:last, column], lanes[at.STRETCH, first:last]
-        low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
-        middle, half = 0.5 * (high + low), 0.5 * (high - low)
-        if task[at.STRETCH_IS_RATE] > 0.0:
-            for i in range(last - first):
-                wanted = stretch[i] + rate * clip(float(asked[i]), -1.0, 1.0)
-                stretch[i] = approach(stretch[i], wanted, rate, low, high)
-        else:
-            for i in range(last - first):
-                wanted = middle + half * clip(float(asked[i]), -1.0, 1.0)
-                stretch[i] = approach(stretch[i], wanted, rate, low, high)
+        tune(task, lanes, actions, column_start(actions, width, width - 1), first, last)
+
+
+@kernel
+def push(task, lanes, actions, first, last):
+    """Apply a force [N], within its limit and rate limit, and begin the rewards with its cost."""
+    limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
+    if rate == np.inf:
+        for i in span(first, last):
+            a = clip(actions[i], -1.0, 1.0)
+            lanes[at.FORCE, i] = limit * a
+            lanes[at.REWARD, i] = 0.0 - weight * a * a
+    else:
+        for i in span(first, last):
+            a = clip(actions[i], -1.0, 1.0)
+            lanes[at.FORCE, i] = approach(lanes[at.FORCE, i], limit * a, rate, -limit, limit)
+            lanes[at.REWARD, i] = 0.0 - weight * a * a
+
+
+@kernel
+def tune(task, lanes, actions, start, first, last):
+    """Set the stretch [-], commanded as a level or a rate, within its range and rate limit; add its cost."""
+    low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
+    is_rate, weight = task[at.STRETCH_IS_RATE] > 0.0, task[at.WEIGHT_EFFORT]
+    middle, gain = 0.5 * (high + low), rate if is_rate else 0.5 * (high - low)
+    asked = actions[start:]
+    for i in span(first, last):
+        a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
+        wanted = (present if is_rate else middle) + gain * a
+        lanes[at.STRETCH, i] = approach(present, wanted, rate, low, high)
+        lanes[at.REWARD, i] -= weight * a * a
 
 
 @kernel
@@ -63,40 +88,38 @@ def approach(present, wanted, rate, low, high):
 
 
 @kernel
-def score(task, lanes, actions, terminated, truncated, first, last):
-    """Write the reward of the state reached, count the step, flag the ends of episodes; tell whether there is one."""
-    wx, wv = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY]
-    wu, ws = task[at.WEIGHT_EFFORT], task[at.WEIGHT_STROKE]
-    x1s, x2s, v1s = lanes[at.X1, first:last], lanes[at.X2, first:last], lanes[at.V1, first:last]
-    rewards = lanes[at.REWARD, first:last]
-    for i in range(last - first):
-        x1, v1 = x1s[i], v1s[i]
-        offset = x2s[i] - x1
-        rewards[i] = -(wx * x1 * x1 + wv * v1 * v1 + ws * offset * offset)
-    if wu > 0.0:
-        for j in range(actions.shape[1]):
-            column = actions[first:last, j]
-            for i in range(last - first):
-                a = clip(float(column[i]), -1.0, 1.0)
-                rewards[i] -= wu * a * a
-    return flag_ends(task, lanes, terminated, truncated, first, last)
+def score(task, lanes, ends, first, last):
+    """Take the cost of the state reached off the rewards and count the step; tell whether an episode ended."""
+    wx, wv, ws = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
+    furthest, rail, steps = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT], task[at.STEPS]
+    ended = 0
+    for i in span(first, last):
+        x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
+        offset = lanes[at.X2, i] - x1
+        lanes[at.REWARD, i] -= fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+        count = lanes[at.STEP, i] + 1.0
+        lanes[at.STEP, i] = count
+        ended += count >= steps
+    if furthest < np.inf or rail < np.inf:
+        for i in span(first, last):
+            x1 = lanes[at.X1, i]
+            ended += (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+    if ended == 0:  # as nearly always
+        clear(ends, at.TERMINATED, first, last)
+        clear(ends, at.TRUNCATED, first, last)
+        return False
+    for i in span(first, last):
+        x1 = lanes[at.X1, i]
+        ends[at.TERMINATED, i] = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+        ends[at.TRUNCATED, i] = lanes[at.STEP, i] >= steps
+    return True
 
 
 @kernel
-def flag_ends(task, lanes, terminated, truncated, first, last):
-    """Count the step and flag the ends of episodes; tell whether there is one."""
-    furthest, rail, steps = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT], task[at.STEPS]
-    x1s, x2s, counts = lanes[at.X1, first:last], lanes[at.X2, first:last], lanes[at.STEP, first:last]
-    beyond, over = terminated[first:last], truncated[first:last]
-    ended = False
-    for i in range(last - first):
-        counts[i] += 1.0
-        over[i] = counts[i] >= steps
-        ended |= over[i]
-    for i in range(last - first):
-        beyond[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
-        ended |= beyond[i]
-    return ended
+def clear(rows, row, first, last):
+    """Set a row's lanes to zero or false."""
+    for i in span(first, last):
+        rows[row, i] = 0
 
 
 @kernel
@@ -105,27 +128,25 @@ def observe(task, lanes, frames, first, last):
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
     for row in range(newest):
-        older, newer = frames[row, first:last], frames[row + channels, first:last]
-        for i in range(last - first):
-            older[i] = newer[i]
+        for i in span(first, last):
+            frames[row, i] = frames[row + channels, i]
     for k in range(channels):
         slot = at.CHANNELS + 3 * k
-        scale, zero = task[slot + 1], task[slot + 2]
+        scale = task[slot + 1]
+        shift = -task[slot + 2] * scale
         plus, minus = channel_rows(int(task[slot]))
-        shown, frame = lanes[plus, first:last], frames[newest + k, first:last]
         if minus >= 0:
-            subtracted = lanes[minus, first:last]
-            for i in range(last - first):
-                frame[i] = scaled(shown[i] - subtracted[i] - zero, scale)
+            for i in span(first, last):
+                frames[newest + k, i] = bounded(fma(lanes[plus, i] - lanes[minus, i], scale, shift))
         else:
-            for i in range(last - first):
-                frame[i] = scaled(shown[i] - zero, scale)
+            for i in span(first, last):
+                frames[newest + k, i] = bounded(fma(lanes[plus, i], scale, shift))
 
 
 @kernel
-def scaled(value, scale):
-    """Return the value times its scale, within the bounds of the observation space."""
-    return clip(value * scale, -at.OBSERVATION_BOUND, at.OBSERVATION_BOUND)
+def bounded(value):
+    """Return the value within the bounds of the observation space."""
+    return clip(value, -at.OBSERVATION_BOUND, at.OBSERVATION_BOUND)
 
 
 @kernel
@@ -184,11 +205,10 @@ def rotate(model, lanes, first, last):
     """Advance the phase of every tone by one control step."""
     for j in range(int(model[at.TONE_COUNT])):
         tone = at.TONES + at.TONE_ROWS * j
-        cosines, sines = lanes[tone + at.COSINE, first:last], lanes[tone + at.SINE, first:last]
-        by_cosine, by_sine = lanes[tone + at.ROTATE_COSINE, first:last], lanes[tone + at.ROTATE_SINE, first:last]
-        for i in range(last - first):
-            c, s, rc, rs = cosines[i], sines[i], by_cosine[i], by_sine[i]
-            cosine, sine = c * rc - s * rs, s * rc + c * rs
+        for i in span(first, last):
+            c, s = lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i]
+            rc, rs = lanes[tone + at.ROTATE_COSINE, i], lanes[tone + at.ROTATE_SINE, i]
+            cosine, sine = fma(c, rc, -s * rs), fma(s, rc, c * rs)
             # One Newton step for 1/norm: without it the amplitude would drift by an ulp a step.
-            norm = 1.5 - 0.5 * (cosine * cosine + sine * sine)
-            cosines[i], sines[i] = cosine * norm, sine * norm
+            norm = fma(-0.5, fma(cosine, cosine, sine * sine), 1.5)
+            lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i] = cosine * norm, sine * norm

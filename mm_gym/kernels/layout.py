@@ -23,13 +23,16 @@ MESSAGES: dict[int, str] = {
 }
 """What went wrong, for the codes above NOT_FINITE."""
 
-BLOCK = 256
+BLOCK = 512
 """Lanes worked on together: few enough to stay in the first-level cache, many enough to fill the vector units."""
 
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
 FORCE, STRETCH = 4, 5
 REWARD, STEP = 6, 7
+
+# Rows of the flags that say how a control step ended.
+TERMINATED, TRUNCATED = 0, 1
 
 # Rows of the physical parameters, which randomisation may draw for each episode.
 M1, M2, K1, D, ALPHA, BETA = 8, 9, 10, 11, 12, 13

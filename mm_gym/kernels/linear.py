@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 
 # Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4 to its sine.
@@ -13,16 +14,18 @@ RESPONSES = TRANSITION + 20
 @kernel
 def propagate(model, lanes, first, last):
     """Advance x' = A x + B u + E z by one control step: z turns like a pendulum, u is held (Van Loan, 1978)."""
-    m = model[TRANSITION:RESPONSES]
+    # Scalars: an array of coefficients would be checked for overlap with every row before the loop.
+    to_x1, to_x2 = five(model, TRANSITION), five(model, TRANSITION + 5)
+    to_v1, to_v2 = five(model, TRANSITION + 10), five(model, TRANSITION + 15)
     x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
     us = lanes[at.FORCE, first:last]
     for i in range(last - first):
         x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
-        x1s[i] = m[0] * x1 + m[1] * x2 + m[2] * v1 + m[3] * v2 + m[4] * u
-        x2s[i] = m[5] * x1 + m[6] * x2 + m[7] * v1 + m[8] * v2 + m[9] * u
-        v1s[i] = m[10] * x1 + m[11] * x2 + m[12] * v1 + m[13] * v2 + m[14] * u
-        v2s[i] = m[15] * x1 + m[16] * x2 + m[17] * v1 + m[18] * v2 + m[19] * u
+        x1s[i] = product(to_x1, x1, x2, v1, v2, u)
+        x2s[i] = product(to_x2, x1, x2, v1, v2, u)
+        v1s[i] = product(to_v1, x1, x2, v1, v2, u)
+        v2s[i] = product(to_v2, x1, x2, v1, v2, u)
     for j in range(int(model[at.TONE_COUNT])):
         tone = at.TONES + at.TONE_ROWS * j
         amplitudes = lanes[tone + at.AMPLITUDE, first:last]
@@ -33,3 +36,15 @@ def propagate(model, lanes, first, last):
             for i in range(last - first):
                 reached[i] += amplitudes[i] * (on_cosine * cosines[i] + on_sine * sines[i])
     return at.OK
+
+
+@kernel
+def five(model, k):
+    """Return the five coefficients from slot k."""
+    return model[k], model[k + 1], model[k + 2], model[k + 3], model[k + 4]
+
+
+@kernel
+def product(m, x1, x2, v1, v2, u):
+    """Return a row of the transition matrix times state and force."""
+    return fma(m[0], x1, fma(m[1], x2, fma(m[2], v1, fma(m[3], v2, m[4] * u))))

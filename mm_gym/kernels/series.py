@@ -2,6 +2,9 @@
 
 The exponential acts on the vector as a truncated Taylor series. Its degree and substeps are chosen when the scene is
 compiled, for the fastest motion that the scene's support can reach, so that what is cut off is below round-off.
+
+The series is summed from its highest order down, y <- x + (h / n) A y (Horner), which needs no memory of the terms;
+several orders are taken in one pass over the lanes, so that the state stays in registers between them.
 """
 
 from __future__ import annotations
@@ -11,123 +14,178 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 
 DEGREE, SUBSTEPS = at.MODEL_OWN, at.MODEL_OWN + 1
 
-# A block is copied into one scratch array whose rows lie BLOCK apart: with distances known when it is compiled, the
-# compiler vectorises the loops without checking for overlap. Offsets of its rows: the state, the present term of its
-# series, the forces divided by the masses (D1 = d/m1, K2M1 = k2/m1 ...), and the excitation's present term.
-_X1, _X2, _V1, _V2 = 0, at.BLOCK, 2 * at.BLOCK, 3 * at.BLOCK
-_TX1, _TX2, _TV1, _TV2 = 4 * at.BLOCK, 5 * at.BLOCK, 6 * at.BLOCK, 7 * at.BLOCK
-_P1, _P2 = 8 * at.BLOCK, 9 * at.BLOCK
-_K1, _D1, _C1, _C2 = 10 * at.BLOCK, 11 * at.BLOCK, 12 * at.BLOCK, 13 * at.BLOCK
-_K2M1, _K2M2, _M1 = 14 * at.BLOCK, 15 * at.BLOCK, 16 * at.BLOCK
-_TONES = 17 * at.BLOCK  # per tone three rows: the present term, the next one, and -(w h)**2
-_VALUE, _SLOPE, _TURN = 0, at.BLOCK, 2 * at.BLOCK
+# Some lanes at a time are copied into scratch arrays whose rows lie WIDTH apart: with distances known when it is
+# compiled, the compiler vectorises the loops without checking for overlap.
+WIDTH = 128
+
+# Scratch: the state at the substep's start, the partial sum, K1 = k1/m1 ..., m1/m2, and the held force over m1.
+_X1, _X2, _V1, _V2 = 0, WIDTH, 2 * WIDTH, 3 * WIDTH
+_Y1, _Y2, _W1, _W2 = 4 * WIDTH, 5 * WIDTH, 6 * WIDTH, 7 * WIDTH
+_K1, _D1, _C1, _K2, _RATIO, _HELD = 8 * WIDTH, 9 * WIDTH, 10 * WIDTH, 11 * WIDTH, 12 * WIDTH, 13 * WIDTH
+_ROWS = 14 * WIDTH
+
+# Drive: accelerations of the carriage, then of the sphere if the ground shakes, a row for each order of a pass.
+ORDERS = 4
+_SPHERE = ORDERS * WIDTH
+_DRIVE_ROWS = 2 * _SPHERE
+
+# Tones: cosine and sine at the substep's start, scaled to an acceleration; their partial sums; and the turn w h.
+_COSINE, _SINE, _COSINE_SUM, _SINE_SUM, _TURN = 0, WIDTH, 2 * WIDTH, 3 * WIDTH, 4 * WIDTH
+_TONE_ROWS = 5 * WIDTH
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance m x'' = forces by one control step; force and stretch are held over it."""
-    substeps, tones, count = int(model[SUBSTEPS]), int(model[at.TONE_COUNT]), last - first
-    h = model[at.TIME_STEP] / substeps
-    scratch = np.empty(_TONES + 3 * at.BLOCK * tones)
-    _load(lanes, scratch, first, last)
-    for substep in range(substeps):
-        _begin(model, lanes, scratch, h, substep, first, last)
-        for order in range(1, int(model[DEGREE]) + 1):
-            _next_term(scratch, h / order, count)
-            for j in range(tones):
-                _next_excitation(scratch, _TONES + 3 * at.BLOCK * j, 1.0 / (order * (order + 1.0)), count)
-                _add_tone(scratch, _TONES + 3 * at.BLOCK * j, (int(model[at.GROUND]) >> j) & 1, count)
-    for row in range(4):
-        reached = lanes[row, first:last]
-        for i in range(count):
-            reached[i] = scratch[row * at.BLOCK + i]
+    scratch, drive = np.empty(_ROWS), np.zeros(_DRIVE_ROWS)
+    tones = np.empty((int(model[at.TONE_COUNT]), _TONE_ROWS))
+    for start in range(first, last, WIDTH):
+        _propagate(model, lanes, scratch, drive, tones, start, min(WIDTH, last - start))
     return at.OK
 
 
 @kernel
-def _load(lanes, scratch, first, last):
-    """Copy the state and divide the coefficients by the masses."""
+def _propagate(model, lanes, scratch, drive, tones, first, count):
+    substeps, ground = int(model[SUBSTEPS]), int(model[at.GROUND])
+    highest = ORDERS * math.ceil(model[DEGREE] / ORDERS)
+    h = model[at.TIME_STEP] / substeps
+    _load(lanes, scratch, first, count)
+    _hold(scratch, drive, count)
+    for substep in range(substeps):
+        for j in range(tones.shape[0]):
+            _begin_tone(lanes, tones[j], j, (ground >> j) & 1, h, substep, first, count)
+        _copy(scratch[_X1:], scratch[_Y1:], count)
+        for order in range(highest, 0, -ORDERS):
+            _excite(scratch, drive, tones, ground, order, count)
+            _sum(scratch, drive, h, order, count)
+        _copy(scratch[_Y1:], scratch[_X1:], count)
     for row in range(4):
-        present = lanes[row, first:last]
-        for i in range(last - first):
-            scratch[row * at.BLOCK + i] = present[i]
-    for i in range(last - first):
-        k = first + i
-        m1, m2, stretch = lanes[at.M1, k], lanes[at.M2, k], lanes[at.STRETCH, k]
+        reached = lanes[row, first : first + count]
+        for i in range(count):
+            reached[i] = scratch[row * WIDTH + i]
+
+
+@kernel
+def _load(lanes, scratch, first, count):
+    """Copy the state and divide the coefficients by the mass of the carriage."""
+    for row in range(4):
+        present = lanes[row, first : first + count]
+        for i in range(count):
+            scratch[row * WIDTH + i] = present[i]
+    m1, m2, stretch = _row(lanes, at.M1, first), _row(lanes, at.M2, first), _row(lanes, at.STRETCH, first)
+    k1, alpha, d = _row(lanes, at.K1, first), _row(lanes, at.ALPHA, first), _row(lanes, at.D, first)
+    c, k0, force = _row(lanes, at.C, first), _row(lanes, at.K0, first), _row(lanes, at.FORCE, first)
+    for i in range(count):
         # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
-        k2 = 2.0 * lanes[at.K0, k] * (1.0 + 2.0 / (stretch * stretch * stretch))
-        scratch[_K1 + i] = lanes[at.K1, k] * lanes[at.ALPHA, k] / m1
-        scratch[_D1 + i] = lanes[at.D, k] / m1
-        scratch[_C1 + i], scratch[_C2 + i] = lanes[at.C, k] / m1, lanes[at.C, k] / m2
-        scratch[_K2M1 + i], scratch[_K2M2 + i] = k2 / m1, k2 / m2
-        scratch[_M1 + i] = m1
+        k2 = 2.0 * k0[i] * (1.0 + 2.0 / (stretch[i] * stretch[i] * stretch[i]))
+        per_mass = 1.0 / m1[i]
+        scratch[_K1 + i], scratch[_D1 + i] = k1[i] * alpha[i] * per_mass, d[i] * per_mass
+        scratch[_C1 + i], scratch[_K2 + i] = c[i] * per_mass, k2 * per_mass
+        scratch[_RATIO + i], scratch[_HELD + i] = m1[i] / m2[i], force[i] * per_mass
 
 
 @kernel
-def _begin(model, lanes, scratch, h, substep, first, last):
-    """Write the terms of order zero: the state, the held force, each tone's value and slope."""
-    count = last - first
-    forces = lanes[at.FORCE, first:last]
+def _row(lanes, row, first):
+    return lanes[row, first:]
+
+
+@kernel
+def _begin_tone(lanes, tone, j, ground, h, substep, first, count):
+    """Write a tone's phase at the start of a substep."""
+    row = at.TONES + at.TONE_ROWS * j
+    amplitudes, frequencies = _row(lanes, row + at.AMPLITUDE, first), _row(lanes, row + at.FREQUENCY, first)
+    cosines, sines = _row(lanes, row + at.COSINE, first), _row(lanes, row + at.SINE, first)
+    m1 = _row(lanes, at.M1, first)
     for i in range(count):
-        scratch[_TX1 + i], scratch[_TX2 + i] = scratch[_X1 + i], scratch[_X2 + i]
-        scratch[_TV1 + i], scratch[_TV2 + i] = scratch[_V1 + i], scratch[_V2 + i]
-        scratch[_P1 + i], scratch[_P2 + i] = forces[i] / scratch[_M1 + i], 0.0
-    for j in range(int(model[at.TONE_COUNT])):
-        tone, own = at.TONES + at.TONE_ROWS * j, _TONES + 3 * at.BLOCK * j
-        ground = (int(model[at.GROUND]) >> j) & 1
+        scale = -amplitudes[i] if ground else amplitudes[i] / m1[i]
+        tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] = scale * cosines[i], scale * sines[i], frequencies[i] * h
+    if substep > 0:
         for i in range(count):
-            k = first + i
-            w, scale = lanes[tone + at.FREQUENCY, k], lanes[tone + at.AMPLITUDE, k]
-            if not ground:
-                scale /= scratch[_M1 + i]
-            cosine, sine = lanes[tone + at.COSINE, k], lanes[tone + at.SINE, k]
-            if substep > 0:
-                turn_cosine, turn_sine = math.cos(w * h * substep), math.sin(w * h * substep)
-                cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
-            scratch[own + _VALUE + i] = scale * sine
-            scratch[own + _SLOPE + i] = scale * cosine * (w * h)
-            scratch[own + _TURN + i] = -(w * h) * (w * h)
-        _add_tone(scratch, own, ground, count)
-
-
-@kernel
-def _next_term(scratch, step, count):
-    """Turn the term of order n - 1 into that of order n (step = h / n) and add it to the state."""
+            c, s, turn = tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] * substep
+            tone[_COSINE + i] = c * math.cos(turn) - s * math.sin(turn)
+            tone[_SINE + i] = s * math.cos(turn) + c * math.sin(turn)
     for i in range(count):
-        x1, x2, v1, v2 = scratch[_TX1 + i], scratch[_TX2 + i], scratch[_TV1 + i], scratch[_TV2 + i]
-        slip, offset = v2 - v1, x2 - x1
-        a1 = scratch[_C1 + i] * slip + scratch[_K2M1 + i] * offset - scratch[_D1 + i] * v1 - scratch[_K1 + i] * x1
-        a2 = -scratch[_C2 + i] * slip - scratch[_K2M2 + i] * offset
-        next_v1, next_v2 = step * (a1 + scratch[_P1 + i]), step * (a2 + scratch[_P2 + i])
-        scratch[_TX1 + i], scratch[_TX2 + i] = step * v1, step * v2
-        scratch[_TV1 + i], scratch[_TV2 + i] = next_v1, next_v2
-        scratch[_P1 + i], scratch[_P2 + i] = 0.0, 0.0
-        scratch[_X1 + i] += step * v1
-        scratch[_X2 + i] += step * v2
-        scratch[_V1 + i] += next_v1
-        scratch[_V2 + i] += next_v2
+        tone[_COSINE_SUM + i], tone[_SINE_SUM + i] = tone[_COSINE + i], tone[_SINE + i]
 
 
 @kernel
-def _next_excitation(scratch, own, factor, count):
-    """Advance a tone's series: p'' = -w**2 p, so term n + 1 follows from term n - 1."""
+def _copy(source, target, count):
+    """Copy four rows."""
+    for i in range(3 * WIDTH + count):
+        target[i] = source[i]
+
+
+@kernel
+def _excite(scratch, drive, tones, ground, order, count):
+    """Write the drive of the next orders: the held force and all tones."""
+    if tones.shape[0] == 0:
+        return
+    _hold(scratch, drive, count)
+    if ground > 0:
+        for i in range(_SPHERE):
+            drive[_SPHERE + i] = 0.0
+    for j in range(tones.shape[0]):
+        _add_tone(tones[j], drive[_SPHERE:] if (ground >> j) & 1 else drive, order, count)
+    if ground > 0:
+        for i in range(_SPHERE):
+            drive[i] += drive[_SPHERE + i]
+
+
+@kernel
+def _hold(scratch, drive, count):
+    """Begin the drive of the next orders with the held force."""
     for i in range(count):
-        previous = scratch[own + _VALUE + i]
-        scratch[own + _VALUE + i] = scratch[own + _SLOPE + i]
-        scratch[own + _SLOPE + i] = previous * scratch[own + _TURN + i] * factor
+        a = scratch[_HELD + i]
+        drive[i], drive[WIDTH + i], drive[2 * WIDTH + i], drive[3 * WIDTH + i] = a, a, a, a
 
 
 @kernel
-def _add_tone(scratch, own, ground, count):
-    """Add a tone's present term to the accelerations: a force on the carriage, or the ground under both."""
-    if ground:
-        for i in range(count):
-            scratch[_P1 + i] -= scratch[own + i]
-            scratch[_P2 + i] -= scratch[own + i]
-    else:
-        for i in range(count):
-            scratch[_P1 + i] += scratch[own + i]
+def _add_tone(tone, target, order, count):
+    """Add a tone to the drive of the next orders, and sum the tone's own series c' = -w s, s' = w c as far."""
+    part0, part1, part2, part3 = 1.0 / order, 1.0 / (order - 1), 1.0 / (order - 2), 1.0 / (order - 3)
+    for i in range(count):
+        start, turn = (tone[_COSINE + i], tone[_SINE + i]), tone[_TURN + i]
+        z0 = tone[_COSINE_SUM + i], tone[_SINE_SUM + i]
+        z1 = _turned(start, part0 * turn, z0)
+        z2 = _turned(start, part1 * turn, z1)
+        z3 = _turned(start, part2 * turn, z2)
+        tone[_COSINE_SUM + i], tone[_SINE_SUM + i] = _turned(start, part3 * turn, z3)
+        target[i] += z0[1]
+        target[WIDTH + i] += z1[1]
+        target[2 * WIDTH + i] += z2[1]
+        target[3 * WIDTH + i] += z3[1]
+
+
+@kernel
+def _turned(start, angle, z):
+    """Return start + angle (-sin, cos) of the phase z = (cos, sin)."""
+    return fma(-angle, z[1], start[0]), fma(angle, z[0], start[1])
+
+
+@kernel
+def _sum(scratch, drive, h, order, count):
+    """Take the sum down by ORDERS orders."""
+    step0, step1, step2, step3 = h / order, h / (order - 1), h / (order - 2), h / (order - 3)
+    for i in range(count):
+        state = scratch[_X1 + i], scratch[_X2 + i], scratch[_V1 + i], scratch[_V2 + i]
+        y = scratch[_Y1 + i], scratch[_Y2 + i], scratch[_W1 + i], scratch[_W2 + i]
+        y = _next(scratch, i, drive[i], drive[_SPHERE + i], step0, state, y)
+        y = _next(scratch, i, drive[WIDTH + i], drive[_SPHERE + WIDTH + i], step1, state, y)
+        y = _next(scratch, i, drive[2 * WIDTH + i], drive[_SPHERE + 2 * WIDTH + i], step2, state, y)
+        y = _next(scratch, i, drive[3 * WIDTH + i], drive[_SPHERE + 3 * WIDTH + i], step3, state, y)
+        scratch[_Y1 + i], scratch[_Y2 + i], scratch[_W1 + i], scratch[_W2 + i] = y
+
+
+@kernel
+def _next(scratch, i, force, ground, step, state, y):
+    """Return state + step (A y + excitation)."""
+    x1, x2, v1, v2 = y
+    coupling = fma(scratch[_C1 + i], v2 - v1, scratch[_K2 + i] * (x2 - x1))
+    a1 = coupling + fma(-scratch[_K1 + i], x1, fma(-scratch[_D1 + i], v1, force))
+    a2 = fma(-scratch[_RATIO + i], coupling, ground)
+    return fma(step, v1, state[0]), fma(step, v2, state[1]), fma(step, a1, state[2]), fma(step, a2, state[3])

@@ -1,0 +1,51 @@
+"""Arithmetic that the kernels share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic, overload
+
+from mm_gym.kernels.jit import kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@intrinsic
+def _fma(_context, x, y, z):
+    def build(_context, builder, _signature, arguments):
+        return builder.fma(*arguments)
+
+    return types.float64(x, y, z), build
+
+
+def fma(x: float, y: float, z: float) -> float:
+    """Return x y + z, in a kernel rounded once.
+
+    One instruction instead of two, and explicit where fastmath would leave it to the compiler to fuse or not: results
+    stay independent of how many lanes run side by side.
+    """
+    return x * y + z
+
+
+@overload(fma)
+def _compiled_fma(x, y, z) -> Callable[..., float]:  # noqa: ARG001 - numba types the implementation by them
+    return lambda x, y, z: _fma(x, y, z)
+
+
+@kernel
+def clip(value, low, high):
+    """Return the value limited to [low, high]."""
+    return min(max(value, low), high)
+
+
+@kernel
+def span(first, last):
+    """Return range(first, last) of unsigned integers.
+
+    A signed index might be negative and count from the end: that possibility keeps a loop from being vectorised.
+    """
+    return range(np.uintp(first), np.uintp(last))
