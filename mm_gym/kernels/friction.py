@@ -23,7 +23,8 @@ _MOST_TRIALS = 10_000
 _SHORTEST = 2.0**-52
 
 # Rows of the series, and of the coefficients of one lane.
-_X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND = range(8)  # kernels/taylor.py shares them
+_WIDTH = 24
+_X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND, _END = (_WIDTH * k for k in range(9))
 _M1, _M2, _K1, _D, _K2, _STICK, _CHI, _SLIP_FORCE, _VR, _U = range(10)
 
 
@@ -68,19 +69,18 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
     tuple
         Status, and the regime at the end.
     """
-    c = np.empty((8, degree + 1))
+    c = np.empty(_END)
     vr, w = p[_VR], z[4]
     upper, lower = vr - w, vr + w  # how far w is below v_r and above -v_r
     for _ in range(MOST_CHANGES):
-        excite(c, lanes, i, tones, ground, elapsed, duration, degree)
+        excite(c, _WIDTH, lanes, i, tones, ground, elapsed, duration, degree)
         _expand(c, p, z, regime, duration, degree)
-        slip = c[_W]
         if regime == 0.0:
-            up, down = first_exit(slip, degree, upper, -1.0), first_exit(slip, degree, lower, 1.0)
+            up, down = first_exit(c, _W, degree, upper, -1.0), first_exit(c, _W, degree, lower, 1.0)
             theta, direction = (up, 1.0) if up <= down else (down, -1.0)
         else:
             gap = -upper if regime > 0.0 else -lower
-            theta, direction = first_exit(slip, degree, gap, regime), regime
+            theta, direction = first_exit(c, _W, degree, gap, regime), regime
         _evaluate(c, z, min(theta, 1.0), degree)
         if theta == NONE:
             return at.OK, regime
@@ -93,10 +93,13 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
 
 
 @kernel
-def excite(c, lanes, i, tones, ground, elapsed, duration, degree):
-    """Write the series of the force on the carriage and of the ground's acceleration: p'' = -w**2 p for each tone."""
+def excite(c, width, lanes, i, tones, ground, elapsed, duration, degree):
+    """Write the series of the force on the carriage (row 6) and of the ground's acceleration (row 7), rows `width` apart.
+
+    For each tone p'' = -w**2 p.
+    """
     for n in range(degree + 1):
-        c[_FORCE, n] = c[_GROUND, n] = 0.0
+        c[6 * width + n] = c[7 * width + n] = 0.0
     for j in range(tones):
         tone = at.TONES + at.TONE_ROWS * j
         frequency, scale = lanes[tone + at.FREQUENCY, i], lanes[tone + at.AMPLITUDE, i]
@@ -105,9 +108,9 @@ def excite(c, lanes, i, tones, ground, elapsed, duration, degree):
         slope = scale * (lanes[tone + at.COSINE, i] * cosine - lanes[tone + at.SINE, i] * sine)
         turn = frequency * duration
         slope *= turn
-        row = _GROUND if (ground >> j) & 1 else _FORCE
+        row = 7 * width if (ground >> j) & 1 else 6 * width
         for n in range(degree + 1):
-            c[row, n] += value
+            c[row + n] += value
             value, slope = slope, -value * turn * turn / ((n + 1.0) * (n + 2.0))
 
 
@@ -116,38 +119,38 @@ def _expand(c, p, z, regime, duration, degree):
     """Write the series of the state: term n is its n-th derivative times duration**n / n!."""
     m1, m2, k1, d, k2 = p[_M1], p[_M2], p[_K1], p[_D], p[_K2]
     damping = p[_STICK] if regime == 0.0 else p[_CHI]
-    c[_X1, 0], c[_X2, 0], c[_V1, 0], c[_V2, 0], c[_W, 0] = z[0], z[1], z[2], z[3], z[4]
-    c[_OFFSET, 0] = z[1] - z[0]
+    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = z[0], z[1], z[2], z[3], z[4]
+    c[_OFFSET] = z[1] - z[0]
     friction, held = regime * p[_SLIP_FORCE], p[_U]
     for n in range(degree):
         step = duration / (n + 1.0)
-        inner = damping * c[_W, n] + k2 * c[_OFFSET, n] + friction
-        outer = k1 * c[_X1, n] + d * c[_V1, n] - c[_FORCE, n] - held
+        inner = damping * c[_W + n] + k2 * c[_OFFSET + n] + friction
+        outer = k1 * c[_X1 + n] + d * c[_V1 + n] - c[_FORCE + n] - held
         friction = held = 0.0
-        c[_X1, n + 1], c[_X2, n + 1], c[_OFFSET, n + 1] = step * c[_V1, n], step * c[_V2, n], step * c[_W, n]
-        c[_V1, n + 1] = step * ((inner - outer) / m1 - c[_GROUND, n])
-        c[_V2, n + 1] = step * (-inner / m2 - c[_GROUND, n])
+        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = step * c[_V1 + n], step * c[_V2 + n], step * c[_W + n]
+        c[_V1 + n + 1] = step * ((inner - outer) / m1 - c[_GROUND + n])
+        c[_V2 + n + 1] = step * (-inner / m2 - c[_GROUND + n])
         # Not v2 - v1: near a stiff stick its digits would cancel.
-        c[_W, n + 1] = step * (outer / m1 - inner / m1 - inner / m2)
+        c[_W + n + 1] = step * (outer / m1 - inner / m1 - inner / m2)
 
 
 @kernel
 def _evaluate(c, z, theta, degree):
     """Write the state at a fraction of the interval."""
-    for row in range(4):
-        total = 0.0
+    for k in range(4):
+        row, total = k * _WIDTH, 0.0
         for n in range(degree, 0, -1):
-            total = (total + c[row, n]) * theta
-        z[row] += total
+            total = (total + c[row + n]) * theta
+        z[k] += total
     total = 0.0
     for n in range(degree, 0, -1):
-        total = (total + c[_W, n]) * theta
+        total = (total + c[_W + n]) * theta
     z[4] += total
 
 
 @kernel
-def first_exit(c, degree, gap, sign):
-    """Return the first t in (0, 1] at which gap + sign (c1 t + c2 t**2 + ...) turns negative, or NONE.
+def first_exit(c, row, degree, gap, sign):
+    """Return the first t in (0, 1] at which gap + sign (c1 t + c2 t**2 + ...), c from `row` on, turns negative, or NONE.
 
     Nothing is missed: an interval is passed only if the second derivative's bound leaves no room for an exit, and a
     root is taken as the first one only where the polynomial is monotone.
@@ -155,14 +158,14 @@ def first_exit(c, degree, gap, sign):
     gap = max(gap, 0.0)  # what round-off left outside
     total = bend = 0.0
     for n in range(degree, 0, -1):
-        total += c[n]
-        bend += n * (n - 1.0) * abs(c[n])
+        total += c[row + n]
+        bend += n * (n - 1.0) * abs(c[row + n])
     if gap + sign * total >= 0.0 and gap + gap + sign * total >= 0.5 * bend:
         return NONE
-    start, width, value, slope = 0.0, 1.0, gap, sign * c[1]
+    start, width, value, slope = 0.0, 1.0, gap, sign * c[row + 1]
     for _ in range(_MOST_TRIALS):
         end = start + width
-        next_value, next_slope = _value_and_slope(c, degree, gap, sign, end)
+        next_value, next_slope = _value_and_slope(c, row, degree, gap, sign, end)
         rises = max(slope, next_slope) >= bend * width
         falls = min(slope, next_slope) <= -bend * width
         passed = next_value >= 0.0 and (
@@ -175,7 +178,7 @@ def first_exit(c, degree, gap, sign):
             while start % (2.0 * width) == 0.0:  # the next interval is as long as its place allows
                 width *= 2.0
         elif falls:
-            return _root(c, degree, gap, sign, start, end)
+            return _root(c, row, degree, gap, sign, start, end)
         elif width <= _SHORTEST:
             return end
         else:
@@ -184,20 +187,20 @@ def first_exit(c, degree, gap, sign):
 
 
 @kernel
-def _value_and_slope(c, degree, gap, sign, t):
+def _value_and_slope(c, row, degree, gap, sign, t):
     value = slope = 0.0
     for n in range(degree, 0, -1):
         slope = slope * t + value
-        value = value * t + c[n]
+        value = value * t + c[row + n]
     return gap + sign * (value * t), sign * (slope * t + value)
 
 
 @kernel
-def _root(c, degree, gap, sign, low, high):
+def _root(c, row, degree, gap, sign, low, high):
     """Return the root of a falling polynomial, at least 0 at `low` and negative at `high`: Newton's method, bracketed."""
     t = 0.5 * (low + high)
     for _ in range(200):
-        value, slope = _value_and_slope(c, degree, gap, sign, t)
+        value, slope = _value_and_slope(c, row, degree, gap, sign, t)
         if value >= 0.0:
             low = t
         else:

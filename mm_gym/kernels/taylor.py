@@ -21,174 +21,188 @@ MOST_STEPS = 50_000
 
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
-# Rows of the series; the first eight are those of kernels/friction.py.
-_X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND = range(8)
-_SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _ROWS = range(8, 15)
+# Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
+WIDTH = 32
+_X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND = (WIDTH * k for k in range(8))
+_SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _SHARE = (WIDTH * k for k in range(8, 15))
 
-# Coefficients of a lane.
-_M1, _M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(15)
+# Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over many costs time.
+_STATE = WIDTH * 15
+M1, M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(_STATE + 5, _STATE + 20)
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one control step; force and stretch are held over it."""
     status = at.OK
-    series, p, z = np.empty((_ROWS, int(model[ORDER]) + 1)), np.empty(SIZE), np.empty(5)
+    c = np.zeros(SIZE)
+    for n in range(int(model[ORDER])):
+        c[_SHARE + n] = 1.0 / (n + 1.0)
     for i in range(first, last):
-        coefficients(lanes, i, model[HAS_FRICTION] > 0.0, p)
-        status = max(status, _propagate_lane(model, lanes, i, series, p, z))
+        coefficients(lanes, i, model[HAS_FRICTION] > 0.0, c)
+        status = max(status, _propagate_lane(model, lanes, i, c))
     return status
 
 
 @kernel
-def coefficients(lanes, i, friction, p):
+def coefficients(lanes, i, friction, c):
     """Write what the equations of lane i need."""
     mu1, mu2, vr = lanes[at.MU1, i], lanes[at.MU2, i], lanes[at.VR, i]
     normal, stretch, k0 = lanes[at.FN, i], lanes[at.STRETCH, i], lanes[at.K0, i]
-    p[_M1], p[_M2], p[_D], p[_C] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i], lanes[at.C, i]
-    p[_K1], p[_BETA] = lanes[at.K1, i] * lanes[at.ALPHA, i], lanes[at.K1, i] * lanes[at.BETA, i]
-    p[_K0], p[_L0], p[_STRETCH], p[_U] = k0, lanes[at.L0, i], stretch, lanes[at.FORCE, i]
+    c[M1], c[M2], c[_D], c[_C] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i], lanes[at.C, i]
+    c[_K1], c[_BETA] = lanes[at.K1, i] * lanes[at.ALPHA, i], lanes[at.K1, i] * lanes[at.BETA, i]
+    c[_K0], c[_L0], c[_STRETCH], c[_U] = k0, lanes[at.L0, i], stretch, lanes[at.FORCE, i]
     # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
-    p[_K2] = 2.0 * k0 * (1.0 + 2.0 / (stretch * stretch * stretch)) if k0 > 0.0 else 0.0
-    p[_VR], p[_CHI] = np.inf, 0.0
+    c[_K2] = 2.0 * k0 * (1.0 + 2.0 / (stretch * stretch * stretch)) if k0 > 0.0 else 0.0
+    c[_VR], c[_CHI] = np.inf, 0.0
     if friction:
-        p[_VR], p[_CHI], p[_C] = vr, lanes[at.CHI, i], mu1 * normal / vr
-        p[_SLIP_FORCE] = mu2 * normal - p[_CHI] * vr
+        c[_VR], c[_CHI], c[_C] = vr, lanes[at.CHI, i], mu1 * normal / vr
+        c[_SLIP_FORCE] = mu2 * normal - c[_CHI] * vr
 
 
 @kernel
-def interface_and_springs(p, offset, w, finite):
+def interface_and_springs(c, offset, w, finite):
     """Return the force on the carriage from a viscous interface and the springs between the masses (docs/model.md)."""
     if not finite:
-        return p[_C] * w + p[_K2] * offset
-    long, short = p[_STRETCH] + offset / p[_L0], p[_STRETCH] - offset / p[_L0]
+        return c[_C] * w + c[_K2] * offset
+    long, short = c[_STRETCH] + offset / c[_L0], c[_STRETCH] - offset / c[_L0]
     pair = (long - 1.0 / (long * long)) - (short - 1.0 / (short * short))
-    return p[_C] * w + p[_K0] * p[_L0] * pair
+    return c[_C] * w + c[_K0] * c[_L0] * pair
 
 
 @kernel
-def outer_forces(p, x1, v1):
+def outer_forces(c, x1, v1):
     """Return the resistance of the carriage's spring and damper less the held force."""
-    return (p[_K1] + p[_BETA] * x1 * x1) * x1 + p[_D] * v1 - p[_U]
+    return (c[_K1] + c[_BETA] * x1 * x1) * x1 + c[_D] * v1 - c[_U]
 
 
 @kernel
-def _propagate_lane(model, lanes, i, series, p, z):
+def _propagate_lane(model, lanes, i, c):
     """Advance one lane, series by series."""
     order, tones, ground = int(model[ORDER]), int(model[at.TONE_COUNT]), int(model[at.GROUND])
-    duration, friction, vr = model[at.TIME_STEP], model[HAS_FRICTION] > 0.0, p[_VR]
+    log_tolerance, duration = model[LOG_TOLERANCE], model[at.TIME_STEP]
+    cubic, finite, friction, vr = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0, model[HAS_FRICTION] > 0.0, c[_VR]
     for row in range(4):
-        z[row] = lanes[row, i]
-    z[4] = z[3] - z[2]
-    regime = sign_of(vr, z[4])
-    upper, lower = vr - z[4], vr + z[4]  # how far the slip velocity is below v_r and above -v_r
+        c[_STATE + row] = lanes[row, i]
+    w = c[_STATE + 4] = lanes[at.V2, i] - lanes[at.V1, i]
+    regime = sign_of(vr, w)
+    upper, lower = vr - w, vr + w  # how far the slip velocity is below v_r and above -v_r
     elapsed = 0.0
     unit = duration  # the series' unit of time: about the length of a step, so that no term overflows
     for _ in range(MOST_STEPS):
-        excite(series, lanes, i, tones, ground, elapsed, unit, order)
-        if not _expand(model, series, p, z, regime, unit, order):
+        if tones > 0:
+            excite(c, WIDTH, lanes, i, tones, ground, elapsed, unit, order)
+        if not _expand(c, cubic, finite, friction, regime, unit, order):
             return at.COLLAPSED
         remaining = (duration - elapsed) / unit
-        theta = min(_step(series, model[LOG_TOLERANCE], order), remaining)
+        theta = min(_step(c, log_tolerance, order), remaining)
         direction = 0.0
         if friction:
-            exit_at, direction = _exit(series, regime, upper, lower, theta, order)
+            exit_at, direction = _exit(c, regime, upper, lower, theta, order)
             theta = theta if exit_at == NONE else theta * exit_at
-        _evaluate(series, z, theta, order)
-        if not abs(z[0]) + abs(z[1]) + abs(z[2]) + abs(z[3]) < np.inf:
+        if not _evaluate(c, friction, theta, order):
             return at.DIVERGED
-        upper, lower = vr - z[4], vr + z[4]
         if direction != 0.0:
             regime = direction - regime
-            z[4] = direction * vr
+            c[_STATE + 4] = direction * vr
             upper, lower = (0.0, 2.0 * vr) if direction > 0.0 else (2.0 * vr, 0.0)
-        elif theta == remaining:
-            for row in range(4):
-                lanes[row, i] = z[row]
-            return at.OK
+        else:
+            upper, lower = vr - c[_STATE + 4], vr + c[_STATE + 4]
         elapsed += theta * unit
-        unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
-        if unit <= 0.0:
+        if (theta == remaining and direction == 0.0) or elapsed >= duration:
             for row in range(4):
-                lanes[row, i] = z[row]
+                lanes[row, i] = c[_STATE + row]
             return at.OK
+        unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
     return at.STEPS
 
 
 @kernel
 def _exit(series, regime, upper, lower, theta, order):
     """Return where in the step the regime ends, as a fraction of it, and at which boundary (1 or -1); NONE and 0 if not."""
-    scaled, w, power = series[_SCALED], series[_W], 1.0
+    power = 1.0
     for n in range(1, order + 1):
         power *= theta
-        scaled[n] = w[n] * power
+        series[_SCALED + n] = series[_W + n] * power
     if regime != 0.0:
-        at_time = first_exit(scaled, order, -upper if regime > 0.0 else -lower, regime)
+        at_time = first_exit(series, _SCALED, order, -upper if regime > 0.0 else -lower, regime)
         return at_time, 0.0 if at_time == NONE else regime
-    up, down = first_exit(scaled, order, upper, -1.0), first_exit(scaled, order, lower, 1.0)
+    up, down = first_exit(series, _SCALED, order, upper, -1.0), first_exit(series, _SCALED, order, lower, 1.0)
     if up == NONE and down == NONE:
         return NONE, 0.0
     return (up, 1.0) if up <= down else (down, -1.0)
 
 
 @kernel
-def _expand(model, series, p, z, regime, unit, order):
+def _expand(c, cubic, finite, friction, regime, unit, order):
     """Write the series of the state: term n is its n-th derivative times unit**n / n!. False if a spring collapsed."""
-    m1, m2, k1, d, k2, beta = p[_M1], p[_M2], p[_K1], p[_D], p[_K2], p[_BETA]
-    cubic, finite = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0
-    damping = p[_C] if regime == 0.0 else p[_CHI]
-    held, friction = p[_U], (0.0 if regime == 0.0 else regime * p[_SLIP_FORCE])
-    x1, x2, v1, v2, w = series[_X1], series[_X2], series[_V1], series[_V2], series[_W]
-    offset, force, ground, square = series[_OFFSET], series[_FORCE], series[_GROUND], series[_SQUARE]
-    x1[0], x2[0], v1[0], v2[0], w[0], offset[0] = z[0], z[1], z[2], z[3], z[4], z[1] - z[0]
+    by_m1, by_m2, k1, d, k2, beta = 1.0 / c[M1], 1.0 / c[M2], c[_K1], c[_D], c[_K2], c[_BETA]
+    damping = c[_C] if regime == 0.0 else c[_CHI]
+    held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
+    # What the velocities add is kept apart: each term waits for them, and for nothing else.
+    from_v1, from_v2, between = -(damping + d) * by_m1, damping * by_m1, damping * by_m2
+    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = c[_STATE], c[_STATE + 1], c[_STATE + 2], c[_STATE + 3], c[_STATE + 4]
     for n in range(order):
-        spring = k2 * offset[n]
+        x1, x2, v1, v2, step = c[_X1 + n], c[_X2 + n], c[_V1 + n], c[_V2 + n], unit * c[_SHARE + n]
+        inner = k2 * (x2 - x1) + slip
         if finite:
-            if not _stretch(series, p, n):
+            if not _stretch(c, x2 - x1, n):
                 return False
-            difference = series[_SHORT_POWER, n] - series[_LONG_POWER, n]
-            spring = 2.0 * p[_K0] * offset[n] + p[_K0] * p[_L0] * difference
-        inner = damping * w[n] + spring + friction
-        outer = k1 * x1[n] + d * v1[n] - force[n] - held
+            inner = c[_K0] * (2.0 * (x2 - x1) + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n])) + slip
+        outer = k1 * x1 - c[_FORCE + n] - held
         if cubic:
-            square[n] = _product(x1, x1, n)
-            outer += beta * _product(square, x1, n)
-        held = friction = 0.0
-        step = unit / (n + 1.0)
-        x1[n + 1], x2[n + 1], offset[n + 1] = step * v1[n], step * v2[n], step * w[n]
-        v1[n + 1] = step * ((inner - outer) / m1 - ground[n])
-        v2[n + 1] = step * (-inner / m2 - ground[n])
-        # Not v2 - v1: near a stiff stick its digits would cancel.
-        w[n + 1] = step * (outer / m1 - inner / m1 - inner / m2)
+            c[_SQUARE + n] = _square(c, n)
+            outer += beta * _product(c, n)
+        held = slip = 0.0
+        on1, on2 = (inner - outer) * by_m1 - c[_GROUND + n], -inner * by_m2 - c[_GROUND + n]
+        c[_X1 + n + 1], c[_X2 + n + 1] = step * v1, step * v2
+        if friction:
+            # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
+            w = c[_W + n]
+            c[_W + n + 1] = step * ((outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2))
+            c[_V1 + n + 1] = step * ((damping * w - d * v1) * by_m1 + on1)
+            c[_V2 + n + 1] = step * (on2 - between * w)
+        else:
+            c[_V1 + n + 1] = step * ((from_v1 * v1 + from_v2 * v2) + on1)
+            c[_V2 + n + 1] = step * ((between * v1 - between * v2) + on2)
     return True
 
 
 @kernel
-def _product(a, b, n):
-    """Return term n of the product of two series; two sums, so that additions need not wait for each other."""
-    even = odd = 0.0
-    for j in range(0, n, 2):
-        even += a[j] * b[n - j]
-        odd += a[j + 1] * b[n - j - 1]
-    return even + odd if n % 2 == 1 else even + odd + a[n] * b[0]
+def _square(c, n):
+    """Return term n of x1**2; its products come in equal pairs."""
+    half, total = (n + 1) // 2, 0.0
+    for j in range(half):
+        total += c[_X1 + j] * c[_X1 + n - j]
+    total += total
+    return total + c[_X1 + half] * c[_X1 + half] if n % 2 == 0 else total
 
 
 @kernel
-def _stretch(series, p, n):
+def _product(c, n):
+    """Return term n of x1**2 x1."""
+    total = 0.0
+    for j in range(n + 1):
+        total += c[_SQUARE + j] * c[_X1 + n - j]
+    return total
+
+
+@kernel
+def _stretch(c, offset, n):
     """Write term n of both sides' stretch l and of l**-2, from n l0 u_n = -sum (n + j) l_j u_(n-j). False if collapsed."""
     for side in range(2):
-        stretch, power = series[_LONG + side], series[_LONG_POWER + side]
-        stretch[n] = (1.0 - 2.0 * side) * series[_OFFSET, n] / p[_L0]
+        stretch, power = _LONG + side * WIDTH, _LONG_POWER + side * WIDTH
+        c[stretch + n] = (1.0 - 2.0 * side) * offset / c[_L0]
         if n == 0:
-            stretch[0] += p[_STRETCH]
-            if not stretch[0] > 0.0:
+            c[stretch] += c[_STRETCH]
+            if not c[stretch] > 0.0:
                 return False
-            power[0] = 1.0 / (stretch[0] * stretch[0])
+            c[power] = 1.0 / (c[stretch] * c[stretch])
         else:
             total = 0.0
             for j in range(1, n + 1):
-                total -= (n + j) * stretch[j] * power[n - j]
-            power[n] = total / (n * stretch[0])
+                total -= (n + j) * c[stretch + j] * c[power + n - j]
+            c[power + n] = total / (n * c[stretch])
     return True
 
 
@@ -225,22 +239,24 @@ def _step(series, log_tolerance, order):
 @kernel
 def _largest(series, n):
     """Return the logarithm of term n of the velocities, the larger one."""
-    return _log2(max(abs(series[_V1, n]), abs(series[_V2, n])))
+    return _log2(max(abs(series[_V1 + n]), abs(series[_V2 + n])))
 
 
 @kernel
-def _evaluate(series, z, theta, order):
-    """Advance the state by a time in units of the series."""
-    x1, x2, v1, v2, w = series[_X1], series[_X2], series[_V1], series[_V2], series[_W]
-    a = b = c = d = e = 0.0
-    for n in range(order, 0, -1):
-        a = (a + x1[n]) * theta
-        b = (b + x2[n]) * theta
-        c = (c + v1[n]) * theta
-        d = (d + v2[n]) * theta
-        e = (e + w[n]) * theta
-    z[0] += a
-    z[1] += b
-    z[2] += c
-    z[3] += d
-    z[4] += e
+def _evaluate(c, friction, theta, order):
+    """Advance the state by a time in units of the series; tell whether it is still finite."""
+    x1 = x2 = v1 = v2 = w = 0.0
+    for k in range(order):
+        n = order - k
+        x1 = (x1 + c[_X1 + n]) * theta
+        x2 = (x2 + c[_X2 + n]) * theta
+        v1 = (v1 + c[_V1 + n]) * theta
+        v2 = (v2 + c[_V2 + n]) * theta
+        if friction:
+            w = (w + c[_W + n]) * theta
+    c[_STATE] += x1
+    c[_STATE + 1] += x2
+    c[_STATE + 2] += v1
+    c[_STATE + 3] += v2
+    c[_STATE + 4] = c[_STATE + 4] + w if friction else c[_STATE + 3] - c[_STATE + 2]
+    return abs(c[_STATE]) + abs(c[_STATE + 1]) + abs(c[_STATE + 2]) + abs(c[_STATE + 3]) < np.inf

@@ -21,15 +21,19 @@ if TYPE_CHECKING:
 TIGHTEST = 1e-15
 """Smallest useful tolerance: below it round-off is larger than what is cut off."""
 
-LOWEST_ORDER = 4
+EXTRA_ORDER = 5
+"""Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a step costs as much."""
+
+SHARE = 0.125
+"""Share of the tolerance that one series may use: a control step takes several, and their errors add up."""
 
 RATE_PER_STEP = 2.0
 """Shortest time constants that one series spans at least, whatever the order."""
 
 
 def _order(tolerance: float) -> int:
-    """Return the order at which a series costs least (Jorba and Zou, 2005, eq. 11)."""
-    return max(LOWEST_ORDER, math.ceil(-0.5 * math.log(max(tolerance, TIGHTEST))) + 1)
+    """Return the order at which a series costs least (after Jorba and Zou, 2005, eq. 11)."""
+    return math.ceil(-0.5 * math.log(max(tolerance, TIGHTEST))) + EXTRA_ORDER
 
 
 def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
@@ -45,7 +49,7 @@ def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
         )
         raise CompileError(msg)
     model[taylor.ORDER] = _order(tolerance)
-    model[taylor.LOG_TOLERANCE] = math.log2(max(tolerance, TIGHTEST))
+    model[taylor.LOG_TOLERANCE] = math.log2(SHARE * max(tolerance, TIGHTEST))
     model[taylor.HAS_FRICTION] = friction
     model[taylor.IS_CUBIC] = high[at.BETA] > 0.0
     model[taylor.IS_FINITE] = high[at.L0] > 0.0

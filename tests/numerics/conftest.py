@@ -1,0 +1,56 @@
+"""What the numerical tests share."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mm_gym.lanes import Lanes
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker of tests that take minutes."""
+    config.addinivalue_line("markers", "slow: takes minutes")
+
+
+def golden(name: str) -> dict[str, Any]:
+    """Return the content of a golden file."""
+    return json.loads((GOLDEN / f"{name}.json").read_text())
+
+
+def numbers(texts: list[str]) -> np.ndarray:
+    """Return decimal texts as doubles."""
+    return np.array([float(text) for text in texts])
+
+
+def error(got: np.ndarray, want: np.ndarray, scale: np.ndarray | None = None) -> float:
+    """Return the largest error relative to the scale of positions and of velocities over a trajectory (n, 4)."""
+    got, want = np.atleast_2d(got), np.atleast_2d(want)
+    if scale is None:
+        largest = np.abs(want).max(axis=0)
+        scale = np.repeat([largest[:2].max(), largest[2:].max()], 2)
+    return float((np.abs(got - want) / np.where(scale > 0.0, scale, 1.0)).max())
+
+
+def assert_lanes_equal_single(plant: Any, steps: int, count: int = 21) -> None:
+    """Assert that lane i among many equals lane i alone, to the last bit."""
+    rng = np.random.default_rng(7)
+    many = Lanes(plant, count)
+    many.seed(3)
+    many.restart()
+    single = [Lanes(plant, 1) for _ in range(count)]
+    for i, lane in enumerate(single):
+        lane.seed(3 + i)
+        lane.restart()
+    for _ in range(steps):
+        actions = rng.uniform(-1.0, 1.0, (count, len(plant.actuators)))
+        many.advance(actions)
+        for i, lane in enumerate(single):
+            lane.advance(actions[i : i + 1])
+    assert np.array_equal(many.values, np.hstack([lane.values for lane in single]))

@@ -1,0 +1,137 @@
+"""Is dry friction propagated exactly, with every change of regime found?"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mm_gym import Scene, compile_scene, simulate
+from mm_gym.kernels.friction import NONE, first_exit
+from mm_gym.reference import Oracle
+from mm_gym.scene import Control, DryFriction, Harmonic, Initial, SmallOnLarge
+
+from .conftest import assert_lanes_equal_single, error
+
+FIG8 = DryFriction(static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1)
+START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
+BASE = Scene(interface=FIG8, initial=START, control=Control(time_step=1e-3))
+TONES = (
+    Harmonic(amplitude=3.0, frequency=50.0, phase=0.3),
+    Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0),
+)
+SCENES = {
+    "free": BASE,
+    "springs": BASE.replace(springs=SmallOnLarge(stiffness=35.0, stretch=1.5).model_dump()),
+    "tones": BASE.replace(excitation=[tone.model_dump() for tone in TONES]),
+    "force": BASE.replace(**{"actuation.force": {"limit": 20.0}}),
+    "no jump": BASE.replace(**{"interface.kinetic_coefficient": 0.509}),
+    "creep": BASE.replace(**{"interface.reference_velocity": 1e-3}),
+}
+
+# SciPy's events are good to some 1e-12 of a step, and its steps to rtol = 1e-13 each.
+ORACLE = 1e-10
+
+
+def _forces(name: str, steps: int) -> np.ndarray | None:
+    return np.random.default_rng(1).uniform(-20.0, 20.0, steps) if name == "force" else None
+
+
+def _as_series(scene: Scene) -> Scene:
+    """Return the same scene with a parameter that may vary, but does so by round-off only."""
+    chi = scene.interface.slip_damping
+    return scene.replace(randomization={"interface.slip_damping": (chi, chi * (1.0 + 1e-15))})
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize("name", list(SCENES))
+def test_trajectory_meets_the_oracle(name: str, time_step: float) -> None:
+    scene = SCENES[name].replace(**{"control.time_step": time_step})
+    steps = round(0.5 / time_step)
+    forces = _forces(name, steps)
+    got = simulate(scene, duration=0.5, action=forces)
+    want = Oracle(scene, max_step=1e-3).solve(got.time, forces=forces)
+    assert compile_scene(scene).method.plant == "switched linear"
+    assert error(got.state, want) <= ORACLE
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize("name", list(SCENES))
+def test_series_alone_meets_the_transition_matrices(name: str, time_step: float) -> None:
+    scene = SCENES[name].replace(**{"control.time_step": time_step})
+    forces = _forces(name, round(0.5 / time_step))
+    plant = compile_scene(_as_series(scene))
+    assert plant.method.plant == "parametric switched linear"
+    # Both are exact to round-off, which the crossings amplify a little.
+    assert error(simulate(plant, duration=0.5, action=forces).state, simulate(scene, duration=0.5, action=forces).state) <= 1e-12
+
+
+@pytest.mark.parametrize("name", ["free", "springs", "no jump", "creep"])
+def test_one_long_step_equals_many_short_ones(name: str) -> None:
+    scene = SCENES[name]
+    short, long = scene.replace(**{"control.time_step": 1e-4}), scene.replace(**{"control.time_step": 0.5})
+    assert error(simulate(long, duration=0.5).state[-1], simulate(short, duration=0.5).state[-1], np.array([0.03, 0.03, 0.6, 0.6])) <= 1e-12
+
+
+def test_mirrored_start_gives_the_mirrored_trajectory() -> None:
+    mirrored = BASE.replace(**{"initial.carriage_displacement": -0.01, "initial.sphere_offset": -0.02})
+    assert np.array_equal(simulate(BASE, duration=0.5).state, -simulate(mirrored, duration=0.5).state)
+
+
+def test_both_crossings_within_one_step_are_found() -> None:
+    # Slip lasts 4.5 ms here; without it the sphere would come to rest elsewhere, by 1.0e-3 m.
+    interface = DryFriction(static_coefficient=0.51, kinetic_coefficient=0.255, reference_velocity=0.463, slip_damping=0.1)
+    for time_step in (1e-2, 0.04, 0.5):
+        scene = BASE.replace(interface=interface.model_dump(), **{"control.time_step": time_step})
+        x1, x2, _, v2 = simulate(scene, duration=4.0).state[-1]
+        assert x2 - x1 + 0.04 * v2 * 0.463 / (0.51 * 0.3924) == pytest.approx(0.02104317184609508, rel=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_first_of_several_exits_is_found(sign: float) -> None:
+    # (t - 0.3)(t - 0.31)(t - 0.9) leaves through a dip of 1e-5 only.
+    roots = np.polynomial.polynomial.polyfromroots([0.3, 0.31, 0.9])
+    series = np.zeros(8)
+    series[:4] = -sign * roots
+    gap = -roots[0]
+    assert first_exit(series, 0, 7, gap, sign) == pytest.approx(0.3, rel=1e-12)
+    assert first_exit(series, 0, 7, gap, sign) < 0.3 + 1e-12
+    assert first_exit(series, 0, 7, 10.0, sign) == NONE
+
+
+def test_touching_without_crossing_is_no_exit() -> None:
+    series = np.zeros(8)
+    series[:3] = 0.25, -1.0, 1.0  # (t - 1/2)^2
+    assert first_exit(series, 0, 7, 0.25 + 1e-12, 1.0) == NONE
+    assert first_exit(series, 0, 7, 0.25 - 1e-12, 1.0) == pytest.approx(0.5 - 1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["force", "tones"])
+@pytest.mark.parametrize("time_step", [1e-3, 1e-2])
+def test_lane_among_many_equals_lane_alone(name: str, time_step: float) -> None:
+    changes = {"initial.carriage_displacement": (-0.01, 0.01), "actuation.force": {"limit": 20.0}}
+    scene = SCENES[name].replace(**{"control.time_step": time_step}, **changes)
+    assert_lanes_equal_single(compile_scene(scene), 100)
+    assert_lanes_equal_single(compile_scene(_as_series(scene)), 20)
+
+
+def test_friction_that_cannot_slip_is_a_viscous_interface() -> None:
+    scene = BASE.replace(**{"interface.reference_velocity": 2.0})
+    plant = compile_scene(scene)
+    assert plant.method.plant == "linear"
+    assert "never slips" in plant.explain()
+    as_switched = simulate(scene.replace(**{"solver.method": "switched"}), duration=0.5)
+    assert error(simulate(plant, duration=0.5).state, as_switched.state) <= 1e-12
+    faster = scene.replace(**{"initial.carriage_velocity": 10.0})
+    assert compile_scene(faster).method.plant == "switched linear"
+
+
+def test_actuated_stretch_with_friction_meets_the_oracle() -> None:
+    scene = SCENES["springs"].replace(**{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}, "control.time_step": 1e-2})
+    stretches = np.random.default_rng(2).uniform(1.0, 3.0, 50)
+    got = simulate(scene, duration=0.5, action=stretches)
+    assert error(got.state, Oracle(scene, max_step=1e-3).solve(got.time, stretches=stretches)) <= ORACLE
+
+
+def test_linear_system_of_friction_is_that_of_stick() -> None:
+    a, _ = compile_scene(BASE).linear()
+    assert a[3, 2] * 0.04 == pytest.approx(0.509 * 0.3924 / 0.2, rel=1e-14)
