@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mm_gym import Scene, SceneError
-from mm_gym.scene import Carriage
+from mm_gym.scene import Sphere
 
 NAN, INF = math.nan, math.inf
 STRETCHED = {"springs": {"kind": "small_on_large"}, "actuation": {"stretch": {}}}
@@ -98,7 +98,8 @@ FINDINGS = [
     ({"initial": {"carriage_velocity": [0, INF]}}, "initial.carriage_velocity: got [0, inf]"),
     ({"randomization": {"sphere.mass": [1, INF]}}, "randomization.sphere.mass.1: got inf"),
     # out of range
-    ({"carriage": {"mass": 0.0}}, "carriage.mass: got 0.0; allowed: greater than 0"),
+    ({"sphere": {"mass": 0.0}}, "sphere.mass: got 0.0; allowed: greater than 0"),
+    ({"carriage": {"mass": -1e-80}}, "carriage.mass: got -1e-80; allowed: greater than or equal"),
     (
         {"carriage": {"damping": -1e-9}},
         "carriage.damping: got -1e-09; allowed: greater than or equal",
@@ -221,4 +222,4 @@ def test_either_end_of_a_drawn_range_is_checked():
 
 def test_a_part_is_checked_when_it_is_made():
     with pytest.raises(SceneError, match=r"^mass: got -1\.0; allowed: greater than 0$"):
-        Carriage(mass=-1.0)
+        Sphere(mass=-1.0)

@@ -104,8 +104,8 @@ def test_replace_names_what_is_not_there(name, words):
 
 
 def test_replace_validates_anew():
-    with pytest.raises(SceneError, match=r"carriage\.mass: got -1\.0; allowed: greater than 0"):
-        Scene().replace(**{"carriage.mass": -1.0})
+    with pytest.raises(SceneError, match=r"sphere\.mass: got -1\.0; allowed: greater than 0"):
+        Scene().replace(**{"sphere.mass": -1.0})
 
 
 def test_randomization_takes_any_number_of_the_scene():

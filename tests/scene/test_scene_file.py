@@ -51,7 +51,7 @@ def test_empty_file_is_the_default_scene(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"[carriage]\nmass = -1\nmas = 2\n", r"carriage\.mass: got -1; allowed: greater than 0"),
+        (b"[sphere]\nmass = -1\nmas = 2\n", r"sphere\.mass: got -1; allowed: greater than 0"),
         (b"[carriage]\nmass = 1\nmass = 2\n", "not valid TOML: Cannot overwrite a value"),
         (b"[carriage\n", "not valid TOML: "),
         (b"carriage = \n", "not valid TOML: "),
