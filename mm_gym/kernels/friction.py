@@ -89,7 +89,7 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
         upper, lower = (0.0, 2.0 * vr) if direction > 0.0 else (2.0 * vr, 0.0)
         elapsed += theta * duration
         duration *= 1.0 - theta
-    return at.EVENTS, regime
+    return at.TOO_MANY_EVENTS, regime
 
 
 @kernel

@@ -10,14 +10,14 @@ OK = 0
 ENDED = 1  # an episode ended in one of the lanes
 NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
 
-EVENTS = 3
-STEPS = 4
+TOO_MANY_EVENTS = 3
+TOO_MANY_SERIES = 4
 DIVERGED = 5
 COLLAPSED = 6
 
 MESSAGES: dict[int, str] = {
-    EVENTS: "more changes of the friction's regime in one control step than can be followed; shorten control.time_step",
-    STEPS: "the series needs too many steps within one control step; shorten control.time_step or loosen solver.tolerance",
+    TOO_MANY_EVENTS: "more changes of the friction's regime in one control step than can be followed; shorten control.time_step",
+    TOO_MANY_SERIES: "the series needs too many steps within one control step; shorten control.time_step or loosen solver.tolerance",
     DIVERGED: "the state is no longer finite; shorten control.time_step, or choose another solver.method",
     COLLAPSED: "the offset has shortened a spring of finite stretch to nothing; it is valid for |offset| < stretch * rest_length",
 }

@@ -19,6 +19,7 @@ ORDER, LOG_TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for 
 MOST_STEPS = 50_000
 """Series in one control step before giving up: some 0.02 s of work."""
 
+_LOG_ZERO = -1.0e5  # what stands for the logarithm of zero
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
 # Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
@@ -114,7 +115,7 @@ def _propagate_lane(model, lanes, i, c):
                 lanes[row, i] = c[_STATE + row]
             return at.OK
         unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
-    return at.STEPS
+    return at.TOO_MANY_SERIES
 
 
 @kernel
@@ -209,7 +210,7 @@ def _stretch(c, offset, n):
 @kernel
 def _log2(x):
     """Return the base-2 logarithm of a magnitude, at most 0.09 too small: its bits read as an integer."""
-    return np.float64(abs(x)).view(np.int64) * 2.0**-52 - 1023.0 if x != 0.0 else -1.0e5
+    return np.float64(abs(x)).view(np.int64) * 2.0**-52 - 1023.0 if x != 0.0 else _LOG_ZERO
 
 
 @kernel
@@ -224,15 +225,14 @@ def _step(series, log_tolerance, order):
 
     They are compared with the largest of the leading terms, because at rest or at a turning point the first is zero.
     """
-    shortest = np.inf
-    lead0, lead1 = _largest(series, 0), _largest(series, 1)
-    lead2 = _largest(series, 2)
+    shortest = 1000.0
+    lead0, lead1, lead2 = _largest(series, 0), _largest(series, 1), _largest(series, 2)
     for n in range(order - 1, order + 1):
         last = _largest(series, n)
         step = (log_tolerance + lead0 - last) / n
         step = max(step, (log_tolerance + lead1 - last) / (n - 1))
         step = max(step, (log_tolerance + lead2 - last) / (n - 2))
-        shortest = min(shortest, step)
+        shortest = min(shortest, step if last > _LOG_ZERO else 1000.0)
     return _SAFETY * _exp2(shortest)
 
 

@@ -1,0 +1,174 @@
+"""Do the methods for nonlinear plants meet the oracle, their tolerance and their order?"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+from mm_gym.plant import Plant
+from mm_gym.reference import Oracle
+from mm_gym.scene import Carriage, Control, DryFriction, FiniteStretch, Harmonic, Initial, SmallOnLarge
+
+from .conftest import assert_lanes_equal_single, error
+
+START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
+CUBIC = Scene(carriage=Carriage(cubic_coefficient=2e6), initial=START, control=Control(time_step=1e-2))
+FRICTION = DryFriction(static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1)
+TONES = (
+    Harmonic(amplitude=3.0, frequency=50.0, phase=0.3),
+    Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0),
+)
+FINITE = CUBIC.replace(
+    **{"carriage.cubic_coefficient": 0.0},
+    springs=FiniteStretch(stiffness=35.0, stretch=1.2, rest_length=0.03).model_dump(),
+)
+SCENES = {
+    "cubic": CUBIC,
+    "cubic with springs": CUBIC.replace(springs=SmallOnLarge(stiffness=35.0).model_dump()),
+    "cubic with tones": CUBIC.replace(excitation=[tone.model_dump() for tone in TONES]),
+    "cubic with friction": CUBIC.replace(interface=FRICTION.model_dump()),
+    "finite stretch": FINITE,
+    "finite stretch with friction": FINITE.replace(interface=FRICTION.model_dump()),
+    "everything": FINITE.replace(
+        interface=FRICTION.model_dump(),
+        excitation=[tone.model_dump() for tone in TONES],
+        **{"carriage.cubic_coefficient": 1e5},
+    ),
+}
+TIGHT = {"solver.tolerance": 1e-14}
+SPRINGS_AND_TONES = Scene(
+    springs=SmallOnLarge(stiffness=35.0),
+    excitation=TONES,
+    initial=START,
+    control=Control(time_step=1e-2),
+)
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 1e-2, 0.5])
+@pytest.mark.parametrize("name", list(SCENES))
+def test_trajectory_meets_the_oracle(name: str, time_step: float) -> None:
+    scene = SCENES[name].replace(**TIGHT, **{"control.time_step": time_step})
+    times = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
+    got = simulate(scene, times=times).state
+    # SciPy at rtol = 1e-13, with events good to some 1e-12 of a step.
+    assert error(got, Oracle(scene, max_step=1e-3).solve(times)) <= 1e-10
+
+
+def test_held_force_and_actuated_stretch_meet_the_oracle() -> None:
+    changes = {"actuation.force": {"limit": 20.0}, "actuation.stretch": {"minimum": 1.0, "maximum": 3.0}}
+    scene = SCENES["finite stretch with friction"].replace(**TIGHT, **changes, **{"springs.rest_length": 0.2})
+    actions = np.random.default_rng(3).uniform([-20.0, 1.0], [20.0, 3.0], (50, 2))
+    got = simulate(scene, duration=0.5, action=actions)
+    want = Oracle(scene, max_step=1e-3).solve(got.time, forces=actions[:, 0], stretches=actions[:, 1])
+    assert error(got.state, want) <= 1e-10
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_error_over_a_control_step_is_below_the_tolerance(name: str) -> None:
+    exact = simulate(SCENES[name].replace(**TIGHT), duration=0.5)
+    for tolerance in (1e-3, 1e-6, 1e-9, 1e-12):
+        plant = compile_scene(SCENES[name].replace(**{"solver.tolerance": tolerance}))
+        # Each control step anew from the exact state.
+        worst = 0.0
+        for n in range(0, 50, 7):
+            start = exact.state[n]
+            one = _one_step(plant, start, n)
+            scale = np.repeat([np.abs(exact.state[:, :2]).max(), np.abs(exact.state[:, 2:]).max()], 2)
+            worst = max(worst, error(one, exact.state[n + 1], scale))
+        assert worst <= tolerance
+
+
+def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
+    lane = Lanes(plant, 1)
+    lane.restart()
+    lane.values[:4, 0] = start
+    for tone in range(at.TONES, len(lane.values), at.TONE_ROWS):
+        angle = lane.values[tone + at.PHASE, 0] + lane.values[tone + at.FREQUENCY, 0] * n * plant.time_step
+        lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+    states, commands = np.empty((1, 4)), np.array([[0.0, lane.values[at.STRETCH, 0]]])
+    lane.raise_for(plant.method.entries.run(plant.model, plant.task, lane.values, commands, states, np.empty((1, 2))))
+    return states[0]
+
+
+@pytest.mark.parametrize("kind", ["viscous", "dry friction", "tones"])
+def test_series_meets_the_exact_plants(kind: str) -> None:
+    scene = {
+        "viscous": CUBIC.replace(**{"carriage.cubic_coefficient": 0.0}),
+        "dry friction": CUBIC.replace(interface=FRICTION.model_dump(), **{"carriage.cubic_coefficient": 0.0}),
+        "tones": SPRINGS_AND_TONES,
+    }[kind]
+    asked = scene.replace(**TIGHT, **{"solver.method": "taylor"})
+    assert compile_scene(asked).method.name == "taylor"
+    assert error(simulate(asked, duration=1.0).state, simulate(scene, duration=1.0).state) <= 1e-12
+
+
+@pytest.mark.parametrize("name", ["cubic", "everything"])
+def test_one_long_step_equals_many_short_ones(name: str) -> None:
+    scene = SCENES[name].replace(**TIGHT)
+    long = simulate(scene.replace(**{"control.time_step": 0.5}), duration=0.5).state[-1]
+    assert error(simulate(scene, duration=0.5).state[-1], long, np.array([0.03, 0.03, 5.0, 5.0])) <= 1e-12
+
+
+@pytest.mark.parametrize("name", ["cubic with tones", "everything"])
+def test_lane_among_many_equals_lane_alone(name: str) -> None:
+    changes = {"initial.carriage_displacement": (-0.01, 0.01), "actuation.force": {"limit": 20.0}}
+    assert_lanes_equal_single(compile_scene(SCENES[name].replace(**changes)), 50)
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])
+@pytest.mark.parametrize("name", ["cubic with tones", "finite stretch", "linear"])
+def test_order_of_the_fixed_step_methods(method: str, order: int, name: str) -> None:
+    scene = SPRINGS_AND_TONES if name == "linear" else SCENES[name]
+    if name == "cubic with tones":
+        scene = scene.replace(**{"carriage.cubic_coefficient": 1e4})
+    exact = simulate(scene.replace(**TIGHT) if name != "linear" else scene, duration=0.2).state
+    counts = np.array([16, 32, 64, 128]) * (1 if order == 4 else 8)
+    errors = [
+        error(simulate(scene.replace(**{"solver.method": method, "solver.substeps": int(n)}), duration=0.2).state, exact)
+        for n in counts
+    ]
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert slope == pytest.approx(order, abs=0.2)
+
+
+def test_fixed_step_method_out_of_its_stability_range_stops_with_an_error() -> None:
+    with pytest.raises(SimulationError, match="no longer finite"):
+        simulate(CUBIC.replace(**{"solver.method": "rk4", "initial.carriage_displacement": 1.0}), duration=1.0)
+
+
+@pytest.mark.parametrize("method", ["rk4", "semi_implicit_euler", "exact"])
+def test_method_outside_its_domain_is_refused(method: str) -> None:
+    with pytest.raises(CompileError, match=r"solver.method: .* allowed: 'auto', 'taylor'"):
+        compile_scene(SCENES["cubic with friction"].replace(**{"solver.method": method}))
+
+
+def test_option_without_effect_warns() -> None:
+    with pytest.warns(UserWarning, match=r"solver.substeps has no effect"):
+        compile_scene(CUBIC.replace(**{"solver.substeps": 3}))
+    with pytest.warns(UserWarning, match=r"solver.tolerance has no effect"):
+        compile_scene(CUBIC.replace(**{"solver.tolerance": 1e-3, "solver.method": "rk4"}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compile_scene(CUBIC.replace(**{"solver.substeps": 3, "solver.method": "rk4"}))
+        compile_scene(CUBIC.replace(**TIGHT))
+
+
+def test_offset_that_collapses_a_spring_is_refused() -> None:
+    with pytest.raises(CompileError, match=r"initial.sphere_offset: .* less than stretch \* rest_length"):
+        compile_scene(FINITE.replace(**{"initial.sphere_offset": 0.04}))
+
+
+def test_rest_stays_at_rest() -> None:
+    still = CUBIC.replace(initial={})
+    assert not simulate(still, duration=1.0).state.any()
+
+
+def test_force_on_a_system_at_rest_keeps_the_tolerance() -> None:
+    scene = CUBIC.replace(initial={}, excitation=[TONES[0].model_dump()], **TIGHT)
+    loose = simulate(scene.replace(**{"solver.tolerance": 1e-9}), duration=0.05).state
+    assert error(loose, Oracle(scene).solve(np.arange(6) * 0.01)) <= 5e-9
