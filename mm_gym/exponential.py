@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 GUARD_DIGITS = 30
 """Digits kept beyond those that the squarings can lose: 17 for a double, the rest for the sums."""
 
-LARGEST_EXPONENT = 2_000
+ASSEMBLY_DIGITS = 700
+"""Digits of the matrices' entries: a row's small terms must not be lost beside its large ones, since what they leave
+of the sum is what decays. More than three times LARGEST_EXPONENT, as the exponential itself."""
+
+LARGEST_EXPONENT = 200
 """Decimal digits of norm(A) t beyond which nothing physical is left: refuse rather than compute for minutes."""
 
 
@@ -41,7 +45,7 @@ def exponential(matrix: NDArray[np.object_], time: float) -> NDArray[np.float64]
     Raises
     ------
     OverflowError
-        If norm(matrix) * time has more than 2,000 digits or an entry of the result exceeds the largest double.
+        If norm(matrix) * time has more than 200 digits or an entry of the result exceeds the largest double.
     """
     return ladder(matrix, time, 0)[0].astype(np.float64)
 
@@ -59,13 +63,14 @@ def ladder(matrix: NDArray[np.object_], time: float, levels: int) -> list[NDArra
     Raises
     ------
     OverflowError
-        If norm(matrix) * time has more than 2,000 digits.
+        If norm(matrix) * time has more than 200 digits.
 
     Notes
     -----
     Scaling and squaring of the Taylor series (Moler and Van Loan, 2003, method 3): the halvings are its intermediate
-    results. A squaring at most doubles the relative error, which costs a third of a digit, and the hump of a
-    non-normal matrix is bounded by norm(A) t for a dissipative oscillator: hence the digits beyond GUARD_DIGITS.
+    results. A squaring at most doubles the relative error, which costs a third of a digit; the hump of a
+    non-normal matrix is bounded by norm(A) t for a dissipative oscillator, and entries differ by as much where
+    positions and velocities do: hence the digits beyond GUARD_DIGITS.
     """
     step = Decimal(time)
     size = len(matrix)
@@ -74,7 +79,7 @@ def ladder(matrix: NDArray[np.object_], time: float, levels: int) -> list[NDArra
     if digits > LARGEST_EXPONENT:
         msg = f"norm(A) t is about 1e{digits}; at most 1e{LARGEST_EXPONENT} is supported"
         raise OverflowError(msg)
-    with localcontext(Context(prec=GUARD_DIGITS + 2 * digits + levels // 3)) as context:
+    with localcontext(Context(prec=GUARD_DIGITS + 3 * digits + levels // 3)) as context:
         squarings = 0
         while norm > Decimal("0.1"):
             norm /= 2

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import CompileError
+from mm_gym.exponential import ASSEMBLY_DIGITS
 from mm_gym.kernels import layout as at
 from mm_gym.state_space import StateSpace, state_space
 
@@ -129,7 +130,7 @@ def _at_time_step(plant: Plant, time_step: float) -> Plant:
 
 def linear_system(row: NDArray[np.float64]) -> StateSpace:
     """Return the linear equations for one lane's parameters; dry friction enters with its slope in stick."""
-    with localcontext(Context(prec=60)):
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         return state_space(values_of(row))
 
 
@@ -139,7 +140,7 @@ def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
         Decimal(float(row[i])) for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
     )
     mu1, normal, vr = (Decimal(float(row[i])) for i in (at.MU1, at.FN, at.VR))
-    with localcontext(Context(prec=60)):
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         k2 = 2 * k0 * (1 + 2 / stretch**3) if k0 else Decimal(0)
         c = mu1 * normal / vr if vr else c
         return {"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2}

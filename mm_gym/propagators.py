@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.exponential import exponential, ladder
+from mm_gym.exponential import ASSEMBLY_DIGITS, exponential, ladder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,7 +51,7 @@ def _massless(p: Values, time: float, frequency: Decimal, *, ground: bool) -> ND
     """
     m2, k1, c, d, k2 = (p[name] for name in ("m2", "k1", "c", "d", "k2"))
     zero = Decimal(0)
-    with localcontext(Context(prec=60)):
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         push = zero if ground else 1 / (c + d)
         v1 = np.array([-(k1 + k2), k2, c, Decimal(1), zero, zero]) / (c + d)
         v1[5] = push
@@ -61,6 +61,6 @@ def _massless(p: Values, time: float, frequency: Decimal, *, ground: bool) -> ND
         generator[2, 5] -= 1 if ground else 0
         generator[4, 5], generator[5, 4] = -frequency, frequency
     step = ladder(generator, time, 0)[0]
-    with localcontext(Context(prec=60)):
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         rows = np.array([step[0], step[1], v1 @ step, step[2]])
         return np.insert(rows, 2, zero, axis=1)
