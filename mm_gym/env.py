@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 SEEDS = 2**63
+FLOAT32 = np.dtype(np.float32)
 
 
 class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -104,6 +105,7 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._state, self._applied = column[:4], column[self._lanes.applied_rows]
         self._reward = column[at.REWARD : at.REWARD + 1]
         self._frame = self._lanes.frames[:, 0]
+        self._advance = self._lanes.advance_some
         self._seeded = False
         self._running = False
 
@@ -141,16 +143,22 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
-        if type(action) is not np.ndarray or action.shape != self._shape or action.dtype != np.float32:
+        if not (
+            type(action) is np.ndarray
+            and action.dtype is FLOAT32
+            and action.shape == self._shape
+            and action.flags.carray
+        ):
             action = checked_actions(action, self._shape)
-        status = self._lanes.advance_some(action, 0, 1)
+        status = self._advance(action, 0, 1)
         terminated = truncated = False
         if status:
             lanes = self._lanes
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
             self._running = False
-        return self._frame.copy(), self._reward.item(), terminated, truncated, self._info()
+        info = {"state": self._state.copy(), "applied": self._applied.copy()}
+        return self._frame.copy(), self._reward.item(), terminated, truncated, info
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact present, random stream included, for `set_state`."""

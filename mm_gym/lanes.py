@@ -63,7 +63,11 @@ class Lanes:
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
         self.advance_some = partial(
-            plant.method.entries.advance, plant.model, plant.task, self._values, self._frames, self._ends
+            plant.method.entries.advance,
+            np.concatenate([plant.task, plant.model]),
+            self._values,
+            self._frames,
+            self._ends,
         )
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:

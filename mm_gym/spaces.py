@@ -46,7 +46,7 @@ def observation_space(plant: Plant) -> Box:
 
 
 def checked_actions(actions: object, shape: tuple[int, ...]) -> NDArray[np.float64] | NDArray[np.float32]:
-    """Return actions as a C-contiguous floating-point array of the shape; raise `ActionError` otherwise."""
+    """Return actions as an ordinary floating-point array of the shape; raise `ActionError` otherwise."""
     try:
         array = np.asarray(actions)
     except ValueError as error:
@@ -58,6 +58,5 @@ def checked_actions(actions: object, shape: tuple[int, ...]) -> NDArray[np.float
     if array.shape != shape:
         msg = f"action: got shape {array.shape}; allowed: {shape}"
         raise ActionError(msg)
-    if array.dtype == np.float32:
-        return np.ascontiguousarray(array)
-    return np.ascontiguousarray(array, np.float64)
+    # Read-only and strided arrays are types of their own, for which every kernel would be compiled anew.
+    return np.require(array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"])

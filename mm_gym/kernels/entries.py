@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.lanes import approach, command, finite, observe, rotate, score, width_of
 
 if TYPE_CHECKING:
@@ -22,9 +22,13 @@ class Entries(NamedTuple):
 def build(propagate: Callable[..., object]) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``."""
 
-    @kernel
-    def advance(model, task, lanes, frames, ends, actions, first, last):
-        """Make one control step of the lanes first .. last - 1, without resets; return the status."""
+    @borrowing_kernel
+    def advance(constants, lanes, frames, ends, actions, first, last):
+        """Make one control step of the lanes first .. last - 1, without resets; return the status.
+
+        The constants are those of the task, then those of the model: a call costs by its arguments.
+        """
+        task, model = constants, constants[at.CHANNELS + 3 * int(constants[at.CHANNEL_COUNT]) :]
         if not finite(actions, width_of(task), first, last):
             return at.NOT_FINITE
         status = at.OK
@@ -38,7 +42,7 @@ def build(propagate: Callable[..., object]) -> Entries:
             observe(task, lanes, frames, start, stop)
         return status
 
-    @kernel
+    @borrowing_kernel
     def run(model, task, lanes, commands, states, applied):
         """Simulate lane 0 through one row of commands [N, -] a step, writing each state reached and what was applied."""
         force_limit, force_rate = task[at.FORCE_LIMIT], task[at.FORCE_RATE]

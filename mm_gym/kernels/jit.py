@@ -55,6 +55,19 @@ class _KernelCache(caching.FunctionCache):
 
 def kernel(function: Callable[..., object]) -> Callable[..., object]:
     """Compile a scalar kernel. No fastmath: results must not depend on how many lanes run side by side."""
-    dispatcher = numba.njit(nogil=True, error_model="numpy")(function)
+    return _compiled(function, nrt=True)
+
+
+def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
+    """Compile a kernel that allocates no array and returns none.
+
+    It leaves out the counting of references to the arrays that it is lent, which for one lane takes as long as the
+    arithmetic.
+    """
+    return _compiled(function, nrt=False)
+
+
+def _compiled(function: Callable[..., object], *, nrt: bool) -> Callable[..., object]:
+    dispatcher = numba.njit(nogil=True, error_model="numpy", _nrt=nrt)(function)
     dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001 - what numba's own `cache=True` sets
     return dispatcher

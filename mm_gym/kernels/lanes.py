@@ -12,11 +12,11 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, span
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.random import uniform
 
 
-@kernel
+@borrowing_kernel
 def finite(actions, width, first, last):
     """Tell whether all actions of the lanes are finite."""
     wrong = 0
@@ -27,19 +27,19 @@ def finite(actions, width, first, last):
     return wrong == 0
 
 
-@kernel
+@borrowing_kernel
 def width_of(task):
     """Return the number of actions per lane."""
     return int(task[at.HAS_FORCE] + task[at.HAS_STRETCH])
 
 
-@kernel
+@borrowing_kernel
 def column_start(actions, width, column):
     """Return where an actuator's actions begin in the flat array of all: (actuators, lanes) in C order."""
     return column * (actions.shape[0] // width)
 
 
-@kernel
+@borrowing_kernel
 def command(task, lanes, actions, first, last):
     """Turn actions in [-1, 1] into the applied force [N] and stretch, and begin the rewards with their cost."""
     width = width_of(task)
@@ -51,7 +51,7 @@ def command(task, lanes, actions, first, last):
         tune(task, lanes, actions, column_start(actions, width, width - 1), first, last)
 
 
-@kernel
+@borrowing_kernel
 def push(task, lanes, actions, first, last):
     """Apply a force [N], within its limit and rate limit, and begin the rewards with its cost."""
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
@@ -67,7 +67,7 @@ def push(task, lanes, actions, first, last):
             lanes[at.REWARD, i] = 0.0 - weight * a * a
 
 
-@kernel
+@borrowing_kernel
 def tune(task, lanes, actions, start, first, last):
     """Set the stretch [-], commanded as a level or a rate, within its range and rate limit; add its cost."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
@@ -81,13 +81,13 @@ def tune(task, lanes, actions, start, first, last):
         lanes[at.REWARD, i] -= weight * a * a
 
 
-@kernel
+@borrowing_kernel
 def approach(present, wanted, rate, low, high):
     """Return what an actuator reaches in one control step: as near to the wanted value as rate and range allow."""
     return clip(clip(wanted, present - rate, present + rate), low, high)
 
 
-@kernel
+@borrowing_kernel
 def score(task, lanes, ends, first, last):
     """Take the cost of the state reached off the rewards and count the step; tell whether an episode ended."""
     wx, wv, ws = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
@@ -115,14 +115,14 @@ def score(task, lanes, ends, first, last):
     return True
 
 
-@kernel
+@borrowing_kernel
 def clear(rows, row, first, last):
     """Set a row's lanes to zero or false."""
     for i in span(first, last):
         rows[row, i] = 0
 
 
-@kernel
+@borrowing_kernel
 def observe(task, lanes, frames, first, last):
     """Append the newest frame of every channel to the history, the oldest frame falling off."""
     channels = int(task[at.CHANNEL_COUNT])
@@ -143,13 +143,13 @@ def observe(task, lanes, frames, first, last):
                 frames[newest + k, i] = bounded(fma(lanes[plus, i], scale, shift))
 
 
-@kernel
+@borrowing_kernel
 def bounded(value):
     """Return the value within the bounds of the observation space."""
     return clip(value, -at.OBSERVATION_BOUND, at.OBSERVATION_BOUND)
 
 
-@kernel
+@borrowing_kernel
 def channel_rows(code):
     """Return the row that a channel shows and the row subtracted from it, -1 for none."""
     if code == at.CARRIAGE_DISPLACEMENT:
@@ -167,7 +167,7 @@ def channel_rows(code):
     return at.STRETCH, -1
 
 
-@kernel
+@borrowing_kernel
 def draw(template, draws, lanes, streams, mask):
     """Fill the lanes of the mask with the scene's values and draw the random ones: rows of (row, low, high)."""
     for i in range(mask.shape[0]):
@@ -180,7 +180,7 @@ def draw(template, draws, lanes, streams, mask):
                 lanes[int(draws[j, 0]), i] = clip(low + (high - low) * uniform(streams, i), low, high)
 
 
-@kernel
+@borrowing_kernel
 def begin(model, task, lanes, frames, mask):
     """Complete drawn lanes: absolute positions, phases, and a history filled with the first frame.
 
@@ -200,7 +200,7 @@ def begin(model, task, lanes, frames, mask):
                 observe(task, lanes, frames, i, i + 1)
 
 
-@kernel
+@borrowing_kernel
 def rotate(model, lanes, first, last):
     """Advance the phase of every tone by one control step."""
     for j in range(int(model[at.TONE_COUNT])):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel
 
 # Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4 to its sine.
 TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
 
 
-@kernel
+@borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance x' = A x + B u + E z by one control step: z turns like a pendulum, u is held (Van Loan, 1978)."""
     # Scalars: an array of coefficients would be checked for overlap with every row before the loop.
@@ -38,13 +38,13 @@ def propagate(model, lanes, first, last):
     return at.OK
 
 
-@kernel
+@borrowing_kernel
 def five(model, k):
     """Return the five coefficients from slot k."""
     return model[k], model[k + 1], model[k + 2], model[k + 3], model[k + 4]
 
 
-@kernel
+@borrowing_kernel
 def product(m, x1, x2, v1, v2, u):
     """Return a row of the transition matrix times state and force."""
     return fma(m[0], x1, fma(m[1], x2, fma(m[2], v1, fma(m[3], v2, m[4] * u))))

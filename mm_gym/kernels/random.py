@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel
 
 KEY, COUNT = 0, 1  # rows of the streams array
 
@@ -18,7 +18,7 @@ _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
 
 
-@kernel
+@borrowing_kernel
 def mix(z):
     """Return the SplitMix64 finaliser of a 64-bit integer."""
     z = (z ^ (z >> np.uint64(30))) * _FIRST
@@ -26,7 +26,7 @@ def mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@kernel
+@borrowing_kernel
 def seed_streams(streams, seeds, mask):
     """Give the lanes of the mask the streams of their seeds."""
     for i in range(seeds.shape[0]):
@@ -36,7 +36,7 @@ def seed_streams(streams, seeds, mask):
             streams[COUNT, i] = np.uint64(0)
 
 
-@kernel
+@borrowing_kernel
 def uniform(streams, i):
     """Return the next number of lane i, uniform in [0, 1) with 53 bits."""
     streams[COUNT, i] += np.uint64(1)

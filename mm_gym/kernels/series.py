@@ -15,7 +15,7 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel, kernel
 
 DEGREE, SUBSTEPS = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -42,20 +42,21 @@ _TONE_ROWS = 5 * WIDTH
 @kernel
 def propagate(model, lanes, first, last):
     """Advance m x'' = forces by one control step; force and stretch are held over it."""
-    scratch, drive = np.empty(_ROWS), np.zeros(_DRIVE_ROWS)
+    scratch, drive = np.empty(_ROWS), np.empty(_DRIVE_ROWS)
     tones = np.empty((int(model[at.TONE_COUNT]), _TONE_ROWS))
     for start in range(first, last, WIDTH):
         _propagate(model, lanes, scratch, drive, tones, start, min(WIDTH, last - start))
     return at.OK
 
 
-@kernel
+@borrowing_kernel
 def _propagate(model, lanes, scratch, drive, tones, first, count):
     substeps, ground = int(model[SUBSTEPS]), int(model[at.GROUND])
     highest = ORDERS * math.ceil(model[DEGREE] / ORDERS)
     h = model[at.TIME_STEP] / substeps
     _load(lanes, scratch, first, count)
     _hold(scratch, drive, count)
+    _rest(drive, count)
     for substep in range(substeps):
         for j in range(tones.shape[0]):
             _begin_tone(lanes, tones[j], j, (ground >> j) & 1, h, substep, first, count)
@@ -70,16 +71,16 @@ def _propagate(model, lanes, scratch, drive, tones, first, count):
             reached[i] = scratch[row * WIDTH + i]
 
 
-@kernel
+@borrowing_kernel
 def _load(lanes, scratch, first, count):
     """Copy the state and divide the coefficients by the mass of the carriage."""
     for row in range(4):
         present = lanes[row, first : first + count]
         for i in range(count):
             scratch[row * WIDTH + i] = present[i]
-    m1, m2, stretch = _row(lanes, at.M1, first), _row(lanes, at.M2, first), _row(lanes, at.STRETCH, first)
-    k1, alpha, d = _row(lanes, at.K1, first), _row(lanes, at.ALPHA, first), _row(lanes, at.D, first)
-    c, k0, force = _row(lanes, at.C, first), _row(lanes, at.K0, first), _row(lanes, at.FORCE, first)
+    m1, m2, stretch = lanes[at.M1, first:], lanes[at.M2, first:], lanes[at.STRETCH, first:]
+    k1, alpha, d = lanes[at.K1, first:], lanes[at.ALPHA, first:], lanes[at.D, first:]
+    c, k0, force = lanes[at.C, first:], lanes[at.K0, first:], lanes[at.FORCE, first:]
     for i in range(count):
         # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
         k2 = 2.0 * k0[i] * (1.0 + 2.0 / (stretch[i] * stretch[i] * stretch[i]))
@@ -89,18 +90,13 @@ def _load(lanes, scratch, first, count):
         scratch[_RATIO + i], scratch[_HELD + i] = m1[i] / m2[i], force[i] * per_mass
 
 
-@kernel
-def _row(lanes, row, first):
-    return lanes[row, first:]
-
-
-@kernel
+@borrowing_kernel
 def _begin_tone(lanes, tone, j, ground, h, substep, first, count):
     """Write a tone's phase at the start of a substep."""
     row = at.TONES + at.TONE_ROWS * j
-    amplitudes, frequencies = _row(lanes, row + at.AMPLITUDE, first), _row(lanes, row + at.FREQUENCY, first)
-    cosines, sines = _row(lanes, row + at.COSINE, first), _row(lanes, row + at.SINE, first)
-    m1 = _row(lanes, at.M1, first)
+    amplitudes, frequencies = lanes[row + at.AMPLITUDE, first:], lanes[row + at.FREQUENCY, first:]
+    cosines, sines = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:]
+    m1 = lanes[at.M1, first:]
     for i in range(count):
         scale = -amplitudes[i] if ground else amplitudes[i] / m1[i]
         tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] = scale * cosines[i], scale * sines[i], frequencies[i] * h
@@ -113,30 +109,45 @@ def _begin_tone(lanes, tone, j, ground, h, substep, first, count):
         tone[_COSINE_SUM + i], tone[_SINE_SUM + i] = tone[_COSINE + i], tone[_SINE + i]
 
 
-@kernel
+@borrowing_kernel
 def _copy(source, target, count):
     """Copy four rows."""
-    for i in range(3 * WIDTH + count):
-        target[i] = source[i]
+    for i in range(count):
+        x1, x2, v1, v2 = source[i], source[WIDTH + i], source[2 * WIDTH + i], source[3 * WIDTH + i]
+        target[i], target[WIDTH + i], target[2 * WIDTH + i], target[3 * WIDTH + i] = x1, x2, v1, v2
 
 
-@kernel
+@borrowing_kernel
 def _excite(scratch, drive, tones, ground, order, count):
     """Write the drive of the next orders: the held force and all tones."""
     if tones.shape[0] == 0:
         return
     _hold(scratch, drive, count)
     if ground > 0:
-        for i in range(_SPHERE):
-            drive[_SPHERE + i] = 0.0
+        _rest(drive, count)
     for j in range(tones.shape[0]):
         _add_tone(tones[j], drive[_SPHERE:] if (ground >> j) & 1 else drive, order, count)
     if ground > 0:
-        for i in range(_SPHERE):
-            drive[i] += drive[_SPHERE + i]
+        _shake(drive, count)
 
 
-@kernel
+@borrowing_kernel
+def _rest(drive, count):
+    """Begin the drive of the sphere with a ground at rest."""
+    for i in range(count):
+        for row in range(_SPHERE, _DRIVE_ROWS, WIDTH):
+            drive[row + i] = 0.0
+
+
+@borrowing_kernel
+def _shake(drive, count):
+    """Let the ground drive the carriage too."""
+    for row in range(0, _SPHERE, WIDTH):
+        for i in range(count):
+            drive[row + i] += drive[_SPHERE + row + i]
+
+
+@borrowing_kernel
 def _hold(scratch, drive, count):
     """Begin the drive of the next orders with the held force."""
     for i in range(count):
@@ -144,7 +155,7 @@ def _hold(scratch, drive, count):
         drive[i], drive[WIDTH + i], drive[2 * WIDTH + i], drive[3 * WIDTH + i] = a, a, a, a
 
 
-@kernel
+@borrowing_kernel
 def _add_tone(tone, target, order, count):
     """Add a tone to the drive of the next orders, and sum the tone's own series c' = -w s, s' = w c as far."""
     part0, part1, part2, part3 = 1.0 / order, 1.0 / (order - 1), 1.0 / (order - 2), 1.0 / (order - 3)
@@ -161,13 +172,13 @@ def _add_tone(tone, target, order, count):
         target[3 * WIDTH + i] += z3[1]
 
 
-@kernel
+@borrowing_kernel
 def _turned(start, angle, z):
     """Return start + angle (-sin, cos) of the phase z = (cos, sin)."""
     return fma(-angle, z[1], start[0]), fma(angle, z[0], start[1])
 
 
-@kernel
+@borrowing_kernel
 def _sum(scratch, drive, h, order, count):
     """Take the sum down by ORDERS orders."""
     step0, step1, step2, step3 = h / order, h / (order - 1), h / (order - 2), h / (order - 3)
@@ -181,7 +192,7 @@ def _sum(scratch, drive, h, order, count):
         scratch[_Y1 + i], scratch[_Y2 + i], scratch[_W1 + i], scratch[_W2 + i] = y
 
 
-@kernel
+@borrowing_kernel
 def _next(scratch, i, force, ground, step, state, y):
     """Return state + step (A y + excitation)."""
     x1, x2, v1, v2 = y
