@@ -122,11 +122,12 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see the class for `options`. Raises `SceneError` for a name or value that is not allowed."""
+        fixed = self._lanes.checked(options)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
             self._seeded = True
-        self._lanes.restart(fixed=options)
+        self._lanes.restart(fixed=fixed)
         self._running = True
         return self._frame.copy(), self._info()
 

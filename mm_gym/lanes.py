@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from mm_gym.plant import Plant
 
+    Values = NDArray[np.float64]
+
 SNAPSHOT = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the present of a set of lanes."""
 
@@ -70,7 +72,9 @@ class Lanes:
             self._ends,
         )
 
-    def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
+    def seed(
+        self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None
+    ) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
         if isinstance(seed, int):
             keys = np.arange(self.count, dtype=np.uint64) + np.uint64(seed % 2**64)
@@ -78,47 +82,54 @@ class Lanes:
         else:
             keys = np.array([(value or 0) % 2**64 for value in seed], np.uint64)
             given = np.array([value is not None for value in seed], np.bool_)
-        if len(keys) != self.count:
-            msg = f"seed: got {len(keys)} seeds; allowed: one, or {self.count}"
-            raise SceneError(msg)
         seed_streams(self.streams, keys, given if mask is None else given & mask)
 
-    def restart(self, mask: NDArray[np.bool_] | None = None, fixed: Mapping[str, ArrayLike] | None = None) -> None:
+    def restart(
+        self, mask: NDArray[np.bool_] | None = None, fixed: Mapping[int, Values] | None = None
+    ) -> None:
         """Begin a new episode in the lanes of the mask (all by default).
 
         Parameters
         ----------
         fixed
-            Dotted field names -> values, a number or one per lane, used instead of what is drawn.
+            Rows to set instead of what is drawn, from `checked`.
+        """
+        plant = self.plant
+        if mask is None:
+            mask = np.ones(self.count, np.bool_)
+        kernels.draw(plant.template, plant.draws, self._values, self.streams, mask)
+        for row, value in (fixed or {}).items():
+            self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
+        kernels.begin(plant.model, plant.task, self._values, self._frames, mask)
+
+    def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
+        """Return rows and values of fields by dotted name, a number or one per lane.
 
         Raises
         ------
         SceneError
-            If a name is unknown or a value lies outside the scene's support; nothing is changed then.
+            If a name is unknown, or a value is not a number within the scene's support.
         """
-        plant = self.plant
-        rows = {plant.support.row_of(name): self._checked(name, value) for name, value in (fixed or {}).items()}
-        if mask is None:
-            mask = np.ones(self.count, np.bool_)
-        kernels.draw(plant.template, plant.draws, self._values, self.streams, mask)
-        for row, value in rows.items():
-            self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        kernels.begin(plant.model, plant.task, self._values, self._frames, mask)
-
-    def _checked(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
         support = self.plant.support
+        return {
+            support.row_of(name): self._checked(name, value) for name, value in (fixed or {}).items()
+        }
+
+    def _checked(self, name: str, value: ArrayLike) -> Values:
+        support, array = self.plant.support, np.asarray(value)
+        if array.dtype.kind not in "fiu" or array.shape not in ((), (self.count,)):
+            msg = f"{name}: got {value!r}; allowed: a number, or {self.count} of them"
+            raise SceneError(msg)
         row = support.row_of(name)
-        array = np.asarray(value, np.float64)
-        if array.shape not in ((), (self.count,)):
-            msg = f"{name}: got shape {array.shape}; allowed: a number or shape ({self.count},)"
-            raise SceneError(msg)
-        initial_state = row < at.FORCE
-        low = -np.finfo(np.float64).max if initial_state else support.low[row]
-        high = np.finfo(np.float64).max if initial_state else support.high[row]
+        largest = np.finfo(np.float64).max
+        low, high = (-largest, largest) if row < at.FORCE else (support.low[row], support.high[row])
         if not np.all((array >= low) & (array <= high)):
-            msg = f"{name}: got {value}; allowed: {low:g} to {high:g}, which this scene was compiled for"
+            msg = (
+                f"{name}: got {value}; allowed: {low:g} to {high:g}, which this scene was "
+                "compiled for"
+            )
             raise SceneError(msg)
-        return array
+        return array.astype(np.float64)
 
     def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
         """Make one control step of all lanes and return the status; actions (actuators, count), flat in C order."""

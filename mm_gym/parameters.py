@@ -78,7 +78,7 @@ class Support:
         try:
             return self.names[name]
         except KeyError:
-            msg = f"{name}: not a field of this scene that can be set{suggest(name, self.names)}"
+            msg = f"{name}: not a field of this scene that can be set{suggest(str(name), self.names)}"
             raise SceneError(msg) from None
 
 

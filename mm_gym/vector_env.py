@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from mm_gym.lanes import Lanes
 from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from os import PathLike
 
     from numpy.typing import ArrayLike, NDArray
@@ -57,7 +58,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         copy: bool = True,
         render_mode: str | None = None,
     ) -> None:
-        if not isinstance(num_envs, int) or num_envs < 1:
+        if type(num_envs) is not int or num_envs < 1:
             msg = f"num_envs: got {num_envs!r}; allowed: an integer of at least 1"
             raise SceneError(msg)
         self.scene = scene_of(scene)
@@ -96,8 +97,9 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         options = dict(options or {})
         mask = self._mask(options.pop("reset_mask", None))
+        fixed = self._lanes.checked(options)
         self._seed(seed, mask)
-        self._lanes.restart(mask, options)
+        self._lanes.restart(mask, fixed)
         self._finished[mask] = False
         self._any_finished = bool(self._finished.any())
         return self._observations(), self._info()
@@ -197,9 +199,18 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise SceneError(msg)
         return array
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
-        if isinstance(seed, int):
+    def _seed(
+        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]
+    ) -> None:
+        if seed is None or isinstance(seed, int):
             super().reset(seed=seed)
+        elif (
+            not isinstance(seed, Sequence)
+            or len(seed) != self.num_envs
+            or not all(value is None or isinstance(value, int) for value in seed)
+        ):
+            msg = f"seed: got {seed!r}; allowed: an integer, or {self.num_envs} of them"
+            raise SceneError(msg)
         if not self._seeded:
             self._lanes.seed(int(self.np_random.integers(SEEDS)))
             self._seeded = True

@@ -69,5 +69,7 @@ def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
 
 def _compiled(function: Callable[..., object], *, nrt: bool) -> Callable[..., object]:
     dispatcher = numba.njit(nogil=True, error_model="numpy", _nrt=nrt)(function)
-    dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001 - what numba's own `cache=True` sets
+    if not numba.config.DISABLE_JIT:  # then numba returns the plain function
+        # What numba's own `cache=True` sets.
+        dispatcher._cache = _KernelCache(function)  # noqa: SLF001
     return dispatcher

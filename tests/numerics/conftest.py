@@ -49,8 +49,8 @@ def assert_lanes_equal_single(plant: Any, steps: int, count: int = 21) -> None:
         lane.seed(3 + i)
         lane.restart()
     for _ in range(steps):
-        actions = rng.uniform(-1.0, 1.0, (count, len(plant.actuators)))
-        many.advance(actions)
+        actions = rng.uniform(-1.0, 1.0, (len(plant.actuators), count))
+        many.advance(actions.ravel())
         for i, lane in enumerate(single):
-            lane.advance(actions[i : i + 1])
+            lane.advance(np.ascontiguousarray(actions[:, i]))
     assert np.array_equal(many.values, np.hstack([lane.values for lane in single]))
