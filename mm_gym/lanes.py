@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +54,7 @@ class Lanes:
     `values` and `frames` are views of longer rows, see `rows_of`; the kernels work on those.
     """
 
-    def __init__(self, plant: Plant, count: int) -> None:
+    def __init__(self, plant: Plant, count: int, threads: int = 1) -> None:
         self.plant = plant
         self.count = count
         self._values = rows_of(len(plant.template), count, np.float64)
@@ -71,6 +73,10 @@ class Lanes:
             self._frames,
             self._ends,
         )
+        # Whole blocks for each thread, so that none works on the cache lines of another.
+        length = at.BLOCK * ceil(count / (at.BLOCK * threads))
+        self._chunks = [(first, min(first + length, count)) for first in range(0, count, length)]
+        self._pool = ThreadPoolExecutor(len(self._chunks) - 1) if len(self._chunks) > 1 else None
 
     def seed(
         self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None
@@ -133,7 +139,19 @@ class Lanes:
 
     def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
         """Make one control step of all lanes and return the status; actions (actuators, count), flat in C order."""
-        return self.advance_some(actions, 0, self.count)
+        if self._pool is None:
+            return self.advance_some(actions, 0, self.count)
+        if not kernels.finite(actions, len(self.plant.actuators), 0, self.count):
+            return at.NOT_FINITE  # known before any thread changes a lane
+        own, *others = self._chunks
+        futures = [self._pool.submit(self.advance_some, actions, *chunk) for chunk in others]
+        return max(self.advance_some(actions, *own), *(future.result() for future in futures))
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
 
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""

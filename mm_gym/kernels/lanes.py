@@ -168,16 +168,41 @@ def channel_rows(code):
 
 
 @borrowing_kernel
+def run_end(mask, first):
+    """Return the end of the run of lanes from the first on that the mask marks, or does not mark."""
+    last = first + 1
+    while last < mask.shape[0] and mask[last] == mask[first]:
+        last += 1
+    return last
+
+
+@borrowing_kernel
 def draw(template, draws, lanes, streams, mask):
     """Fill the lanes of the mask with the scene's values and draw the random ones: rows of (row, low, high)."""
-    for i in range(mask.shape[0]):
-        if mask[i]:
+    first = 0
+    while first < mask.shape[0]:
+        last = run_end(mask, first)
+        if mask[first]:
             for row in range(template.shape[0]):
                 if row != at.REWARD:  # what the last step earned outlives an autoreset
-                    lanes[row, i] = template[row]
+                    fill(lanes, row, template[row], first, last)
             for j in range(draws.shape[0]):
-                low, high = draws[j, 1], draws[j, 2]
-                lanes[int(draws[j, 0]), i] = clip(low + (high - low) * uniform(streams, i), low, high)
+                draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
+        first = last
+
+
+@borrowing_kernel
+def fill(lanes, row, value, first, last):
+    """Set a row's lanes to a value."""
+    for i in span(first, last):
+        lanes[row, i] = value
+
+
+@borrowing_kernel
+def draw_row(lanes, row, low, high, streams, first, last):
+    """Draw a row's lanes, uniform in [low, high]."""
+    for i in span(first, last):
+        lanes[row, i] = clip(low + (high - low) * uniform(streams, i), low, high)
 
 
 @borrowing_kernel
@@ -186,18 +211,27 @@ def begin(model, task, lanes, frames, mask):
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
-    for i in range(mask.shape[0]):
-        if mask[i]:
-            lanes[at.X2, i] += lanes[at.X1, i]
-            for j in range(int(model[at.TONE_COUNT])):
-                tone = at.TONES + at.TONE_ROWS * j
-                turn = lanes[tone + at.FREQUENCY, i] * model[at.TIME_STEP]
-                lanes[tone + at.COSINE, i] = math.cos(lanes[tone + at.PHASE, i])
-                lanes[tone + at.SINE, i] = math.sin(lanes[tone + at.PHASE, i])
-                lanes[tone + at.ROTATE_COSINE, i] = math.cos(turn)
-                lanes[tone + at.ROTATE_SINE, i] = math.sin(turn)
-            for _ in range(frames.shape[0] // int(task[at.CHANNEL_COUNT])):
-                observe(task, lanes, frames, i, i + 1)
+    tones, history = int(model[at.TONE_COUNT]), frames.shape[0] // int(task[at.CHANNEL_COUNT])
+    first = 0
+    while first < mask.shape[0]:
+        last = run_end(mask, first)
+        if mask[first]:
+            for i in span(first, last):
+                lanes[at.X2, i] += lanes[at.X1, i]
+            for j in range(tones):
+                begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
+            for _ in range(history):
+                observe(task, lanes, frames, first, last)
+        first = last
+
+
+@borrowing_kernel
+def begin_tone(lanes, tone, time_step, first, last):
+    """Write cosine and sine of a tone's phase, and of its turn in one control step."""
+    for i in span(first, last):
+        phase, turn = lanes[tone + at.PHASE, i], lanes[tone + at.FREQUENCY, i] * time_step
+        lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i] = math.cos(phase), math.sin(phase)
+        lanes[tone + at.ROTATE_COSINE, i], lanes[tone + at.ROTATE_SINE, i] = math.cos(turn), math.sin(turn)
 
 
 @borrowing_kernel

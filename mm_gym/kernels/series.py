@@ -57,14 +57,16 @@ def _propagate(model, lanes, scratch, drive, tones, first, count):
     _load(lanes, scratch, first, count)
     _hold(scratch, drive, count)
     _rest(drive, count)
-    for substep in range(substeps):
-        for j in range(tones.shape[0]):
-            _begin_tone(lanes, tones[j], j, (ground >> j) & 1, h, substep, first, count)
+    for j in range(tones.shape[0]):
+        _load_tone(lanes, tones[j], j, (ground >> j) & 1, h, first, count)
+    for _ in range(substeps):
         _copy(scratch[_X1:], scratch[_Y1:], count)
         for order in range(highest, 0, -ORDERS):
             _excite(scratch, drive, tones, ground, order, count)
             _sum(scratch, drive, h, order, count)
         _copy(scratch[_Y1:], scratch[_X1:], count)
+        for j in range(tones.shape[0]):
+            _continue_tone(tones[j], count)
     for row in range(4):
         reached = lanes[row, first : first + count]
         for i in range(count):
@@ -91,22 +93,23 @@ def _load(lanes, scratch, first, count):
 
 
 @borrowing_kernel
-def _begin_tone(lanes, tone, j, ground, h, substep, first, count):
-    """Write a tone's phase at the start of a substep."""
+def _load_tone(lanes, tone, j, ground, h, first, count):
+    """Copy a tone's phase, scaled to an acceleration."""
     row = at.TONES + at.TONE_ROWS * j
     amplitudes, frequencies = lanes[row + at.AMPLITUDE, first:], lanes[row + at.FREQUENCY, first:]
-    cosines, sines = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:]
-    m1 = lanes[at.M1, first:]
+    cosines, sines, m1 = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:], lanes[at.M1, first:]
     for i in range(count):
         scale = -amplitudes[i] if ground else amplitudes[i] / m1[i]
-        tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] = scale * cosines[i], scale * sines[i], frequencies[i] * h
-    if substep > 0:
-        for i in range(count):
-            c, s, turn = tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] * substep
-            tone[_COSINE + i] = c * math.cos(turn) - s * math.sin(turn)
-            tone[_SINE + i] = s * math.cos(turn) + c * math.sin(turn)
+        c, s = scale * cosines[i], scale * sines[i]
+        tone[_COSINE + i], tone[_SINE + i], tone[_TURN + i] = c, s, frequencies[i] * h
+        tone[_COSINE_SUM + i], tone[_SINE_SUM + i] = c, s
+
+
+@borrowing_kernel
+def _continue_tone(tone, count):
+    """Start from the phase that the tone's series has reached."""
     for i in range(count):
-        tone[_COSINE_SUM + i], tone[_SINE_SUM + i] = tone[_COSINE + i], tone[_SINE + i]
+        tone[_COSINE + i], tone[_SINE + i] = tone[_COSINE_SUM + i], tone[_SINE_SUM + i]
 
 
 @borrowing_kernel
