@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compile import compile_scene
+from mm_gym.energy import Record
 from mm_gym.errors import ActionError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
@@ -77,7 +78,7 @@ def simulate(
         _follow_policy(lanes, action, states, applied)
     else:
         _run(lanes, _commands(plant, action, steps, start), states[1:], applied)
-    state, indices = _sample(plant, start, instants, states, applied)
+    state, indices, parts = _sample(plant, start, instants, states, applied)
     _check_finite(instants, state)
     last = applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]
     held = np.vstack([applied, last])[indices]
@@ -88,6 +89,7 @@ def simulate(
         applied=held,
         actuators=plant.actuators,
         parameters=start,
+        record=Record(plant, states, applied, indices, parts),
     )
 
 
@@ -198,16 +200,17 @@ def _sample(
     instants: NDArray[np.float64],
     states: NDArray[np.float64],
     applied: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the states at the instants and the control step that each lies in."""
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the states at the instants, the control step that each lies in and the time [s] since its start."""
     phase = instants / plant.time_step
     nearest = np.round(phase)
     on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)
     indices = np.where(on_grid, nearest, np.floor(phase)).astype(np.intp)
+    parts = np.where(on_grid, 0.0, instants - indices * plant.time_step)
     sampled = states[indices]
     for i in np.flatnonzero(~on_grid):
         n = indices[i]
-        part = plant.at_time_step(float(instants[i] - n * plant.time_step))
+        part = plant.at_time_step(float(parts[i]))
         lane = Lanes(part, 1)
         lane.values[:, 0] = start
         lane.values[:4, 0], lane.values[[at.FORCE, at.STRETCH], 0] = states[n], applied[n]
@@ -216,4 +219,4 @@ def _sample(
             lane.values[tone + at.COSINE, 0] = np.cos(angle)
             lane.values[tone + at.SINE, 0] = np.sin(angle)
         _run(lane, applied[n : n + 1].copy(), sampled[i : i + 1], np.empty((1, 2)))
-    return sampled, indices
+    return sampled, indices, parts

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from mm_gym.energy import mechanical_energy, work_of
 from mm_gym.files import write_csv
-from mm_gym.kernels import layout as at
 
 if TYPE_CHECKING:
     from os import PathLike
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from mm_gym.energy import Record, Work
 
 UNITS = {"force": "N", "stretch": "-"}
 
@@ -35,6 +38,8 @@ class Trajectory:
         Names of the action's columns.
     parameters
         (rows,): the lane's parameters as they were drawn.
+    record
+        The control steps behind the instants, from which `work` is computed.
     """
 
     time: NDArray[np.float64]
@@ -43,14 +48,25 @@ class Trajectory:
     applied: NDArray[np.float64]
     actuators: tuple[str, ...]
     parameters: NDArray[np.float64]
+    record: Record
 
-    @property
+    @cached_property
     def energy(self) -> NDArray[np.float64]:
-        """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
-        p, (x1, x2, v1, v2) = self.parameters, self.state.T
-        k2 = 2.0 * p[at.K0] * (1.0 + 2.0 / self.applied[:, 1] ** 3) if p[at.K0] else 0.0
-        carriage = p[at.K1] * (0.5 * p[at.ALPHA] * x1**2 + 0.25 * p[at.BETA] * x1**4)
-        return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2 + k2 * (x2 - x1) ** 2) + carriage
+        """Kinetic and elastic energy (n,) [J]; the springs of the sphere with the stretch of each instant."""
+        return mechanical_energy(self.parameters, self.state, self.applied[:, 1])
+
+    @cached_property
+    def work(self) -> Work:
+        """Energy passed through since the first instant, by kind: control, stretch, disturbance, dissipated; see `Work`.
+
+        Computed when first asked for, from the states at the control steps.
+
+        Notes
+        -----
+        The integrals are of the exact motion from the start of each control step. With a method of finite order the
+        balance therefore shows its error.
+        """
+        return work_of(self.record, self.parameters, self.state, self.energy)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write time, state and action as columns with units; all digits are kept."""

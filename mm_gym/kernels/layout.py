@@ -9,7 +9,6 @@ from __future__ import annotations
 OK = 0
 ENDED = 1  # an episode ended in one of the lanes
 NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
-
 TOO_MANY_EVENTS = 3
 TOO_MANY_SERIES = 4
 DIVERGED = 5

@@ -1,0 +1,78 @@
+"""Where the sphere comes to rest under dry friction: many scenes, each followed until it provably sticks for good."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mm_gym.kernels import ladder
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import kernel
+
+MOST_INTERVALS = 50_000_000
+"""Intervals tried before giving up: some seconds."""
+
+BLOCK_PHASE = 0.5
+"""Carriage frequency times the first rung's step."""
+
+
+@kernel
+def final_offsets(lanes, first, last, offsets):
+    """Write x2 - x1 at rest [m] of the lanes first .. last - 1; lanes as `layout` has them. Return the status."""
+    status = at.OK
+    for i in range(first, last):
+        p = lanes[:, i].copy()
+        offsets[i], code = final_offset(p)
+        status = max(status, code)
+    return status
+
+
+@kernel
+def final_offset(p):
+    """Return the offset at rest of one free motion, and the status."""
+    k2 = ladder.stiffness_of(p[at.K0], p[at.STRETCH])
+    m1, m2, vr = ladder.carriage_mass(p), p[at.M2], p[at.VR]
+    step = BLOCK_PHASE / math.sqrt(p[at.K1] * p[at.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))
+    depth = max(ladder.FINEST, ladder.halvings(ladder.fastest_rate(p, k2, 0) * step))
+    if depth > ladder.DEEPEST:
+        return math.nan, at.TOO_MANY_EVENTS
+    rungs = np.zeros((2, depth + 1, ladder.TONES, ladder.TONES))
+    rows, bounds = np.empty((2, 2, ladder.TONES)), np.empty((2, 2))
+    for regime in range(2):
+        a = ladder.generator(p, k2, 0, 0, regime == 1)
+        ladder.climb(a, step, rungs[regime])
+        ladder.slip_rows(a, rows[regime])
+    z, y = ladder.start(p, p[:4], 0.0, 0, 0.0), np.empty(ladder.TONES)
+    position, rung, end = 0, 0, 1 << depth
+    for _ in range(MOST_INTERVALS):
+        if position == 0 and rung == 0:
+            if z[ladder.SIGN] == 0.0 and sticks_for_good(p, k2, z, -rows[0, 0, ladder.SLIP]):
+                momentum = m2 * (z[ladder.COMMON] + m1 / (m1 + m2) * z[ladder.SLIP])
+                return (
+                    0.0 if k2 > 0.0 else z[ladder.OFFSET] + momentum / ladder.damping_of(p)
+                ), at.OK
+            for regime in range(2):
+                bounds[regime] = ladder.bound_motion(p, k2, z, 0, 0, step, regime == 1)
+        if not ladder.attempt(vr, rungs, rows, bounds, z, y, rung, step):
+            rung += 1
+            continue
+        position += 1 << (depth - rung)
+        rung = ladder.next_rung(position, rung, depth)
+        if position == end:
+            position = 0
+    return math.nan, at.TOO_MANY_EVENTS
+
+
+@kernel
+def sticks_for_good(p, k2, z, rate):
+    """Tell whether the energy left is too little to slip: |w| <= sqrt(2 E / m_r), or |g| / rate stays below v_r."""
+    m1, m2, k1, d, vr = ladder.carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
+    total = m1 + m2
+    reduced = m1 * m2 / total
+    root = ladder.energy_root(p, k2, z)
+    if root <= vr * math.sqrt(reduced):
+        return True
+    # The largest g = (k1 x1 + d V) / m1 - k2 offset / m_r on the ellipsoid of this energy.
+    drive = root * math.sqrt(k1 / m1**2 + (d / m1) ** 2 / total + k2 / reduced**2)
+    return abs(z[ladder.SLIP]) <= vr and drive <= rate * vr
