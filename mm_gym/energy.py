@@ -2,21 +2,20 @@
 
 Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator (`kernels.power`), so
 a stiff interface, a kink of friction or a step of many periods costs no accuracy. A motion with a cubic spring or
-finite stretch: Gauss-Legendre quadrature at states that the plant itself propagates, halving where it has not
-converged; a change of friction's regime is thereby enclosed until it no longer matters.
+finite stretch: Taylor series of the power, integrated term by term between the friction's kinks
+(`kernels.power_series`). Neither shares code with the plants, so a balance that closes confirms their states.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym.errors import SimulationError
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import power
-from mm_gym.lanes import Lanes
+from mm_gym.kernels import power, power_series
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,14 +23,6 @@ if TYPE_CHECKING:
     from mm_gym.plant import Plant
 
     Array = NDArray[np.float64]
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
-
-CONVERGED = 1e-13
-"""Largest change that halving makes to a step's integral, relative to the energy it passes through."""
-
-DEEPEST = 48
-"""Halvings of a control step: an interval of dt / 2^48 around a jump of the power no longer matters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +133,15 @@ def work_of(record: Record, parameters: Array, state: Array, energy: Array) -> W
 
 def _integrals(record: Record, p: Array, rows: NDArray[np.intp], duration: float) -> Array:
     """Return energies (k, 2) dissipated and brought in by the disturbance over the beginnings of k control steps."""
-    work = np.zeros((len(rows), 2))
-    if p[at.BETA] or (p[at.K0] and p[at.L0]):
-        return _by_quadrature(record, p, rows, duration)
-    model, times = record.plant.model, record.plant.time_step * rows
-    status = power.step_integrals(
+    work, model = np.zeros((len(rows), 2)), record.plant.model
+    nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
+    status = (power_series if nonlinear else power).step_integrals(
         p,
         int(model[at.TONE_COUNT]),
         int(model[at.GROUND]),
         record.states[rows],
         record.applied[rows],
-        times,
+        record.plant.time_step * rows.astype(np.float64),
         duration,
         work,
     )
@@ -160,77 +149,3 @@ def _integrals(record: Record, p: Array, rows: NDArray[np.intp], duration: float
         msg = f"work: {at.MESSAGES[status]}"
         raise SimulationError(msg)
     return work
-
-
-def _by_quadrature(record: Record, p: Array, rows: NDArray[np.intp], duration: float) -> Array:
-    """Return the integrals over the steps, every interval halved until halving no longer changes them."""
-    work = np.zeros((len(rows), 2))
-    at_start = mechanical_energy(p, record.states[rows], record.applied[rows, 1])
-    open_intervals = [
-        (0.0, duration, np.arange(len(rows)), _panel(record, p, rows, 0.0, duration), 0)
-    ]
-    while open_intervals:
-        begin, end, members, coarse, halvings = open_intervals.pop()
-        middle = 0.5 * (begin + end)
-        left = _panel(record, p, rows[members], begin, middle)
-        right = _panel(record, p, rows[members], middle, end)
-        scale = at_start[members] + np.abs(coarse).sum(axis=1)
-        close = np.abs(left + right - coarse).max(axis=1) <= CONVERGED * scale
-        if halvings == DEEPEST:
-            close[:] = True
-        np.add.at(work, members[close], (left + right)[close])
-        if not np.all(close):
-            rest = members[~close]
-            open_intervals.append((begin, middle, rest, left[~close], halvings + 1))
-            open_intervals.append((middle, end, rest, right[~close], halvings + 1))
-    return work
-
-
-def _panel(record: Record, p: Array, rows: NDArray[np.intp], begin: float, end: float) -> Array:
-    """Return the Gauss-Legendre integral of both powers between two times of the steps, (k, 2)."""
-    half = 0.5 * (end - begin)
-    total = np.zeros((len(rows), 2))
-    for node, weight in zip(NODES, WEIGHTS, strict=True):
-        time = begin + half * (1.0 + float(node))
-        state = _states_after(record, p, rows, time)
-        total += (
-            weight * half * _powers(record.plant, p, state, record.plant.time_step * rows + time)
-        )
-    return total
-
-
-def _states_after(record: Record, p: Array, rows: NDArray[np.intp], time: float) -> Array:
-    """Return the states (k, 4) a time [s] after the starts of k control steps, by the plant's own method."""
-    part = record.plant.at_time_step(time)
-    idle = part.task.copy()
-    idle[[at.HAS_FORCE, at.HAS_STRETCH]] = 0.0  # what was applied stays applied
-    lanes = Lanes(replace(part, task=idle), len(rows))
-    lanes.values[:] = p[:, None]
-    lanes.values[:4] = record.states[rows].T
-    lanes.values[[at.FORCE, at.STRETCH]] = record.applied[rows].T
-    for tone in range(at.TONES, len(p), at.TONE_ROWS):
-        angle = p[tone + at.PHASE] + p[tone + at.FREQUENCY] * (record.plant.time_step * rows)
-        lanes.values[tone + at.COSINE], lanes.values[tone + at.SINE] = np.cos(angle), np.sin(angle)
-    lanes.raise_for(lanes.advance(np.empty((len(rows), 0))))
-    return lanes.values[:4].T.copy()
-
-
-def _powers(plant: Plant, p: Array, state: Array, time: Array) -> Array:
-    """Return the powers (k, 2) [W] dissipated and brought in by the disturbance."""
-    v1, v2 = state[:, 2], state[:, 3]
-    powers = np.column_stack(
-        [p[at.D] * v1**2 + interface_force(p, v2 - v1) * (v2 - v1), np.zeros(len(v1))]
-    )
-    for j, ground in enumerate(plant.support.ground):
-        tone = at.TONES + at.TONE_ROWS * j
-        value = p[tone + at.AMPLITUDE] * np.sin(p[tone + at.FREQUENCY] * time + p[tone + at.PHASE])
-        powers[:, 1] += -value * (p[at.M1] * v1 + p[at.M2] * v2) if ground else value * v1
-    return powers
-
-
-def interface_force(p: Array, w: Array) -> Array:
-    """Return f(w) [N], the force of the interface on the carriage: eq. 9 of the paper, or c w."""
-    if not p[at.VR]:
-        return p[at.C] * w
-    slip = np.sign(w) * (p[at.MU2] * p[at.FN] + p[at.CHI] * (np.abs(w) - p[at.VR]))
-    return np.where(np.abs(w) <= p[at.VR], p[at.MU1] * p[at.FN] / p[at.VR] * w, slip)

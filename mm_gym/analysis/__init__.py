@@ -1,0 +1,9 @@
+"""What can be known of a scene without simulating it, or by following it no longer than it takes."""
+
+from mm_gym.analysis.bifurcation import asymptotic_offset as asymptotic_offset
+from mm_gym.analysis.bifurcation import bifurcation as bifurcation
+from mm_gym.analysis.critical import critical_reference_velocity as critical_reference_velocity
+from mm_gym.analysis.modes import Modes as Modes
+from mm_gym.analysis.modes import modes as modes
+from mm_gym.analysis.response import FrequencyResponse as FrequencyResponse
+from mm_gym.analysis.response import frequency_response as frequency_response

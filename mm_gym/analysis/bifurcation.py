@@ -1,0 +1,202 @@
+"""Where the sphere comes to rest: from the first integral where there is one, else followed to the final stick."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.analysis.values import row_of
+from mm_gym.compile import compile_scene
+from mm_gym.errors import SceneError, SimulationError
+from mm_gym.kernels import ladder
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.bifurcation import final_offsets
+from mm_gym.lanes import Lanes
+from mm_gym.parameters import support_of
+from mm_gym.scene import GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene import Scene
+
+CHUNK = 64
+"""Points that one worker takes at a time."""
+
+MOST_STEPS = 1_000_000
+"""Control steps followed until a sphere with cubic carriage spring or finite stretch sticks for good."""
+
+
+def asymptotic_offset(scene: Scene) -> float:
+    """Return x2 - x1 [m] as time goes to infinity, of the scene's free motion (section 4 of docs/model.md).
+
+    Without springs, m2 v2 + c (x2 - x1) is constant: the offset returns to its start plus m2 v2(0) / c. With c = 0 a
+    sphere at rest stays where it is, while the carriage comes to its rest position. Springs bring the offset to zero.
+    Under dry friction the same holds from the final stick on, with c = mu1 F_N / v_r; the motion is followed, exactly,
+    until what energy is left cannot make it slip again.
+
+    Raises
+    ------
+    SceneError
+        If a value is a range, something drives the motion, or it never settles.
+    SimulationError
+        If the final stick is too far away to be followed.
+    """
+    return float(_offsets(scene, row_of(scene, "asymptotic_offset")[:, None], lambda _: None)[0])
+
+
+def bifurcation(
+    scene: Scene, parameter: str, values: ArrayLike, *, progress: bool = False
+) -> NDArray[np.float64]:
+    """Return the asymptotic offset (n,) [m] for each value of one parameter, on all cores.
+
+    Parameters
+    ----------
+    scene
+        What does not change.
+    parameter
+        Dotted name of a numeric field, such as "interface.reference_velocity" or "initial.sphere_offset".
+    values
+        (n,) in the field's unit.
+    progress
+        Whether to show a progress bar, with tqdm (extra: agents).
+
+    Raises
+    ------
+    SceneError
+        If the parameter is not a number of this scene, or a value is not allowed.
+    """
+    points = np.atleast_1d(np.asarray(values, np.float64))
+    if points.ndim != 1 or not points.size or not np.all(np.isfinite(points)):
+        msg = f"{parameter}: allowed: a row of finite numbers"
+        raise SceneError(msg)
+    # What a field allows is an interval, so its ends speak for all values between.
+    low = scene.replace(**{parameter: float(points.min())})
+    scene.replace(**{parameter: float(points.max())})
+    lanes = np.repeat(row_of(low, "bifurcation")[:, None], points.size, axis=1)
+    offset = lanes[at.X2] - lanes[at.X1]
+    row = support_of(low).row_of(parameter)
+    if row == at.X2:
+        offset = points
+    else:
+        lanes[row] = points
+    lanes[at.X2] = lanes[at.X1] + offset
+    if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
+        lanes[at.FN] = points * GRAVITY if scene.interface.normal_force is None else lanes[at.FN]
+    if not progress:
+        return _offsets(low, lanes, lambda _: None)
+    with _bar(points.size, parameter) as bar:
+        return _offsets(low, lanes, bar.update)
+
+
+def _bar(total: int, title: str):  # noqa: ANN202 - tqdm is optional, and so is its type
+    try:
+        from tqdm import tqdm  # noqa: PLC0415
+    except ImportError as error:
+        from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415
+
+        msg = 'a progress bar needs tqdm; install it with: pip install "mm-gym[agents]"'
+        raise DependencyNotInstalled(msg) from error
+    return tqdm(total=total, desc=title, unit="points")
+
+
+def _offsets(
+    scene: Scene, lanes: NDArray[np.float64], report: Callable[[int], object]
+) -> NDArray[np.float64]:
+    """Return the offset of each lane (rows, n); all lanes are of the scene's kind."""
+    _refuse_driven(scene)
+    if scene.interface.kind != "dry_friction":
+        offsets = np.array([_from_first_integral(lane) for lane in lanes.T])
+        report(lanes.shape[1])
+        return offsets
+    offsets = np.empty(lanes.shape[1])
+    nonlinear = np.any(lanes[at.BETA] > 0.0) or np.any(lanes[at.L0] > 0.0)
+    chunks = [(start, min(start + CHUNK, offsets.size)) for start in range(0, offsets.size, CHUNK)]
+
+    def work(chunk: tuple[int, int]) -> int:
+        if nonlinear:
+            for i in range(*chunk):
+                offsets[i] = _follow(scene, lanes[:, i])
+            return at.OK
+        return final_offsets(lanes, *chunk, offsets)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # the kernels release the interpreter's lock
+        statuses: Iterable[int] = pool.map(work, chunks)
+        for chunk, status in zip(chunks, statuses, strict=True):
+            report(chunk[1] - chunk[0])
+            if status > at.ENDED:
+                msg = f"the final stick was not reached: {at.MESSAGES[status]}"
+                raise SimulationError(msg)
+    return offsets
+
+
+def _refuse_driven(scene: Scene) -> None:
+    if scene.excitation:
+        msg = "excitation: allowed: none; a driven sphere does not come to rest"
+        raise SceneError(msg)
+
+
+def _from_first_integral(p: NDArray[np.float64]) -> float:
+    """Return the offset at rest without friction."""
+    x1, x2, v1, v2 = p[:4]
+    c, d = p[at.C], p[at.D]
+    still = x1 == 0.0 and v1 == 0.0
+    if p[at.K0] > 0.0:
+        if c + d > 0.0 or (still and x2 == 0.0 and v2 == 0.0):
+            return 0.0
+        msg = "carriage.damping: 0, and interface without damping: the motion never settles"
+        raise SceneError(msg)
+    if c > 0.0:
+        return float(x2 - x1 + p[at.M2] * v2 / c)
+    if v2 != 0.0:
+        msg = f"initial.sphere_velocity: got {v2}; a free sphere that moves never comes to rest"
+        raise SceneError(msg)
+    if d > 0.0 or still:
+        return float(x2)
+    msg = "carriage.damping: 0, and a free sphere: the carriage never comes to rest"
+    raise SceneError(msg)
+
+
+def _follow(scene: Scene, p: NDArray[np.float64]) -> float:
+    """Return the offset at rest of a nonlinear motion with friction: the plant's own steps until the final stick."""
+    plant = compile_scene(scene)
+    lanes = Lanes(plant, 1)
+    lanes.values[: len(p), 0] = p
+    idle = np.zeros((1, len(plant.actuators)))
+    damping = ladder.damping_of(p)
+    for _ in range(MOST_STEPS):
+        x1, x2, v1, v2 = lanes.values[:4, 0]
+        if _sticks_for_good(p, lanes.values[:4, 0], damping):
+            return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / damping)
+        lanes.raise_for(lanes.advance(idle))
+    msg = (
+        f"the final stick was not reached in {MOST_STEPS} control steps; lengthen control.time_step"
+    )
+    raise SimulationError(msg)
+
+
+def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping: float) -> bool:
+    """Tell whether the energy left is too little to slip; see `kernels.bifurcation.sticks_for_good`."""
+    from mm_gym.energy import mechanical_energy  # noqa: PLC0415
+
+    m1, m2, k1, vr = p[at.M1], p[at.M2], p[at.K1], p[at.VR]
+    reduced = m1 * m2 / (m1 + m2)
+    twice = 2.0 * float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
+    if np.sqrt(twice) <= vr * np.sqrt(reduced):
+        return True
+    if p[at.K0] > 0.0 or abs(state[3] - state[2]) > vr:
+        return False
+    # The furthest that the carriage's spring lets x1 go with this energy, and the largest common velocity.
+    alpha, beta = p[at.ALPHA], p[at.BETA]
+    square = twice / (k1 * alpha) if alpha > 0.0 else np.inf
+    if beta > 0.0:
+        square = min(square, np.sqrt(2.0 * twice / (k1 * beta)))
+    furthest = np.sqrt(square)
+    drive = k1 * (alpha + beta * square) * furthest / m1 + p[at.D] / m1 * np.sqrt(twice / (m1 + m2))
+    rate = damping / reduced + p[at.D] * m2 / (m1 * (m1 + m2))
+    return bool(drive <= rate * vr)

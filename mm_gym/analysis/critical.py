@@ -1,0 +1,86 @@
+"""The reference velocity above which dry friction never slips."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import brentq
+
+from mm_gym.analysis.values import row_of
+from mm_gym.errors import SceneError, SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.peak import fastest_slip
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.scene import Scene
+
+STEEPEST = 2.0**-40
+"""Smallest reference velocity looked at, relative to the fastest slip without friction."""
+
+
+def critical_reference_velocity(scene: Scene) -> float:
+    """Return the reference velocity [m/s] above which the scene's free motion never slips.
+
+    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the linear motion just
+    reaches it: max |w(t)| = v_r. It depends on neither the kinetic coefficient nor the slip damping, nor on the
+    scene's own reference velocity.
+
+    Returns
+    -------
+    float
+        0 if the sphere sticks however small v_r is.
+
+    Raises
+    ------
+    SceneError
+        If the interface is not dry friction, the motion in stick is not linear, or something drives it.
+    """
+    _check(scene)
+    row = row_of(scene, "critical_reference_velocity")
+    without = _peak(row, 0.0)
+    if without == 0.0:
+        return 0.0
+    force = row[at.MU1] * row[at.FN]
+
+    def excess(log_velocity: float) -> float:
+        velocity = float(np.exp(log_velocity))
+        return _peak(row, force / velocity) / velocity - 1.0
+
+    # With v_r above the fastest slip of all, nothing slips.
+    high = float(np.log(without)) + 1e-9
+    low = high
+    while excess(low) <= 0.0:
+        low -= 1.0
+        if low < high + np.log(STEEPEST):
+            return 0.0
+    high = min(high, low + 1.0)
+    if low == high:
+        return without
+    return float(np.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15)))
+
+
+def _peak(row: NDArray[np.float64], damping: float) -> float:
+    lane = row.copy()
+    lane[at.C] = damping
+    peak, status = fastest_slip(lane)
+    if status > at.ENDED:
+        msg = f"critical_reference_velocity: {at.MESSAGES[status]}"
+        raise SimulationError(msg)
+    return float(peak)
+
+
+def _check(scene: Scene) -> None:
+    problem = ""
+    if scene.interface.kind != "dry_friction":
+        problem = f"interface.kind: got {scene.interface.kind!r}; allowed: 'dry_friction'"
+    elif scene.carriage.cubic_coefficient:
+        problem = "carriage.cubic_coefficient: allowed: 0; in stick the motion must be linear"
+    elif scene.springs.kind == "finite_stretch":
+        problem = "springs.kind: got 'finite_stretch'; in stick the motion must be linear"
+    elif scene.excitation:
+        problem = "excitation: allowed: none; the critical velocity is that of a free motion"
+    if problem:
+        raise SceneError(problem)

@@ -1,0 +1,246 @@
+"""Eigenvalues and mode shapes: numerical, and the closed form of the paper's appendix (docs/model.md, section 6)."""
+
+from __future__ import annotations
+
+import cmath
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eig
+
+from mm_gym.analysis.values import Linear, characteristic, linear_values
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.scene import Scene
+
+    Roots = NDArray[np.complex128]
+
+NEGLIGIBLE = 2.0**-60
+"""Share of the carriage's inertia below which its own motion is separate from all others to round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Free motions x(t) = shape exp(eigenvalue t) of the linear plant about rest, in order of magnitude, then phase.
+
+    Attributes
+    ----------
+    eigenvalues
+        (n,) complex128 [1/s], numerically. n is 4, or 3 for a carriage without mass.
+    shapes
+        (2, n) complex128: x1 and x2 of each mode, the larger of them 1. Of a defective eigenvalue the columns agree.
+    closed_form
+        (n,) complex128 [1/s]: the same eigenvalues by Cardano (no springs) or Ferrari.
+    defective
+        Whether the zero eigenvalue has two equations but one shape: a free sphere (c = 0, no springs) drifts, so that
+        its motion is not a sum of modes.
+    """
+
+    eigenvalues: Roots
+    shapes: NDArray[np.complex128]
+    closed_form: Roots
+    defective: bool
+
+    @property
+    def frequencies(self) -> NDArray[np.float64]:
+        """Undamped natural frequencies (n,) [rad/s]."""
+        return np.abs(self.eigenvalues)
+
+    @property
+    def damping_ratios(self) -> NDArray[np.float64]:
+        """Damping ratios (n,) [-]; 1 for real eigenvalues and not a number for zero ones."""
+        size = np.abs(self.eigenvalues)
+        return np.divide(
+            -self.eigenvalues.real, size, out=np.full(len(size), np.nan), where=size > 0.0
+        )
+
+
+def modes(scene: Scene) -> Modes:
+    """Return the modes of a scene's linear plant about its rest position.
+
+    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in stick.
+
+    Notes
+    -----
+    The closed form evaluates the paper's expressions as they stand, in double precision; it loses as many digits as
+    the eigenvalues differ in magnitude, the numerical ones do not. The closed form of the carriage's mass tending to
+    zero is that of the polynomial without its leading term.
+    """
+    values = linear_values(scene)
+    free = values.k2 == 0.0
+    numerical = _ordered(_numerical(values))
+    closed = np.array(_closed_form(values), np.complex128)
+    return Modes(
+        eigenvalues=numerical,
+        shapes=_shapes(values, numerical),
+        closed_form=_matched(closed, numerical),
+        defective=free and values.c == 0.0,
+    )
+
+
+def _numerical(values: Linear) -> Roots:
+    """Return the finite eigenvalues of the pencil (A, E), which a vanishing carriage mass leaves regular.
+
+    The state is x1, x2 - x1, v1, v2: without springs the second column of A is exactly zero, and so is its eigenvalue.
+    """
+    m1, m2, k1, k2, c, d = values
+    if k2 == 0.0:
+        # Their zero eigenvalue divided out, no round-off can split or move it.
+        a = np.array([[0.0, 1.0, 0.0], [-k1, -(c + d), c], [0.0, c, -c]])
+        e = np.diag([1.0, m1, m2])
+    else:
+        a = np.array(
+            [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 1.0], [-k1, k2, -(c + d), c], [0.0, -k2, c, -c]]
+        )
+        e = np.diag([1.0, 1.0, m1, m2])
+    if _separate(values):
+        return (
+            np.append(_roots(characteristic(values)[1:]), -(c + d) / m1)
+            if m1
+            else _roots(characteristic(values)[1:])
+        )
+    if c == 0.0 and k2 == 0.0:
+        pair = eig(np.array([[0.0, 1.0], [-k1 / m1, -d / m1]]), right=False)
+        return np.append(pair, [0.0, 0.0])
+    scale = np.diag(1.0 / np.sqrt(np.diag(e)))
+    found = eig(scale @ a @ scale, right=False)
+    return np.append(found, 0.0) if k2 == 0.0 else found
+
+
+def _separate(values: Linear) -> bool:
+    """Tell whether the carriage's inertia is negligible beside its damping, at the rates of all other motions."""
+    m1, m2, k1, k2, c, d = values
+    resistance = c + d
+    if resistance == 0.0:
+        return False
+    slow = (k1 + k2) / resistance + c / m2 + np.sqrt(k2 / m2)
+    return bool(m1 * slow <= NEGLIGIBLE * resistance)
+
+
+def _roots(polynomial: NDArray[np.float64]) -> Roots:
+    """Return the roots, zero ones exactly."""
+    trimmed = np.trim_zeros(polynomial, "b")
+    return np.append(np.roots(trimmed), np.zeros(len(polynomial) - len(trimmed))).astype(
+        np.complex128
+    )
+
+
+def _closed_form(values: Linear) -> list[complex]:
+    """Return the eigenvalues by the paper's appendix, without the carriage's own one where that is separate."""
+    g4, g3, g2, g1, g0 = (float(g) for g in characteristic(values))
+    if _separate(values):
+        fast = [-complex(values.c + values.d) / values.m1] if values.m1 else []
+        return fast + ([0j, *_quadratic(g3, g2, g1)] if g0 == 0.0 else _cubic(g3, g2, g1, g0))
+    if g0 != 0.0:
+        return _quartic(g4, g3, g2, g1, g0)
+    # Without c the zero root is double and Cardano's roots no longer split off: eqs 5 and 22 of the paper fail there.
+    return [0j, 0j, *_quadratic(g4, g3, g2)] if g1 == 0.0 else [0j, *_cubic(g4, g3, g2, g1)]
+
+
+def _quadratic(a: float, b: float, c: float) -> list[complex]:
+    root = cmath.sqrt(b * b - 4.0 * a * c)
+    return [(-b - root) / (2.0 * a), (-b + root) / (2.0 * a)]
+
+
+def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
+    """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 16 of docs/model.md, with its H, I and L."""
+    h = 3.0 * a * c - b * b
+    i = 9.0 * a * b * c - 27.0 * a * a * d - 2.0 * b**3
+    root = cmath.sqrt(4.0 * h**3 + i * i)
+    # Of the two square roots the one that does not cancel I.
+    cube = (i + root if abs(i + root) >= abs(i - root) else i - root) / 2.0
+    if cube == 0.0:
+        return [complex(-b / (3.0 * a))] * 3
+    third = cube ** (1.0 / 3.0)
+    turns = [third * cmath.exp(2j * cmath.pi * k / 3.0) for k in range(3)]
+    return [(-b - h / turn + turn) / (3.0 * a) for turn in turns]
+
+
+def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[complex]:
+    """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 17 to 20 of docs/model.md, with N, P, S and Q."""
+    d0 = g2 * g2 - 3.0 * g1 * g3 + 12.0 * g0 * g4
+    d1 = (
+        2.0 * g2**3
+        - 9.0 * g1 * g2 * g3
+        + 27.0 * (g4 * g1 * g1 + g0 * g3 * g3)
+        - 72.0 * g0 * g2 * g4
+    )
+    root = cmath.sqrt(d1 * d1 - 4.0 * d0**3)
+    n = d1 + root if abs(d1 + root) >= abs(d1 - root) else d1 - root
+    if n == 0.0:  # all of S's cubic resolvent coincides
+        third, p = 0j, 0j
+    else:
+        third = (n / 2.0) ** (1.0 / 3.0)  # N^(1/3) / 2^(1/3)
+        p = d0 / (3.0 * third)
+    candidates = [third * cmath.exp(2j * cmath.pi * k / 3.0) for k in range(3)]
+    s, turn = max(
+        (
+            (
+                g3 * g3 / (4.0 * g4 * g4)
+                + t / (3.0 * g4)
+                - 2.0 * g2 / (3.0 * g4)
+                + _p(d0, t, p) / g4,
+                t,
+            )
+            for t in candidates
+        ),
+        key=lambda pair: abs(pair[0]),
+    )
+    rest = (
+        g3 * g3 / (2.0 * g4 * g4) - 4.0 * g2 / (3.0 * g4) - turn / (3.0 * g4) - _p(d0, turn, p) / g4
+    )
+    half = cmath.sqrt(s)
+    q = (4.0 * g2 * g3 * g4 - 8.0 * g1 * g4 * g4 - g3**3) / (4.0 * g4**3 * half) if half else 0j
+    centre = -g3 / (4.0 * g4)
+    low, high = cmath.sqrt(rest - q), cmath.sqrt(rest + q)
+    return [
+        centre - half / 2.0 - low / 2.0,
+        centre - half / 2.0 + low / 2.0,
+        centre + half / 2.0 - high / 2.0,
+        centre + half / 2.0 + high / 2.0,
+    ]
+
+
+def _p(d0: float, turn: complex, default: complex) -> complex:
+    return d0 / (3.0 * turn) if turn else default
+
+
+def _ordered(roots: Roots) -> Roots:
+    """Return the roots by magnitude (to 12 digits, so that conjugates stay together), then by imaginary part."""
+    size = np.abs(roots)
+    key = np.where(size > 0.0, np.round(np.log(np.where(size > 0.0, size, 1.0)), 11), -np.inf)
+    return roots[np.lexsort((roots.imag, key))].astype(np.complex128)
+
+
+def _matched(roots: Roots, reference: Roots) -> Roots:
+    """Return the roots in the order of the nearest reference ones."""
+    left = list(roots)
+    return np.array(
+        [left.pop(int(np.argmin([abs(root - wanted) for root in left]))) for wanted in reference]
+    )
+
+
+def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
+    """Return x1 and x2 of each mode from the row of the dynamic stiffness that determines their ratio best."""
+    m1, m2, k1, k2, c, d = values
+    shapes = np.empty((2, len(eigenvalues)), np.complex128)
+    for n, s in enumerate(eigenvalues):
+        if s == 0.0 and k2 == 0.0:
+            shapes[:, n] = 0.0, 1.0  # the sphere rests anywhere
+            continue
+        coupling = k2 + c * s
+        first = m1 * s * s + (c + d) * s + k1 + k2
+        second = m2 * s * s + coupling
+        # Each row's coefficients are orthogonal to the shape; the sphere's row fails where c = k2 = 0.
+        shape = (
+            np.array([second, coupling])
+            if abs(second) + abs(coupling) > 0.0
+            else np.array([coupling, first])
+        )
+        if coupling == 0.0:
+            shape = np.array([1.0, 0.0]) if abs(first) < abs(second) else np.array([0.0, 1.0])
+        shapes[:, n] = shape / shape[int(np.argmax(np.abs(shape)))]
+    return shapes

@@ -1,0 +1,67 @@
+"""The numbers of a scene that analysis works with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.errors import SceneError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.ladder import damping_of, stiffness_of
+from mm_gym.parameters import support_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.scene import Scene
+
+
+class Linear(NamedTuple):
+    """Coefficients of the linear equations about the rest position: masses [kg], stiffnesses [N/m], dampings [N s/m]."""
+
+    m1: float
+    m2: float
+    k1: float
+    k2: float
+    c: float
+    d: float
+
+
+def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
+    """Return a lane (rows,) of the scene at its start, x2 as a position; raise `SceneError` if a value is a range."""
+    support = support_of(scene)
+    drawn = [
+        name
+        for name, row in support.names.items()
+        if support.start_low[row] != support.start_high[row]
+    ]
+    if drawn:
+        msg = f"{drawn[0]}: got a range; {what} needs one value for every field"
+        raise SceneError(msg)
+    row = support.start_low.copy()
+    row[at.X2] += row[at.X1]
+    return row
+
+
+def linear_values(scene: Scene) -> Linear:
+    """Return the linear coefficients, ranges with their middle, friction with its slope in stick."""
+    support = support_of(scene)
+    p = 0.5 * (support.start_low + support.start_high)
+    k2 = float(stiffness_of(p[at.K0], p[at.STRETCH])) if p[at.K0] else 0.0
+    return Linear(
+        m1=float(p[at.M1]),
+        m2=float(p[at.M2]),
+        k1=float(p[at.K1] * p[at.ALPHA]),
+        k2=k2,
+        c=float(damping_of(p)),
+        d=float(p[at.D]),
+    )
+
+
+def characteristic(values: Linear) -> NDArray[np.float64]:
+    """Return g4 .. g0 of det(M s^2 + C s + K), eq. 14 of docs/model.md."""
+    m1, m2, k1, k2, c, d = values
+    return np.array(
+        [m1 * m2, m1 * c + m2 * (c + d), m1 * k2 + c * d + m2 * (k1 + k2), d * k2 + c * k1, k1 * k2]
+    )
