@@ -91,6 +91,8 @@ def support_of(scene: Scene) -> Support:
     low[at.STRETCH] = high[at.STRETCH] = 1.0  # without springs: any stretch that the spring law allows
     for name, value in values.items():
         low[rows[name]], high[rows[name]] = bounds(value)
+    if scene.springs.kind == "none":
+        low[at.STRETCH] = high[at.STRETCH] = 1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
     start_low, start_high = low.copy(), high.copy()
     if scene.actuation.stretch is not None:
         low[at.STRETCH], high[at.STRETCH] = scene.actuation.stretch.minimum, scene.actuation.stretch.maximum

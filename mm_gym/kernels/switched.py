@@ -27,6 +27,9 @@ SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, TONES = 0, 6, 30, 36, 42, 43  # _pr
 # Then for each tone the same against cosine and sine times amplitude, and the cosine and sine of its turn.
 TONE_SECOND, TONE_ROWS, TONE_CHANGE, TONE_GAINS, TONE_TURN, TONE_SIZE = 0, 2, 10, 12, 14, 16
 
+MOST_INTERVALS = 1 << 20
+"""Intervals tried in one control step before giving up: some 0.1 s of work."""
+
 _FEW = 8  # fewer lanes than this are advanced one by one
 
 # Rows of the scratch array; those of the tones follow, and then the four rows of the next state.
@@ -100,7 +103,7 @@ def _propagate_by_intervals(model, lanes, i):
     z, vr = _inputs(model, lanes, i), model[VR]
     unit = model[at.TIME_STEP] / (1 << last_rung)
     position, end, rung = 0, 1 << last_rung, 0  # in units of the last rung's time
-    while position < end:
+    for _ in range(MOST_INTERVALS):
         first = (int(model[STICK]) if z[5] == 0.0 else int(model[SLIP])) + rung * size
         m = model[first : first + size]
         next_w = z[4] + _slip_row(m, CHANGE, TONE_CHANGE, z)
@@ -119,9 +122,11 @@ def _propagate_by_intervals(model, lanes, i):
         position += 1 << (last_rung - rung)
         while rung > 0 and position & ((2 << (last_rung - rung)) - 1) == 0:  # as long as the place allows
             rung -= 1
-    for row in range(4):
-        lanes[row, i] = z[row]
-    return at.OK
+        if position == end:
+            for row in range(4):
+                lanes[row, i] = z[row]
+            return at.OK
+    return at.TOO_MANY_EVENTS
 
 
 @kernel

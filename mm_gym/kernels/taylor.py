@@ -16,8 +16,8 @@ from mm_gym.kernels.jit import kernel
 # Slots of the model.
 ORDER, LOG_TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
 
-MOST_STEPS = 50_000
-"""Series in one control step before giving up: some 0.02 s of work."""
+MOST_STEPS = 20_000
+"""Series in one control step before giving up: some 0.01 s of work."""
 
 _LOG_ZERO = -1.0e5  # what stands for the logarithm of zero
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse

@@ -27,12 +27,14 @@ STATE_INPUTS = 6
 LONGEST_SERIES = 1.0
 """Longest last rung, in units of the shortest time constant; its Taylor series loses no digits."""
 
-LONGEST_PHASE = 2.0**18
-"""Longest control step, in units of the shortest time constant: a stiff step costs some hundred nanoseconds for each
-halving down to it, an oscillating one some ten for each unit."""
+LONGEST_OSCILLATION = 2.0**12
+"""Longest control step, in units of 1 / the fastest undamped or excited frequency: each costs an interval or more."""
 
-MOST_PIECES = 50_000.0
-"""Pieces of a control step that the series alone may take: some 0.02 s of work."""
+LONGEST_DECAY = 2.0**28
+"""Longest control step, in units of the shortest time constant: the slow motion after a fast decay takes few intervals."""
+
+MOST_PIECES = 10_000.0
+"""Pieces of a control step that the series alone may take: some 0.01 s of work."""
 
 FINER = 3
 """Halvings of the last rung at which |w''| is sampled."""
@@ -50,13 +52,9 @@ def _model(support: Support) -> NDArray[np.float64]:
         stick = mu1 * normal / vr
         offset = mu2 * normal - chi * vr
     phase = fastest_rate(support, max(float(stick), float(chi))) * support.time_step
-    if not phase <= LONGEST_PHASE:
-        msg = (
-            f"control.time_step: {support.time_step} s spans {phase:.3g} times the shortest time constant of the dry "
-            f"friction plant, {support.time_step / phase:.3g} s; allowed: {LONGEST_PHASE:.3g} times. Shorten the step, "
-            "raise interface.reference_velocity or carriage.mass"
-        )
-        raise CompileError(msg)
+    _refuse_long_step(support, phase, LONGEST_DECAY, "the shortest time constant of the friction")
+    oscillation = max(fastest_oscillation(support), low[at.TONES + at.FREQUENCY :: at.TONE_ROWS].max(initial=0.0))
+    _refuse_long_step(support, oscillation * support.time_step, LONGEST_OSCILLATION, "1 / the fastest frequency")
     rungs = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
     regimes = [_regime(support, *law, rungs) for law in ((stick, Decimal(0)), (chi, offset))]
     model = header(support, switched.REGIMES - at.MODEL_OWN)
@@ -66,6 +64,16 @@ def _model(support: Support) -> NDArray[np.float64]:
     model[switched.STICK] = switched.REGIMES
     model[switched.SLIP] = switched.REGIMES + regimes[0].size
     return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+
+
+def _refuse_long_step(support: Support, phase: float, longest: float, unit: str) -> None:
+    """Raise `CompileError` if the control step is longer than can be followed within some 0.1 s."""
+    if not phase <= longest:
+        msg = (
+            f"control.time_step: {support.time_step} s is {phase:.3g} times {unit}, {support.time_step / phase:.3g} s; "
+            f"allowed: {longest:.3g} times. Shorten the step, or slow down what is so fast"
+        )
+        raise CompileError(msg)
 
 
 def _regime(support: Support, damping: Decimal, force: Decimal, rungs: int) -> NDArray[np.float64]:
@@ -170,13 +178,7 @@ def _series_model(support: Support) -> NDArray[np.float64]:
     low, high = support.low, support.high
     damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
     phase = fastest_rate(support, damping) * support.time_step
-    if not phase <= MOST_PIECES:
-        msg = (
-            f"control.time_step: {support.time_step} s spans {phase:.3g} times the shortest time constant that the "
-            f"scene can have, {support.time_step / phase:.3g} s; the series allows {MOST_PIECES:.0f}. Shorten the step, "
-            "or fix what is randomised or actuated"
-        )
-        raise CompileError(msg)
+    _refuse_long_step(support, phase, MOST_PIECES, "the shortest time constant that the scene can have")
     model = header(support, 1)
     model[friction.DEGREE] = degree(LONGEST_SERIES)
     return model
