@@ -1,55 +1,157 @@
-"""Motions far from the everyday ones, and long ones."""
+"""Does every extreme end in the right number or in a named refusal?"""
+
+from __future__ import annotations
+
+import time
 
 import numpy as np
 import pytest
-from oracle import System, error_of_scale
 
-from mm_gym import Scene, SimulationError, simulate
+from mm_gym import ActionError, CompileError, Scene, SceneError, compile_scene, simulate
+from mm_gym.env import MovingMassEnv
+from mm_gym.reference import Oracle
+from mm_gym.scene import Carriage, Control, DryFriction, ForceActuator, Initial, Solver
 
-START = (0.01, 0.03, 0.0, 0.0)
+from .conftest import error
+from .sweep import attempt, random_scene
+
+START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
+BASE = Scene(initial=START, control=Control(time_step=1e-2))
+SCALE = np.array([0.03, 0.03, 1.0, 1.0])
 
 
-def motion(system, time_step, steps):
-    scene = Scene(
-        carriage={"mass": system.m1, "stiffness": system.k1, "damping": system.d},
-        sphere={"mass": system.m2},
-        interface={"kind": "viscous", "damping": system.c},
-        initial={"carriage_displacement": START[0], "sphere_offset": START[1] - START[0]},
-        control={"time_step": time_step, "steps": steps},
+def _friction(reference_velocity: float, time_step: float) -> Scene:
+    interface = DryFriction(
+        static_coefficient=0.51, kinetic_coefficient=0.255, reference_velocity=reference_velocity, slip_damping=0.1
     )
-    return simulate(scene)
+    return Scene(interface=interface, initial=START, control=Control(time_step=time_step))
 
 
-@pytest.mark.parametrize("time_step", [1e-6, 0.01, 10.0])
-@pytest.mark.parametrize("c", [0.0, 1e-12, 1.0, 1e9])
-@pytest.mark.parametrize("ratio", [1e-6, 1.0, 1e6])
-def test_bound_holds_at_extreme_mass_ratios_dampings_and_steps(ratio, c, time_step):
-    system = System(m2=0.1 * ratio, c=c)
-    trajectory = motion(system, time_step, 50)
-    rows = [1, 10, 50]
-    expected = system.motion(START, trajectory.time[rows])
-    assert error_of_scale(trajectory.state[rows], expected, [START]) <= 1e-12
+@pytest.mark.parametrize("time_step", [1e-5, 1e-3, 1e-2, 0.25])
+def test_reference_velocity_of_a_micrometre_per_second(time_step: float) -> None:
+    scene = _friction(1e-6, time_step)
+    state = simulate(scene, duration=0.25).state[-1]
+    # An independent route to the same state: other steps, and SciPy on the stiff equations.
+    assert error(state, simulate(_friction(1e-6, 1e-4), duration=0.25).state[-1], SCALE) <= 1e-12
+    # Radau takes the stick of 7e6 1/s; its events are good to some 1e-10.
+    assert error(state, Oracle(scene, "Radau", rtol=1e-11, max_step=1e-3).solve([0.25]), SCALE) <= 1e-8
 
 
-def test_undamped_motion_keeps_amplitude_and_phase_for_a_thousand_seconds():
-    # The rounded propagator turns the phase by up to 2.2e-16 too much in each of 100,000 steps.
-    system = System(c=0.0, d=0.0)
-    trajectory = motion(system, 0.01, 100_000)
-    rows = [99_990, 100_000]
-    expected = system.motion(START, trajectory.time[rows])
-    assert error_of_scale(trajectory.state[rows], expected, [START]) <= 1e5 * 2.2e-16
-    assert trajectory.energy[-1] == pytest.approx(trajectory.energy[0], rel=1e5 * 4.4e-16)
-
-
-def test_state_beyond_the_largest_double_is_an_error_not_infinity():
+@pytest.mark.parametrize("cubic_coefficient", [2e6, 2e8, 2e10, 2e12])
+def test_cubic_spring_of_any_strength_keeps_its_tolerance(cubic_coefficient: float) -> None:
     scene = Scene(
-        initial={"carriage_displacement": 1e308, "carriage_velocity": 1e308},
-        carriage={"stiffness": 1e12},
+        carriage=Carriage(cubic_coefficient=cubic_coefficient), initial=START, control=Control(time_step=1e-3)
     )
-    with pytest.raises(SimulationError, match=r"largest double from t = 0\.\d+ s"):
-        simulate(scene)
+    rate = np.sqrt(3.0 * 400.0 * cubic_coefficient * 1e-4 / 0.1)
+    velocity = 0.01 * rate
+    scale = np.array([0.03, 0.03, velocity, velocity])
+    duration = 100.0 / rate
+    want = Oracle(scene).solve([duration])
+    for tolerance, bound in ((1e-9, 1e-8), (1e-14, 1e-10)):
+        # A hundred radians turn an error of the phase into a hundred times itself; SciPy's own is some 1e-11.
+        got = simulate(scene.replace(**{"solver.tolerance": tolerance}), times=[duration]).state
+        assert error(got, want, scale) <= bound
 
 
-def test_results_repeat_to_the_last_bit():
-    one, other = (motion(System(), 0.01, 300) for _ in range(2))
-    assert np.array_equal(one.state, other.state)
+@pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("time_step", [1e-6, 1e-2, 10.0])
+def test_any_mass_ratio_and_step_keeps_the_bound(ratio: float, time_step: float) -> None:
+    scene = BASE.replace(**{"sphere.mass": 0.1 * ratio, "control.time_step": time_step})
+    duration = 20 * time_step
+    got = simulate(scene, duration=duration).state[-1]
+    half = simulate(scene.replace(**{"control.time_step": 0.5 * time_step}), duration=duration).state[-1]
+    assert error(got, half, SCALE) <= 1e-12
+    # The first integral m2 v2 + c offset.
+    assert 0.1 * ratio * got[3] + got[1] - got[0] == pytest.approx(0.02, rel=1e-12)
+
+
+def test_thousand_seconds_keep_the_bound() -> None:
+    undamped = BASE.replace(**{"carriage.damping": 0.0, "interface.damping": 0.0})
+    for scene, longest in ((undamped, 1000.0), (_friction(0.2, 1e-2), 10.0)):
+        many = simulate(scene, duration=1000.0).state[-1]
+        few = simulate(scene.replace(**{"control.time_step": longest}), duration=1000.0).state[-1]
+        # The matrix of a step is rounded once, by 1e-16, and 1e5 steps repeat it.
+        assert error(many, few, SCALE) <= 1e-11
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"carriage.mass": -1.0}, "carriage.mass"),
+        ({"carriage.mass": float("nan")}, "carriage.mass"),
+        ({"carriage.stiffness": float("inf")}, "carriage.stiffness"),
+        ({"springs": {"kind": "small_on_large", "stiffness": 35.0, "stretch": 0.9}}, "springs.stretch"),
+        (
+            {"interface": {"kind": "dry_friction", "static_coefficient": 0.5, "kinetic_coefficient": 0.6, "reference_velocity": 0.1}},
+            "kinetic_coefficient",
+        ),
+        ({"interface": {"kind": "dry_friction", "static_coefficient": 0.5}}, "kinetic_coefficient: missing"),
+        ({"sphere": {"mas": 1.0}}, "did you mean 'mass'"),
+    ],
+)  # fmt: skip
+def test_impossible_scene_is_refused_by_name(changes: dict[str, object], field: str) -> None:
+    with pytest.raises(SceneError, match=field):
+        BASE.replace(**changes)
+
+
+@pytest.mark.parametrize("kind", ["viscous", "dry friction", "cubic"])
+def test_action_that_is_not_finite_changes_nothing(kind: str) -> None:
+    scene = {
+        "viscous": BASE,
+        "dry friction": _friction(0.2, 1e-2),
+        "cubic": BASE.replace(**{"carriage.cubic_coefficient": 2e6}),
+    }[kind]
+    env = MovingMassEnv(scene.replace(actuation={"force": ForceActuator().model_dump()}))
+    env.reset(seed=0)
+    before = env.state
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ActionError):
+            env.step(np.array([bad], np.float32))
+        assert np.array_equal(env.state, before)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        _friction(0.2, 1e4),
+        _friction(1e-12, 1.0),
+        BASE.replace(**{"carriage.cubic_coefficient": 1.0, "control.time_step": 1e6}),
+        BASE.replace(randomization={"carriage.mass": (1e-9, 1.0)}, **{"control.time_step": 1.0}),
+        _friction(0.2, 1e-2).replace(**{"carriage.mass": 1e-80}),
+        BASE.replace(**{"carriage.mass": 1e-80, "carriage.cubic_coefficient": 1.0}),
+    ],
+)
+def test_step_too_long_to_follow_is_refused_with_what_is_allowed(scene: Scene) -> None:
+    with pytest.raises(CompileError, match=r"control.time_step: .* allow"):
+        compile_scene(scene)
+
+
+def _sweep(seeds: range) -> list[str]:
+    """Return what is wrong with the scenes of these seeds: a hang, a number that is not finite, energy from nowhere."""
+    wrong: list[str] = []
+    for seed in seeds:
+        scene = random_scene(np.random.default_rng(seed))
+        began = time.process_time()
+        _, trajectory = attempt(scene, seed)
+        elapsed = time.process_time() - began
+        if elapsed > 1.0 * scene.control.steps:
+            wrong.append(f"{seed}: {elapsed:.1f} s")
+        if trajectory is None:
+            continue
+        if not np.isfinite(trajectory.state).all():
+            wrong.append(f"{seed}: not finite")
+        isolated = not scene.excitation and scene.actuation.force is None and scene.springs.kind != "finite_stretch"
+        energy = trajectory.energy
+        tolerance = 1e-12 if scene.carriage.cubic_coefficient == 0.0 else scene.control.steps * Solver().tolerance
+        if isolated and energy.max() > energy[0] * (1.0 + 4.0 * tolerance):
+            wrong.append(f"{seed}: energy grows by {energy.max() / energy[0] - 1.0:.1e}")
+    return wrong
+
+
+def test_random_scenes_over_ten_decades_are_right_or_refused() -> None:
+    assert _sweep(range(200)) == []
+
+
+@pytest.mark.slow
+def test_ten_thousand_random_scenes_are_right_or_refused() -> None:
+    assert _sweep(range(10_000)) == []
