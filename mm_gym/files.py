@@ -18,12 +18,17 @@ if TYPE_CHECKING:
 
 def write_text(path: str | PathLike[str], text: str) -> None:
     """Write text beside the path, then rename it into place; parents are created."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: str | PathLike[str], content: bytes) -> None:
+    """Write bytes in the same way."""
     file = Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
         Path(temporary).chmod(0o644)
         Path(temporary).replace(file)
     except BaseException:

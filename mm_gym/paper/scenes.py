@@ -1,0 +1,125 @@
+"""The paper's systems as scenes.
+
+Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption has them the other way round, but the text (m1 < m2, d = 10 above
+critical, B overdamped) holds only so. Panels D and F have a carriage of 1e-80 kg; their damping is not stated, and D is
+read with d = 1, F with d = 10 N s/m. Figure 8 omits chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
+"""
+
+from __future__ import annotations
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.scene import (
+    Carriage,
+    Control,
+    DryFriction,
+    Initial,
+    NoInterface,
+    NoSprings,
+    Scene,
+    SmallOnLarge,
+    Sphere,
+    Viscous,
+)
+
+CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
+"""Slip dampings of figure 10 [N s/m]; the legend's list is not in the text."""
+
+RATIOS = (0.2, 0.5, 0.8, 0.9, 1.0)
+"""Ratios mu2 / mu1 of figure 10; the legend's list is not in the text."""
+
+FIGURE_2 = {
+    "fig2a": (0.04, 1.0, 1.0),
+    "fig2b": (0.04, 1.0, 10.0),
+    "fig2c": (0.04, 1.0, 0.0),
+    "fig2d": (1e-80, 1.0, 1.0),
+    "fig2e": (0.04, 0.0, 1.0),
+    "fig2f": (1e-80, 0.0, 10.0),
+}
+"""m1 [kg], c and d [N s/m] of each panel."""
+
+RELEASED = Initial(carriage_displacement=0.01, sphere_offset=0.02)
+"""x1 = 0.01 m, x2 = 0.03 m, at rest."""
+
+CENTRED = Initial(carriage_displacement=0.01, sphere_offset=0.0)
+"""x1 = x2 = 0.01 m, at rest: equation 19."""
+
+SHORT = Control(time_step=0.001, steps=1000)
+LONG = Control(time_step=0.005, steps=2000)
+
+
+def _interface(damping: float) -> Viscous | NoInterface:
+    return Viscous(damping=damping) if damping else NoInterface()
+
+
+def _linear(mass: float, damping: float, carriage_damping: float) -> Scene:
+    return Scene(
+        carriage=Carriage(mass=mass, stiffness=400.0, damping=carriage_damping),
+        sphere=Sphere(mass=0.10),
+        interface=_interface(damping),
+        initial=RELEASED,
+        control=SHORT,
+    )
+
+
+def _experiment(damping: float, x1: float, offset: float) -> Scene:
+    return Scene(
+        carriage=Carriage(mass=0.478, stiffness=10.0, damping=0.2),
+        sphere=Sphere(mass=0.152),
+        interface=_interface(damping),
+        initial=Initial(carriage_displacement=x1, sphere_offset=offset),
+        control=LONG,
+    )
+
+
+def _common(
+    interface: Viscous | NoInterface | DryFriction,
+    initial: Initial = RELEASED,
+    springs: NoSprings | SmallOnLarge | None = None,
+    cubic: float = 0.0,
+) -> Scene:
+    """Return a system with the masses, stiffness and damping of figures 6 to 12."""
+    return Scene(
+        carriage=Carriage(mass=0.10, stiffness=400.0, damping=1.0, cubic_coefficient=cubic),
+        sphere=Sphere(mass=0.04),
+        interface=interface,
+        springs=springs or NoSprings(),
+        initial=initial,
+        control=SHORT,
+    )
+
+
+def _friction(static: float, slip_damping: float) -> DryFriction:
+    return DryFriction(
+        static_coefficient=static,
+        kinetic_coefficient=0.5 * static,
+        reference_velocity=0.2,
+        slip_damping=slip_damping,
+        normal_force=0.3924,
+    )
+
+
+SCENES = {name: _linear(*values) for name, values in FIGURE_2.items()} | {
+    "fig5a": _experiment(0.0, -0.025, 0.021),
+    "fig5b": _experiment(0.06, 0.03, 0.0),
+    "fig6a": _common(NoInterface(), cubic=2e6),
+    "fig6d": _common(Viscous(damping=1.0), cubic=2e6),
+    "fig8": _common(_friction(0.509, 0.1)),
+    "fig9": _common(
+        _friction(0.5097, 0.0), Initial(carriage_displacement=0.005, sphere_offset=0.02)
+    ),
+    "fig10": _common(_friction(0.51, 0.1)),
+    "fig12a": _common(NoInterface(), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),
+    "fig12d": _common(Viscous(damping=1.0), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),
+}
+
+NAMES = tuple(SCENES)
+"""Every system of the paper."""
+
+
+def scene(name: str) -> Scene:
+    """Return a system of the paper, such as "fig2a"; raise `SceneError` with the nearest name if there is none."""
+    try:
+        return SCENES[name]
+    except KeyError:
+        msg = f"{name!r} is not a system of the paper{suggest(name, NAMES)}; allowed: {', '.join(NAMES)}"
+        raise SceneError(msg) from None
