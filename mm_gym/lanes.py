@@ -58,7 +58,8 @@ class Lanes:
         self.plant = plant
         self.count = count
         self._values = rows_of(len(plant.template), count, np.float64)
-        self._values[...] = plant.template[:, None]
+        for row in np.flatnonzero(plant.template):  # the other pages need no memory until they are used
+            self._values[row] = plant.template[row]
         self._frames = rows_of(plant.history * len(plant.channels), count, np.float32)
         self._ends = rows_of(2, count, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]

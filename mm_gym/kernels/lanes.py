@@ -178,12 +178,15 @@ def run_end(mask, first):
 
 @borrowing_kernel
 def draw(template, draws, lanes, streams, mask):
-    """Fill the lanes of the mask with the scene's values and draw the random ones: rows of (row, low, high)."""
+    """Fill the lanes of the mask with the scene's start and draw what is random: rows of (row, low, high).
+
+    A parameter that is not drawn keeps its value from one episode to the next.
+    """
     first = 0
     while first < mask.shape[0]:
         last = run_end(mask, first)
         if mask[first]:
-            for row in range(template.shape[0]):
+            for row in range(at.M1):
                 if row != at.REWARD:  # what the last step earned outlives an autoreset
                     fill(lanes, row, template[row], first, last)
             for j in range(draws.shape[0]):
