@@ -80,7 +80,9 @@ def compile_scene(scene: Scene) -> Plant:
         task=task_array(scene),
         template=template,
         draws=draws,
-        actuators=tuple(name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None),
+        actuators=tuple(
+            name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None
+        ),
         channels=scene.sensors.channels,
         history=scene.sensors.history,
         steps=scene.control.steps,
@@ -104,13 +106,23 @@ def _choose(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
 
 def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
     """Walk down the decision table; return the method and why."""
-    moving = [name for name, row in support.names.items() if row in _dynamic_rows(support) and not support.fixed(row)]
+    moving = [
+        name
+        for name, row in support.names.items()
+        if row in _dynamic_rows(support) and not support.fixed(row)
+    ]
     moves = tuple(_moves(name, support) for name in moving)
     friction = _slips(support)
     if _is_nonlinear(support):
-        return taylor_method(scene.solver.tolerance, _name(support)), (*_nonlinearities(support), *_friction(support))
+        return taylor_method(scene.solver.tolerance, _name(support)), (
+            *_nonlinearities(support),
+            *_friction(support),
+        )
     if friction:
-        return (SWITCHED_SERIES if moving else SWITCHED), (*_friction(support), *(moves or (FIXED,)))
+        return (SWITCHED_SERIES if moving else SWITCHED), (
+            *_friction(support),
+            *(moves or (FIXED,)),
+        )
     if support.low[at.M1] == 0.0:
         return MASSLESS, ("carriage.mass is 0: the forces on the carriage balance", FIXED)
     return (PARAMETRIC if moving else LINEAR), (_coupling(scene), *(moves or (FIXED,)))
@@ -157,16 +169,27 @@ def _nonlinearities(support: Support) -> list[str]:
 def _friction(support: Support) -> list[str]:
     if not _slips(support):
         return []
-    return [f"dry friction may slip faster than interface.reference_velocity = {support.low[at.VR]:g} m/s"]
+    return [
+        f"dry friction may slip faster than interface.reference_velocity = {support.low[at.VR]:g} m/s"
+    ]
 
 
 def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
     """Replace dry friction that provably never slips by the viscous interface that it then is."""
     low, high = support.low, support.high
-    driven = scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
+    driven = (
+        scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
+    )
     fixed = all(support.fixed(row) for row in FRICTION)
     asked = scene.solver.method == "switched"
-    if not _slips(support) or driven or asked or not fixed or high[at.L0] > 0.0 or low[at.M1] == 0.0:
+    if (
+        not _slips(support)
+        or driven
+        or asked
+        or not fixed
+        or high[at.L0] > 0.0
+        or low[at.M1] == 0.0
+    ):
         return support, ()
     fastest, vr = _fastest_slip(support), low[at.VR]
     if not fastest < vr:
@@ -187,7 +210,9 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
 def _fastest_slip(support: Support) -> float:
     """Return a bound of |w| from the largest energy at the start, which nothing adds to [m/s]."""
     low, high = support.low, support.high
-    x1, offset, v1, v2 = (max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4))
+    x1, offset, v1, v2 = (
+        max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
+    )
     k2 = 2.0 * high[at.K0] * (1.0 + 2.0 / low[at.STRETCH] ** 3) if high[at.K0] > 0.0 else 0.0
     twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + k2 * offset**2
     twice += high[at.K1] * (high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
@@ -202,7 +227,9 @@ def _dynamic_rows(support: Support) -> set[int]:
 
 def _coupling(scene: Scene) -> str:
     bare = scene.springs.kind == "none" and scene.interface.kind == "none"
-    return "nothing joins the sphere to the carriage" if bare else "all forces are linear in the state"
+    return (
+        "nothing joins the sphere to the carriage" if bare else "all forces are linear in the state"
+    )
 
 
 def _moves(name: str, support: Support) -> str:
@@ -215,7 +242,11 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
     """Raise `CompileError` for what no plant covers."""
     low, high = support.low, support.high
     interface = scene.interface
-    if interface.kind == "dry_friction" and interface.normal_force is None and "sphere.mass" in scene.randomization:
+    if (
+        interface.kind == "dry_friction"
+        and interface.normal_force is None
+        and "sphere.mass" in scene.randomization
+    ):
         msg = (
             "interface.normal_force: missing; by default it is the sphere's weight, but sphere.mass is randomised. "
             "State a number, or randomise it too"
@@ -254,7 +285,8 @@ def _check_solver(scene: Scene, method: Method) -> None:
         if option in method.options or getattr(scene.solver, option) == getattr(default, option):
             continue
         warnings.warn(
-            f"solver.{option} has no effect: the {method.plant} plant is propagated by {method.name!r}", stacklevel=3
+            f"solver.{option} has no effect: the {method.plant} plant is propagated by {method.name!r}",
+            stacklevel=3,
         )
 
 

@@ -92,7 +92,9 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
 
-    def __init__(self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None) -> None:
+    def __init__(
+        self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None
+    ) -> None:
         self.scene = scene_of(scene)
         self.plant = compile_scene(self.scene)
         self.render_mode = render_mode
@@ -131,7 +133,9 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._running = True
         return self._frame.copy(), self._info()
 
-    def step(self, action: NDArray[np.floating]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Make one control step.
 
         Raises

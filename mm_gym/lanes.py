@@ -58,7 +58,9 @@ class Lanes:
         self.plant = plant
         self.count = count
         self._values = rows_of(len(plant.template), count, np.float64)
-        for row in np.flatnonzero(plant.template):  # the other pages need no memory until they are used
+        for row in np.flatnonzero(
+            plant.template
+        ):  # the other pages need no memory until they are used
             self._values[row] = plant.template[row]
         self._frames = rows_of(plant.history * len(plant.channels), count, np.float32)
         self._ends = rows_of(2, count, np.bool_)
@@ -79,9 +81,7 @@ class Lanes:
         self._chunks = [(first, min(first + length, count)) for first in range(0, count, length)]
         self._pool = ThreadPoolExecutor(len(self._chunks) - 1) if len(self._chunks) > 1 else None
 
-    def seed(
-        self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None
-    ) -> None:
+    def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
         if isinstance(seed, int):
             keys = np.arange(self.count, dtype=np.uint64) + np.uint64(seed % 2**64)
@@ -119,7 +119,8 @@ class Lanes:
         """
         support = self.plant.support
         return {
-            support.row_of(name): self._checked(name, value) for name, value in (fixed or {}).items()
+            support.row_of(name): self._checked(name, value)
+            for name, value in (fixed or {}).items()
         }
 
     def _checked(self, name: str, value: ArrayLike) -> Values:
@@ -165,7 +166,9 @@ class Lanes:
 
     def snapshot(self) -> dict[str, object]:
         """Return everything that the lanes are, as copies, for `restore`."""
-        return {"scene": self.plant.digest} | {name: getattr(self, name).copy() for name in SNAPSHOT}
+        return {"scene": self.plant.digest} | {
+            name: getattr(self, name).copy() for name in SNAPSHOT
+        }
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
         """Continue from a snapshot of the same scene and as many lanes; raise `SceneError` if it is not one."""
@@ -178,7 +181,10 @@ class Lanes:
             raise SceneError(msg)
         for name in SNAPSHOT:
             array, own = snapshot[name], getattr(self, name)
-            if not isinstance(array, np.ndarray) or (array.shape, array.dtype) != (own.shape, own.dtype):
+            if not isinstance(array, np.ndarray) or (array.shape, array.dtype) != (
+                own.shape,
+                own.dtype,
+            ):
                 msg = f"state.{name}: allowed: an array of shape {own.shape} and type {own.dtype}"
                 raise SceneError(msg)
         for name in SNAPSHOT:

@@ -78,7 +78,9 @@ class Support:
         try:
             return self.names[name]
         except KeyError:
-            msg = f"{name}: not a field of this scene that can be set{suggest(str(name), self.names)}"
+            msg = (
+                f"{name}: not a field of this scene that can be set{suggest(str(name), self.names)}"
+            )
             raise SceneError(msg) from None
 
 
@@ -88,14 +90,21 @@ def support_of(scene: Scene) -> Support:
     rows = {name: _row(name) for name in values}
     size = at.TONES + at.TONE_ROWS * len(scene.excitation)
     low, high = np.zeros(size), np.zeros(size)
-    low[at.STRETCH] = high[at.STRETCH] = 1.0  # without springs: any stretch that the spring law allows
+    low[at.STRETCH] = high[at.STRETCH] = (
+        1.0  # without springs: any stretch that the spring law allows
+    )
     for name, value in values.items():
         low[rows[name]], high[rows[name]] = bounds(value)
     if scene.springs.kind == "none":
-        low[at.STRETCH] = high[at.STRETCH] = 1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
+        low[at.STRETCH] = high[at.STRETCH] = (
+            1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
+        )
     start_low, start_high = low.copy(), high.copy()
     if scene.actuation.stretch is not None:
-        low[at.STRETCH], high[at.STRETCH] = scene.actuation.stretch.minimum, scene.actuation.stretch.maximum
+        low[at.STRETCH], high[at.STRETCH] = (
+            scene.actuation.stretch.minimum,
+            scene.actuation.stretch.maximum,
+        )
     return Support(
         start_low=start_low,
         start_high=start_high,
@@ -109,7 +118,11 @@ def support_of(scene: Scene) -> Support:
 
 def _row(name: str) -> int:
     part, *middle, field = name.split(".")
-    return at.TONES + at.TONE_ROWS * int(middle[0]) + TONE_FIELDS[field] if part == "excitation" else ROWS[name]
+    return (
+        at.TONES + at.TONE_ROWS * int(middle[0]) + TONE_FIELDS[field]
+        if part == "excitation"
+        else ROWS[name]
+    )
 
 
 def _fields(scene: Scene) -> dict[str, NumberOrRange]:

@@ -65,7 +65,9 @@ class Plant:
         """Control step [s]."""
         return self.support.time_step
 
-    def linear(self, stretch: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def linear(
+        self, stretch: float | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A (4, 4) and B (4, 1) of x' = A x + B u about the rest position, u the control force [N].
 
         Parameters
@@ -80,14 +82,20 @@ class Plant:
         system = self.system(stretch)
         return system.a.astype(np.float64), system.force.astype(np.float64)[:, None]
 
-    def discrete(self, stretch: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def discrete(
+        self, stretch: float | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over the control step."""
         # Imported here: the layer of methods lies above the plant it builds.
         from mm_gym.propagators import massless_transition, transition  # noqa: PLC0415
 
         row = self._middle(stretch)
         massless = row[at.M1] == 0.0
-        both = massless_transition(values_of(row), self.time_step) if massless else transition(linear_system(row), self.time_step)
+        both = (
+            massless_transition(values_of(row), self.time_step)
+            if massless
+            else transition(linear_system(row), self.time_step)
+        )
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
@@ -137,7 +145,8 @@ def linear_system(row: NDArray[np.float64]) -> StateSpace:
 def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
     """Return m1, m2, k1 (times alpha), d, c and k2 of one lane; doubles enter as the decimals that they exactly are."""
     m1, m2, k1, d, alpha, c, k0, stretch = (
-        Decimal(float(row[i])) for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
+        Decimal(float(row[i]))
+        for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)
     )
     mu1, normal, vr = (Decimal(float(row[i])) for i in (at.MU1, at.FN, at.VR))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):

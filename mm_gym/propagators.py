@@ -22,7 +22,9 @@ def transition(system: StateSpace, time: float) -> NDArray[np.float64]:
     return exponential(generator, time)[:4]
 
 
-def response_to_tone(system: StateSpace, frequency: float, *, ground: bool, time: float) -> NDArray[np.float64]:
+def response_to_tone(
+    system: StateSpace, frequency: float, *, ground: bool, time: float
+) -> NDArray[np.float64]:
     """Return what cos and sin of the phase at the step's start add to the state at its end, (2, 4).
 
     The excitation sin(w t + phase) is the second state of the exosystem z' = [[0, -w], [w, 0]] z, z = (cos, sin).
@@ -39,7 +41,9 @@ def massless_transition(p: Values, time: float) -> NDArray[np.float64]:
     return _massless(p, time, Decimal(0), ground=False)[:, :5].astype(np.float64)
 
 
-def massless_response_to_tone(p: Values, frequency: float, *, ground: bool, time: float) -> NDArray[np.float64]:
+def massless_response_to_tone(
+    p: Values, frequency: float, *, ground: bool, time: float
+) -> NDArray[np.float64]:
     """Return the same as `response_to_tone` for a carriage without mass."""
     return _massless(p, time, Decimal(frequency), ground=ground)[:, 5:].T.astype(np.float64)
 

@@ -89,22 +89,40 @@ class Oracle:
     def _stretch(self) -> float:
         return 1.0 if self.scene.springs.kind == "none" else self.scene.springs.stretch
 
-    def _integrate(self, start: float, end: float, state: State, force: float, stretch: float) -> State:
+    def _integrate(
+        self, start: float, end: float, state: State, force: float, stretch: float
+    ) -> State:
         """Integrate with force and stretch held, from event to event."""
         regime = self._regime(state)
         if self.scene.carriage.mass == 0.0:
             return self._integrate_massless(start, end, state, force, stretch)
         while start < end:
-            solution = self._segment(self._field(regime, force, stretch), start, end, state, self._events(regime))
+            solution = self._segment(
+                self._field(regime, force, stretch), start, end, state, self._events(regime)
+            )
             start, state = float(solution.t[-1]), solution.y[:, -1]
             if solution.status == 1:
                 regime = self._direction(state) if regime == STICK else STICK
         return state
 
-    def _segment(self, field: Callable[..., State], start: float, end: float, state: State, events: list[Callable[..., float]]):
+    def _segment(
+        self,
+        field: Callable[..., State],
+        start: float,
+        end: float,
+        state: State,
+        events: list[Callable[..., float]],
+    ):
         # Absolute tolerances far below any state of interest: each component keeps its relative digits.
         solution = solve_ivp(
-            field, (start, end), state, self.method, events=events, rtol=self.rtol, atol=1e-17, max_step=self.max_step
+            field,
+            (start, end),
+            state,
+            self.method,
+            events=events,
+            rtol=self.rtol,
+            atol=1e-17,
+            max_step=self.max_step,
         )
         if solution.status < 0:
             msg = f"reference: {solution.message}"
@@ -113,7 +131,10 @@ class Oracle:
 
     def _regime(self, state: State) -> int:
         interface = self.scene.interface
-        if interface.kind != "dry_friction" or abs(state[3] - state[2]) <= interface.reference_velocity:
+        if (
+            interface.kind != "dry_friction"
+            or abs(state[3] - state[2]) <= interface.reference_velocity
+        ):
             return STICK
         return self._direction(state)
 
@@ -143,11 +164,17 @@ class Oracle:
             return 0.0
         if interface.kind == "viscous":
             return interface.damping * w
-        normal = self.scene.sphere.mass * GRAVITY if interface.normal_force is None else interface.normal_force
+        normal = (
+            self.scene.sphere.mass * GRAVITY
+            if interface.normal_force is None
+            else interface.normal_force
+        )
         vr = interface.reference_velocity
         if regime == STICK:
             return interface.static_coefficient * normal / vr * w
-        return regime * (interface.kinetic_coefficient * normal + interface.slip_damping * (regime * w - vr))
+        return regime * (
+            interface.kinetic_coefficient * normal + interface.slip_damping * (regime * w - vr)
+        )
 
     def _springs(self, offset: float, stretch: float) -> float:
         """Return the force of the springs on the carriage (eq. 15 of the paper, or the exact neo-Hookean pair)."""
@@ -169,21 +196,35 @@ class Oracle:
         def field(t: float, y: State) -> State:
             x1, x2, v1, v2 = y
             inner = self._interface(v2 - v1, regime) + self._springs(x2 - x1, stretch)
-            spring = carriage.stiffness * (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2) * x1
+            spring = (
+                carriage.stiffness
+                * (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2)
+                * x1
+            )
             ground = self._excitation(t, "ground")
             outer = force + self._excitation(t, "force") - carriage.damping * v1 - spring
-            return np.array([v1, v2, (inner + outer) / carriage.mass - ground, -inner / m2 - ground])
+            return np.array(
+                [v1, v2, (inner + outer) / carriage.mass - ground, -inner / m2 - ground]
+            )
 
         return field
 
-    def _integrate_massless(self, start: float, end: float, state: State, force: float, stretch: float) -> State:
+    def _integrate_massless(
+        self, start: float, end: float, state: State, force: float, stretch: float
+    ) -> State:
         """Integrate x1, x2, v2; v1 balances the forces on the carriage (viscous interface)."""
         carriage, m2 = self.scene.carriage, self.scene.sphere.mass
         c = self._interface(1.0, STICK)
 
         def velocity(t: float, x1: float, x2: float, v2: float) -> float:
             spring = carriage.stiffness * carriage.linear_coefficient * x1
-            push = c * v2 + self._springs(x2 - x1, stretch) + force + self._excitation(t, "force") - spring
+            push = (
+                c * v2
+                + self._springs(x2 - x1, stretch)
+                + force
+                + self._excitation(t, "force")
+                - spring
+            )
             return push / (c + carriage.damping)
 
         def field(t: float, y: State) -> State:

@@ -29,7 +29,9 @@ def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
         msg = f"scene: got {type(scene).__name__}; allowed: a Scene or the path of a TOML file"
         raise SceneError(msg)
     if scene.actuation.force is None and scene.actuation.stretch is None:
-        msg = "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
+        msg = (
+            "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
+        )
         raise SceneError(msg)
     return scene
 
@@ -45,7 +47,9 @@ def observation_space(plant: Plant) -> Box:
     return Box(-at.OBSERVATION_BOUND, at.OBSERVATION_BOUND, (size,), np.float32)
 
 
-def checked_actions(actions: object, shape: tuple[int, ...]) -> NDArray[np.float64] | NDArray[np.float32]:
+def checked_actions(
+    actions: object, shape: tuple[int, ...]
+) -> NDArray[np.float64] | NDArray[np.float32]:
     """Return actions as an ordinary floating-point array of the shape; raise `ActionError` otherwise."""
     try:
         array = np.asarray(actions)
@@ -59,4 +63,6 @@ def checked_actions(actions: object, shape: tuple[int, ...]) -> NDArray[np.float
         msg = f"action: got shape {array.shape}; allowed: {shape}"
         raise ActionError(msg)
     # Read-only and strided arrays are types of their own, for which every kernel would be compiled anew.
-    return np.require(array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"])
+    return np.require(
+        array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"]
+    )

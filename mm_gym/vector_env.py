@@ -94,7 +94,10 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._lanes.values[self.plant.support.row_of(name)].copy()
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, ArrayLike] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
@@ -111,7 +114,13 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def step(
         self, actions: NDArray[np.floating]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[
+        NDArray[np.float32],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
         """Make one control step in every lane.
 
         Raises
@@ -122,7 +131,9 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             If no episode has begun or, without autoreset, a lane's episode is over.
         """
         lanes = self._lanes
-        if self._any_finished and (self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded):
+        if self._any_finished and (
+            self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded
+        ):
             msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
         status = lanes.advance(checked_actions(actions, self.action_space.shape).T.reshape(-1))
@@ -178,10 +189,17 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for i in np.flatnonzero(mask):
             observations[i] = self._lanes.frames[:, i].copy()
         zeroed = {
-            name: np.where(mask[:, None], value, 0.0) for name, value in self._info().items() if not name.startswith("_")
+            name: np.where(mask[:, None], value, 0.0)
+            for name, value in self._info().items()
+            if not name.startswith("_")
         }
         masks = {f"_{name}": mask for name in zeroed}
-        return {"final_obs": observations, "_final_obs": mask, "final_info": zeroed | masks, "_final_info": mask}
+        return {
+            "final_obs": observations,
+            "_final_obs": mask,
+            "final_info": zeroed | masks,
+            "_final_info": mask,
+        }
 
     def _observations(self) -> NDArray[np.float32]:
         frames = self._lanes.frames
@@ -193,7 +211,12 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._copy:
             state, applied = state.copy(), applied.copy()
         everywhere = self._everywhere
-        return {"state": state.T, "_state": everywhere, "applied": applied.T, "_applied": everywhere}
+        return {
+            "state": state.T,
+            "_state": everywhere,
+            "applied": applied.T,
+            "_applied": everywhere,
+        }
 
     def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
         if mask is None:
@@ -204,9 +227,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise SceneError(msg)
         return array
 
-    def _seed(
-        self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]
-    ) -> None:
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
         if seed is None or isinstance(seed, int):
             super().reset(seed=seed)
         elif (

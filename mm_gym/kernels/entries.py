@@ -53,7 +53,9 @@ def build(propagate: Callable[..., object]) -> Entries:
                     lanes[at.FORCE, 0], commands[n, 0], force_rate, -force_limit, force_limit
                 )
             if task[at.HAS_STRETCH] > 0.0:
-                lanes[at.STRETCH, 0] = approach(lanes[at.STRETCH, 0], commands[n, 1], stretch_rate, low, high)
+                lanes[at.STRETCH, 0] = approach(
+                    lanes[at.STRETCH, 0], commands[n, 1], stretch_rate, low, high
+                )
             applied[n, 0], applied[n, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
             status = propagate(model, lanes, 0, 1)
             if status > at.ENDED:

@@ -66,7 +66,9 @@ def _field(model, lanes, i, p, y, elapsed, finite, slope):
     for j in range(int(model[at.TONE_COUNT])):
         tone = at.TONES + at.TONE_ROWS * j
         turn = lanes[tone + at.FREQUENCY, i] * elapsed
-        value = lanes[tone + at.SINE, i] * math.cos(turn) + lanes[tone + at.COSINE, i] * math.sin(turn)
+        value = lanes[tone + at.SINE, i] * math.cos(turn) + lanes[tone + at.COSINE, i] * math.sin(
+            turn
+        )
         value *= lanes[tone + at.AMPLITUDE, i]
         if (int(model[at.GROUND]) >> j) & 1:
             ground += value

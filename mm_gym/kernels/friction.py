@@ -43,7 +43,11 @@ def coefficients(lanes, i):
     p[_M1], p[_M2], p[_D] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i]
     p[_K1] = lanes[at.K1, i] * lanes[at.ALPHA, i]
     # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
-    p[_K2] = 2.0 * lanes[at.K0, i] * (1.0 + 2.0 / (stretch * stretch * stretch)) if lanes[at.K0, i] > 0.0 else 0.0
+    p[_K2] = (
+        2.0 * lanes[at.K0, i] * (1.0 + 2.0 / (stretch * stretch * stretch))
+        if lanes[at.K0, i] > 0.0
+        else 0.0
+    )
     p[_STICK], p[_CHI], p[_SLIP_FORCE] = mu1 * normal / vr, chi, mu2 * normal - chi * vr
     p[_VR], p[_U] = vr, lanes[at.FORCE, i]
     return p
@@ -127,7 +131,11 @@ def _expand(c, p, z, regime, duration, degree):
         inner = damping * c[_W + n] + k2 * c[_OFFSET + n] + friction
         outer = k1 * c[_X1 + n] + d * c[_V1 + n] - c[_FORCE + n] - held
         friction = held = 0.0
-        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = step * c[_V1 + n], step * c[_V2 + n], step * c[_W + n]
+        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = (
+            step * c[_V1 + n],
+            step * c[_V2 + n],
+            step * c[_W + n],
+        )
         c[_V1 + n + 1] = step * ((inner - outer) / m1 - c[_GROUND + n])
         c[_V2 + n + 1] = step * (-inner / m2 - c[_GROUND + n])
         # Not v2 - v1: near a stiff stick its digits would cancel.
@@ -244,7 +252,11 @@ def propagate(model, lanes, first, last):
 def _fastest_rate(p, lanes, i, tones):
     """Return a bound of the lane's rates [1/s], see `mm_gym.methods.base.fastest_rate`."""
     damping = max(p[_STICK], p[_CHI])
-    rate = math.sqrt((p[_K1] + p[_K2]) / p[_M1] + p[_K2] / p[_M2]) + (damping + p[_D]) / p[_M1] + damping / p[_M2]
+    rate = (
+        math.sqrt((p[_K1] + p[_K2]) / p[_M1] + p[_K2] / p[_M2])
+        + (damping + p[_D]) / p[_M1]
+        + damping / p[_M2]
+    )
     for j in range(tones):
         rate = max(rate, lanes[at.TONES + at.TONE_ROWS * j + at.FREQUENCY, i])
     return rate

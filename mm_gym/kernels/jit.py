@@ -49,7 +49,9 @@ class _KernelCache(caching.FunctionCache):
     def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
         # Kernels close over other kernels only, and the stamp covers their text: their names identify the closure.
         closure = self._py_func.__closure__ or ()
-        names = tuple(f"{cell.cell_contents.__module__}.{cell.cell_contents.__qualname__}" for cell in closure)
+        names = tuple(
+            f"{cell.cell_contents.__module__}.{cell.cell_contents.__qualname__}" for cell in closure
+        )
         return (sig, codegen.magic_tuple(), names)
 
 

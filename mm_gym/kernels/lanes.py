@@ -234,7 +234,10 @@ def begin_tone(lanes, tone, time_step, first, last):
     for i in span(first, last):
         phase, turn = lanes[tone + at.PHASE, i], lanes[tone + at.FREQUENCY, i] * time_step
         lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i] = math.cos(phase), math.sin(phase)
-        lanes[tone + at.ROTATE_COSINE, i], lanes[tone + at.ROTATE_SINE, i] = math.cos(turn), math.sin(turn)
+        lanes[tone + at.ROTATE_COSINE, i], lanes[tone + at.ROTATE_SINE, i] = (
+            math.cos(turn),
+            math.sin(turn),
+        )
 
 
 @borrowing_kernel

@@ -26,7 +26,14 @@ WIDTH = 128
 # Scratch: the state at the substep's start, the partial sum, K1 = k1/m1 ..., m1/m2, and the held force over m1.
 _X1, _X2, _V1, _V2 = 0, WIDTH, 2 * WIDTH, 3 * WIDTH
 _Y1, _Y2, _W1, _W2 = 4 * WIDTH, 5 * WIDTH, 6 * WIDTH, 7 * WIDTH
-_K1, _D1, _C1, _K2, _RATIO, _HELD = 8 * WIDTH, 9 * WIDTH, 10 * WIDTH, 11 * WIDTH, 12 * WIDTH, 13 * WIDTH
+_K1, _D1, _C1, _K2, _RATIO, _HELD = (
+    8 * WIDTH,
+    9 * WIDTH,
+    10 * WIDTH,
+    11 * WIDTH,
+    12 * WIDTH,
+    13 * WIDTH,
+)
 _ROWS = 14 * WIDTH
 
 # Drive: accelerations of the carriage, then of the sphere if the ground shakes, a row for each order of a pass.
@@ -97,7 +104,11 @@ def _load_tone(lanes, tone, j, ground, h, first, count):
     """Copy a tone's phase, scaled to an acceleration."""
     row = at.TONES + at.TONE_ROWS * j
     amplitudes, frequencies = lanes[row + at.AMPLITUDE, first:], lanes[row + at.FREQUENCY, first:]
-    cosines, sines, m1 = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:], lanes[at.M1, first:]
+    cosines, sines, m1 = (
+        lanes[row + at.COSINE, first:],
+        lanes[row + at.SINE, first:],
+        lanes[at.M1, first:],
+    )
     for i in range(count):
         scale = -amplitudes[i] if ground else amplitudes[i] / m1[i]
         c, s = scale * cosines[i], scale * sines[i]
@@ -161,7 +172,12 @@ def _hold(scratch, drive, count):
 @borrowing_kernel
 def _add_tone(tone, target, order, count):
     """Add a tone to the drive of the next orders, and sum the tone's own series c' = -w s, s' = w c as far."""
-    part0, part1, part2, part3 = 1.0 / order, 1.0 / (order - 1), 1.0 / (order - 2), 1.0 / (order - 3)
+    part0, part1, part2, part3 = (
+        1.0 / order,
+        1.0 / (order - 1),
+        1.0 / (order - 2),
+        1.0 / (order - 3),
+    )
     for i in range(count):
         start, turn = (tone[_COSINE + i], tone[_SINE + i]), tone[_TURN + i]
         z0 = tone[_COSINE_SUM + i], tone[_SINE_SUM + i]
@@ -202,4 +218,9 @@ def _next(scratch, i, force, ground, step, state, y):
     coupling = fma(scratch[_C1 + i], v2 - v1, scratch[_K2 + i] * (x2 - x1))
     a1 = coupling + fma(-scratch[_K1 + i], x1, fma(-scratch[_D1 + i], v1, force))
     a2 = fma(-scratch[_RATIO + i], coupling, ground)
-    return fma(step, v1, state[0]), fma(step, v2, state[1]), fma(step, a1, state[2]), fma(step, a2, state[3])
+    return (
+        fma(step, v1, state[0]),
+        fma(step, v2, state[1]),
+        fma(step, a1, state[2]),
+        fma(step, a2, state[3]),
+    )

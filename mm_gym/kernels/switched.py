@@ -23,7 +23,14 @@ REGIMES = at.MODEL_OWN + 6
 
 # Slots of a rung: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change of w and the gains of
 # h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
-SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, TONES = 0, 6, 30, 36, 42, 43  # _propagate_lane counts on these
+SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, TONES = (
+    0,
+    6,
+    30,
+    36,
+    42,
+    43,
+)  # _propagate_lane counts on these
 # Then for each tone the same against cosine and sine times amplitude, and the cosine and sine of its turn.
 TONE_SECOND, TONE_ROWS, TONE_CHANGE, TONE_GAINS, TONE_TURN, TONE_SIZE = 0, 2, 10, 12, 14, 16
 
@@ -50,7 +57,14 @@ def propagate(model, lanes, first, last):
 @kernel
 def _product(m, row, a, b, c, d, e, f):
     """Return a row of a rung times the inputs without tones."""
-    return m[row] * a + m[row + 1] * b + m[row + 2] * c + m[row + 3] * d + m[row + 4] * e + m[row + 5] * f
+    return (
+        m[row] * a
+        + m[row + 1] * b
+        + m[row + 2] * c
+        + m[row + 3] * d
+        + m[row + 4] * e
+        + m[row + 5] * f
+    )
 
 
 @kernel
@@ -76,7 +90,14 @@ def _propagate_lane(model, lanes, i):
     y3 = m[18] * x1 + m[19] * x2 + m[20] * v1 + m[21] * v2 + m[22] * s + m[23] * u
     y4 = m[24] * x1 + m[25] * x2 + m[26] * v1 + m[27] * v2 + m[28] * s + m[29] * u
     change = m[30] * x1 + m[31] * offset + m[32] * v1 + m[33] * w + m[34] * s + m[35] * u
-    bend = m[36] * abs(x1) + m[37] * abs(offset) + m[38] * abs(v1) + m[39] * abs(w) + m[40] * abs(s) + m[41] * abs(u)
+    bend = (
+        m[36] * abs(x1)
+        + m[37] * abs(offset)
+        + m[38] * abs(v1)
+        + m[39] * abs(w)
+        + m[40] * abs(s)
+        + m[41] * abs(u)
+    )
     for j in range(int(model[at.TONE_COUNT])):
         tone, own = at.TONES + at.TONE_ROWS * j, first + TONES + TONE_SIZE * j
         t = model[own : own + TONE_SIZE]
@@ -120,7 +141,9 @@ def _propagate_by_intervals(model, lanes, i):
                 return status
             _turn_tones(m, z)
         position += 1 << (last_rung - rung)
-        while rung > 0 and position & ((2 << (last_rung - rung)) - 1) == 0:  # as long as the place allows
+        while (
+            rung > 0 and position & ((2 << (last_rung - rung)) - 1) == 0
+        ):  # as long as the place allows
             rung -= 1
         if position == end:
             for row in range(4):
@@ -158,7 +181,9 @@ def _slip_row(m, row, tone_row, z):
 @kernel
 def _slip_gain(m, z):
     """Return the gains of a rung times the magnitudes of the inputs with offset and slip velocity."""
-    total = _product(m, GAINS, abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6]))
+    total = _product(
+        m, GAINS, abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6])
+    )
     for j in range((z.size - 7) // 2):
         own = TONES + TONE_SIZE * j + TONE_GAINS
         total += m[own] * abs(z[7 + 2 * j]) + m[own + 1] * abs(z[8 + 2 * j])
@@ -265,7 +290,14 @@ def _multiply_magnitudes(stick, slip, scratch, out):
     a0, a1, a2, a3, a4, a5 = stick[0], stick[1], stick[2], stick[3], stick[4], stick[5]
     b0, b1, b2, b3, b4, b5 = slip[0], slip[1], slip[2], slip[3], slip[4], slip[5]
     for i in range(out.size):
-        x1, offset, v1, w, s, u = abs(x1s[i]), abs(offsets[i]), abs(v1s[i]), abs(ws[i]), abs(signs[i]), abs(us[i])
+        x1, offset, v1, w, s, u = (
+            abs(x1s[i]),
+            abs(offsets[i]),
+            abs(v1s[i]),
+            abs(ws[i]),
+            abs(signs[i]),
+            abs(us[i]),
+        )
         in_stick = a0 * x1 + a1 * offset + a2 * v1 + a3 * w + a4 * s + a5 * u
         in_slip = b0 * x1 + b1 * offset + b2 * v1 + b3 * w + b4 * s + b5 * u
         out[i] = in_stick if s == 0.0 else in_slip
@@ -276,7 +308,11 @@ def _add_tones(stick, slip, scratch, slot, out):
     """Add what the tones contribute to a row."""
     signs = scratch[_SIGN]
     for j in range((scratch.shape[0] - _TONES - 4) // 2):
-        cosines, sines, k = scratch[_TONES + 2 * j], scratch[_TONES + 2 * j + 1], TONES + TONE_SIZE * j + slot
+        cosines, sines, k = (
+            scratch[_TONES + 2 * j],
+            scratch[_TONES + 2 * j + 1],
+            TONES + TONE_SIZE * j + slot,
+        )
         a0, a1, b0, b1 = stick[k], stick[k + 1], slip[k], slip[k + 1]
         for i in range(out.size):
             in_stick, in_slip = a0 * cosines[i] + a1 * sines[i], b0 * cosines[i] + b1 * sines[i]
@@ -288,7 +324,11 @@ def _add_tone_gains(stick, slip, scratch, out):
     """Add what the tones contribute to the gains."""
     signs = scratch[_SIGN]
     for j in range((scratch.shape[0] - _TONES - 4) // 2):
-        cosines, sines, k = scratch[_TONES + 2 * j], scratch[_TONES + 2 * j + 1], TONES + TONE_SIZE * j + TONE_GAINS
+        cosines, sines, k = (
+            scratch[_TONES + 2 * j],
+            scratch[_TONES + 2 * j + 1],
+            TONES + TONE_SIZE * j + TONE_GAINS,
+        )
         a0, a1, b0, b1 = stick[k], stick[k + 1], slip[k], slip[k + 1]
         for i in range(out.size):
             cosine, sine = abs(cosines[i]), abs(sines[i])
@@ -304,4 +344,6 @@ def _mark(vr, stick_gain, slip_gain, scratch):
     for i in range(leaves.size):
         s, w = signs[i], ws[i]
         gain = stick_gain if s == 0.0 else slip_gain
-        leaves[i] = 0.0 if _stays(vr, s, w, w + changes[i], bends[i] + gain * abs(seconds[i])) else 1.0
+        leaves[i] = (
+            0.0 if _stays(vr, s, w, w + changes[i], bends[i] + gain * abs(seconds[i])) else 1.0
+        )

@@ -25,11 +25,15 @@ _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 # Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
 WIDTH = 32
 _X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND = (WIDTH * k for k in range(8))
-_SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _SHARE = (WIDTH * k for k in range(8, 15))
+_SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _SHARE = (
+    WIDTH * k for k in range(8, 15)
+)
 
 # Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over many costs time.
 _STATE = WIDTH * 15
-M1, M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(_STATE + 5, _STATE + 20)
+M1, M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(
+    _STATE + 5, _STATE + 20
+)
 
 
 @kernel
@@ -82,14 +86,21 @@ def _propagate_lane(model, lanes, i, c):
     """Advance one lane, series by series."""
     order, tones, ground = int(model[ORDER]), int(model[at.TONE_COUNT]), int(model[at.GROUND])
     log_tolerance, duration = model[LOG_TOLERANCE], model[at.TIME_STEP]
-    cubic, finite, friction, vr = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0, model[HAS_FRICTION] > 0.0, c[_VR]
+    cubic, finite, friction, vr = (
+        model[IS_CUBIC] > 0.0,
+        model[IS_FINITE] > 0.0,
+        model[HAS_FRICTION] > 0.0,
+        c[_VR],
+    )
     for row in range(4):
         c[_STATE + row] = lanes[row, i]
     w = c[_STATE + 4] = lanes[at.V2, i] - lanes[at.V1, i]
     regime = sign_of(vr, w)
     upper, lower = vr - w, vr + w  # how far the slip velocity is below v_r and above -v_r
     elapsed = 0.0
-    unit = duration  # the series' unit of time: about the length of a step, so that no term overflows
+    unit = (
+        duration  # the series' unit of time: about the length of a step, so that no term overflows
+    )
     for _ in range(MOST_STEPS):
         if tones > 0:
             excite(c, WIDTH, lanes, i, tones, ground, elapsed, unit, order)
@@ -128,7 +139,10 @@ def _exit(series, regime, upper, lower, theta, order):
     if regime != 0.0:
         at_time = first_exit(series, _SCALED, order, -upper if regime > 0.0 else -lower, regime)
         return at_time, 0.0 if at_time == NONE else regime
-    up, down = first_exit(series, _SCALED, order, upper, -1.0), first_exit(series, _SCALED, order, lower, 1.0)
+    up, down = (
+        first_exit(series, _SCALED, order, upper, -1.0),
+        first_exit(series, _SCALED, order, lower, 1.0),
+    )
     if up == NONE and down == NONE:
         return NONE, 0.0
     return (up, 1.0) if up <= down else (down, -1.0)
@@ -142,14 +156,23 @@ def _expand(c, cubic, finite, friction, regime, unit, order):
     held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
     # What the velocities add is kept apart: each term waits for them, and for nothing else.
     from_v1, from_v2, between = -(damping + d) * by_m1, damping * by_m1, damping * by_m2
-    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = c[_STATE], c[_STATE + 1], c[_STATE + 2], c[_STATE + 3], c[_STATE + 4]
+    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = (
+        c[_STATE],
+        c[_STATE + 1],
+        c[_STATE + 2],
+        c[_STATE + 3],
+        c[_STATE + 4],
+    )
     for n in range(order):
         x1, x2, v1, v2, step = c[_X1 + n], c[_X2 + n], c[_V1 + n], c[_V2 + n], unit * c[_SHARE + n]
         inner = k2 * (x2 - x1) + slip
         if finite:
             if not _stretch(c, x2 - x1, n):
                 return False
-            inner = c[_K0] * (2.0 * (x2 - x1) + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n])) + slip
+            inner = (
+                c[_K0] * (2.0 * (x2 - x1) + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
+                + slip
+            )
         outer = k1 * x1 - c[_FORCE + n] - held
         if cubic:
             c[_SQUARE + n] = _square(c, n)
@@ -160,7 +183,9 @@ def _expand(c, cubic, finite, friction, regime, unit, order):
         if friction:
             # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
             w = c[_W + n]
-            c[_W + n + 1] = step * ((outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2))
+            c[_W + n + 1] = step * (
+                (outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2)
+            )
             c[_V1 + n + 1] = step * ((damping * w - d * v1) * by_m1 + on1)
             c[_V2 + n + 1] = step * (on2 - between * w)
         else:

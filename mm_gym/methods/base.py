@@ -63,7 +63,9 @@ def refuse_overflow(support: Support) -> Iterator[None]:
     try:
         yield
     except OverflowError as error:
-        msg = f"control.time_step: {support.time_step} s is too long for this scene's rates: {error}"
+        msg = (
+            f"control.time_step: {support.time_step} s is too long for this scene's rates: {error}"
+        )
         raise CompileError(msg) from error
 
 

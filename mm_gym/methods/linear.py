@@ -37,7 +37,9 @@ LINEAR = Method(
     how="transition matrix, computed once in decimal arithmetic and rounded once; harmonic excitation as an exosystem",
     order="exact for a held force",
     bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: f"one 4 x 5 product, and 8 products for each of {int(model[at.TONE_COUNT])} harmonics",
+    cost=lambda model: (
+        f"one 4 x 5 product, and 8 products for each of {int(model[at.TONE_COUNT])} harmonics"
+    ),
     model=_model,
     entries=build(linear.propagate),
 )

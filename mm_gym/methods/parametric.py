@@ -45,7 +45,9 @@ PARAMETRIC = Method(
     how="exponential acting on the state as a Taylor series, cut off below round-off",
     order="exact for a held force and stretch",
     bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: f"{int(model[series.SUBSTEPS])} x {int(model[series.DEGREE])} products with A",
+    cost=lambda model: (
+        f"{int(model[series.SUBSTEPS])} x {int(model[series.DEGREE])} products with A"
+    ),
     model=_model,
     entries=build(series.propagate),
 )

@@ -47,14 +47,20 @@ SAMPLING = 1.1
 
 def _model(support: Support) -> NDArray[np.float64]:
     low = support.low
-    mu1, mu2, vr, chi, normal = (Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN))
+    mu1, mu2, vr, chi, normal = (
+        Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+    )
     with localcontext(Context(prec=60)):
         stick = mu1 * normal / vr
         offset = mu2 * normal - chi * vr
     phase = fastest_rate(support, max(float(stick), float(chi))) * support.time_step
     _refuse_long_step(support, phase, LONGEST_DECAY, "the shortest time constant of the friction")
-    oscillation = max(fastest_oscillation(support), low[at.TONES + at.FREQUENCY :: at.TONE_ROWS].max(initial=0.0))
-    _refuse_long_step(support, oscillation * support.time_step, LONGEST_OSCILLATION, "1 / the fastest frequency")
+    oscillation = max(
+        fastest_oscillation(support), low[at.TONES + at.FREQUENCY :: at.TONE_ROWS].max(initial=0.0)
+    )
+    _refuse_long_step(
+        support, oscillation * support.time_step, LONGEST_OSCILLATION, "1 / the fastest frequency"
+    )
     rungs = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
     regimes = [_regime(support, *law, rungs) for law in ((stick, Decimal(0)), (chi, offset))]
     model = header(support, switched.REGIMES - at.MODEL_OWN)
@@ -86,12 +92,20 @@ def _regime(support: Support, damping: Decimal, force: Decimal, rungs: int) -> N
     return np.array([_rung(second, step, gain) for step, gain in zip(steps, gains, strict=False)])
 
 
-def _rung(second: NDArray[np.float64], step: NDArray[np.object_], gains: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rung(
+    second: NDArray[np.float64], step: NDArray[np.object_], gains: NDArray[np.float64]
+) -> NDArray[np.float64]:
     rows, change = _state_rows(step), _change_of_slip(step)
     slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
     for k in range(6, len(second), 2):
         own = slice(k, k + 2)
-        slots += [second[own], rows[:, own].ravel(), change[own], gains[own], step[own, k].astype(np.float64)]
+        slots += [
+            second[own],
+            rows[:, own].ravel(),
+            change[own],
+            gains[own],
+            step[own, k].astype(np.float64),
+        ]
     return np.concatenate(slots)
 
 
@@ -178,7 +192,9 @@ def _series_model(support: Support) -> NDArray[np.float64]:
     low, high = support.low, support.high
     damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
     phase = fastest_rate(support, damping) * support.time_step
-    _refuse_long_step(support, phase, MOST_PIECES, "the shortest time constant that the scene can have")
+    _refuse_long_step(
+        support, phase, MOST_PIECES, "the shortest time constant that the scene can have"
+    )
     model = header(support, 1)
     model[friction.DEGREE] = degree(LONGEST_SERIES)
     return model
@@ -190,7 +206,9 @@ SWITCHED_SERIES = Method(
     how="a Taylor series, cut off below round-off, for each regime; crossings of the reference velocity found on it",
     order="exact for a held force and stretch, every crossing found",
     bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: f"a series of degree {int(model[friction.DEGREE])} per time constant and change of regime",
+    cost=lambda model: (
+        f"a series of degree {int(model[friction.DEGREE])} per time constant and change of regime"
+    ),
     model=_series_model,
     entries=build(friction.propagate),
 )

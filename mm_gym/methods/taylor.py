@@ -65,7 +65,9 @@ def taylor_method(tolerance: float, plant: str) -> Method:
         how="adaptive Taylor series; the order follows from the tolerance, each step from the last two terms",
         order=str(order),
         bound=f"{tolerance:g} of the state's scale over a control step, and round-off",
-        cost=lambda _: f"some {order * (order + 20)} products a step, as many steps as the motion needs",
+        cost=lambda _: (
+            f"some {order * (order + 20)} products a step, as many steps as the motion needs"
+        ),
         model=partial(_model, tolerance=tolerance),
         entries=ENTRIES,
         options=("tolerance",),

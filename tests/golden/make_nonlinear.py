@@ -23,7 +23,10 @@ def main(reference: str) -> None:
     provenance = values["meta"]["source"]
     friction = values["friction"]
     contents = {
-        "friction": {"asymptotes": friction["fig10_points"], "states": {name: friction[name] for name in STATES}},
+        "friction": {
+            "asymptotes": friction["fig10_points"],
+            "states": {name: friction[name] for name in STATES},
+        },
         "duffing": values["duffing"],
         "massless": {name: values["linear"][name] for name in MASSLESS},
     }

@@ -40,7 +40,12 @@ def random_scene(rng: np.random.Generator) -> Scene:
     if rng.random() < 0.3:
         target = str(rng.choice(["force", "ground"]))
         data["excitation"] = [
-            {"kind": "harmonic", "target": target, "amplitude": _between(rng, 1.0), "frequency": _between(rng, 60.0)}
+            {
+                "kind": "harmonic",
+                "target": target,
+                "amplitude": _between(rng, 1.0),
+                "frequency": _between(rng, 60.0),
+            }
         ]
     if rng.random() < 0.3:
         data["actuation"] = {"force": {"limit": _between(rng, 4.0)}}
@@ -70,7 +75,11 @@ def _springs(rng: np.random.Generator) -> dict[str, Any]:
     kind = str(rng.choice(["none", "none", "small_on_large", "finite_stretch"]))
     if kind == "none":
         return {"kind": kind}
-    springs: dict[str, Any] = {"kind": kind, "stiffness": _between(rng, 35.0), "stretch": float(rng.uniform(1.0, 3.0))}
+    springs: dict[str, Any] = {
+        "kind": kind,
+        "stiffness": _between(rng, 35.0),
+        "stretch": float(rng.uniform(1.0, 3.0)),
+    }
     return springs | ({"rest_length": _between(rng, 0.03)} if kind == "finite_stretch" else {})
 
 

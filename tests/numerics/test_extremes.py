@@ -22,7 +22,10 @@ SCALE = np.array([0.03, 0.03, 1.0, 1.0])
 
 def _friction(reference_velocity: float, time_step: float) -> Scene:
     interface = DryFriction(
-        static_coefficient=0.51, kinetic_coefficient=0.255, reference_velocity=reference_velocity, slip_damping=0.1
+        static_coefficient=0.51,
+        kinetic_coefficient=0.255,
+        reference_velocity=reference_velocity,
+        slip_damping=0.1,
     )
     return Scene(interface=interface, initial=START, control=Control(time_step=time_step))
 
@@ -34,13 +37,17 @@ def test_reference_velocity_of_a_micrometre_per_second(time_step: float) -> None
     # An independent route to the same state: other steps, and SciPy on the stiff equations.
     assert error(state, simulate(_friction(1e-6, 1e-4), duration=0.25).state[-1], SCALE) <= 1e-12
     # Radau takes the stick of 7e6 1/s; its events are good to some 1e-10.
-    assert error(state, Oracle(scene, "Radau", rtol=1e-11, max_step=1e-3).solve([0.25]), SCALE) <= 1e-8
+    assert (
+        error(state, Oracle(scene, "Radau", rtol=1e-11, max_step=1e-3).solve([0.25]), SCALE) <= 1e-8
+    )
 
 
 @pytest.mark.parametrize("cubic_coefficient", [2e6, 2e8, 2e10, 2e12])
 def test_cubic_spring_of_any_strength_keeps_its_tolerance(cubic_coefficient: float) -> None:
     scene = Scene(
-        carriage=Carriage(cubic_coefficient=cubic_coefficient), initial=START, control=Control(time_step=1e-3)
+        carriage=Carriage(cubic_coefficient=cubic_coefficient),
+        initial=START,
+        control=Control(time_step=1e-3),
     )
     rate = np.sqrt(3.0 * 400.0 * cubic_coefficient * 1e-4 / 0.1)
     velocity = 0.01 * rate
@@ -59,7 +66,9 @@ def test_any_mass_ratio_and_step_keeps_the_bound(ratio: float, time_step: float)
     scene = BASE.replace(**{"sphere.mass": 0.1 * ratio, "control.time_step": time_step})
     duration = 20 * time_step
     got = simulate(scene, duration=duration).state[-1]
-    half = simulate(scene.replace(**{"control.time_step": 0.5 * time_step}), duration=duration).state[-1]
+    half = simulate(
+        scene.replace(**{"control.time_step": 0.5 * time_step}), duration=duration
+    ).state[-1]
     assert error(got, half, SCALE) <= 1e-12
     # The first integral m2 v2 + c offset.
     assert 0.1 * ratio * got[3] + got[1] - got[0] == pytest.approx(0.02, rel=1e-12)
@@ -140,9 +149,17 @@ def _sweep(seeds: range) -> list[str]:
             continue
         if not np.isfinite(trajectory.state).all():
             wrong.append(f"{seed}: not finite")
-        isolated = not scene.excitation and scene.actuation.force is None and scene.springs.kind != "finite_stretch"
+        isolated = (
+            not scene.excitation
+            and scene.actuation.force is None
+            and scene.springs.kind != "finite_stretch"
+        )
         energy = trajectory.energy
-        tolerance = 1e-12 if scene.carriage.cubic_coefficient == 0.0 else scene.control.steps * Solver().tolerance
+        tolerance = (
+            1e-12
+            if scene.carriage.cubic_coefficient == 0.0
+            else scene.control.steps * Solver().tolerance
+        )
         if isolated and energy.max() > energy[0] * (1.0 + 4.0 * tolerance):
             wrong.append(f"{seed}: energy grows by {energy.max() / energy[0] - 1.0:.1e}")
     return wrong

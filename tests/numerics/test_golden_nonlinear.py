@@ -22,7 +22,9 @@ ROUND_OFF = 1e-12
 
 def _start(ic: list[str]) -> Initial:
     x1, x2, v1, v2 = numbers(ic)
-    return Initial(carriage_displacement=x1, sphere_offset=x2 - x1, carriage_velocity=v1, sphere_velocity=v2)
+    return Initial(
+        carriage_displacement=x1, sphere_offset=x2 - x1, carriage_velocity=v1, sphere_velocity=v2
+    )
 
 
 def _friction(case: dict[str, Any], time_step: float, initial: Initial) -> Scene:
@@ -44,18 +46,26 @@ def _errors(scene: Scene, states: dict[str, list[str]]) -> float:
 
 
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2, 1.0])
-@pytest.mark.parametrize("case", FRICTION["asymptotes"], ids=lambda case: f"vr{case['vr']}-chi{case['chi']}")
+@pytest.mark.parametrize(
+    "case", FRICTION["asymptotes"], ids=lambda case: f"vr{case['vr']}-chi{case['chi']}"
+)
 @pytest.mark.parametrize(("method", "bound"), [("auto", ROUND_OFF), ("taylor", ROUND_OFF)])
-def test_asymptotic_offset_of_dry_friction(case: dict[str, Any], time_step: float, method: str, bound: float) -> None:
+def test_asymptotic_offset_of_dry_friction(
+    case: dict[str, Any], time_step: float, method: str, bound: float
+) -> None:
     scene = _friction(case, time_step, Initial(carriage_displacement=0.01, sphere_offset=0.02))
     # The tolerance below which only round-off is left.
-    scene = scene.replace(**{"solver.method": method} | ({"solver.tolerance": 1e-14} if method == "taylor" else {}))
+    scene = scene.replace(
+        **{"solver.method": method} | ({"solver.tolerance": 1e-14} if method == "taylor" else {})
+    )
     x1, x2, _, v2 = simulate(scene, duration=3.0).state[-1]
     stick = float(case["mu1"]) * 0.04 * 9.81 / float(case["vr"])
     assert x2 - x1 + 0.04 * v2 / stick == pytest.approx(float(case["dx_inf"]), rel=bound)
 
 
-@pytest.mark.parametrize("case", FRICTION["asymptotes"], ids=lambda case: f"vr{case['vr']}-chi{case['chi']}")
+@pytest.mark.parametrize(
+    "case", FRICTION["asymptotes"], ids=lambda case: f"vr{case['vr']}-chi{case['chi']}"
+)
 def test_slip_velocity_meets_the_boundary_at_every_golden_event(case: dict[str, Any]) -> None:
     scene = _friction(case, 1e-3, Initial(carriage_displacement=0.01, sphere_offset=0.02))
     events = case["events"]
@@ -77,7 +87,9 @@ def test_states_of_dry_friction(name: str, time_step: float) -> None:
 @pytest.mark.parametrize("time_step", [5e-3, 0.1, 2.0])
 @pytest.mark.parametrize("name", DUFFING_NAMES)
 @pytest.mark.parametrize(("tolerance", "bound"), [(1e-9, 1e-9), (1e-14, 1e-12)])
-def test_states_of_a_cubic_spring(name: str, time_step: float, tolerance: float, bound: float) -> None:
+def test_states_of_a_cubic_spring(
+    name: str, time_step: float, tolerance: float, bound: float
+) -> None:
     case = DUFFING[name]
     parameters = case["params"]
     scene = Scene(

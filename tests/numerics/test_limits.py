@@ -7,7 +7,17 @@ import pytest
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
 from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, FiniteStretch, Harmonic, Initial, NoInterface, SmallOnLarge, Viscous
+from mm_gym.scene import (
+    Carriage,
+    Control,
+    DryFriction,
+    FiniteStretch,
+    Harmonic,
+    Initial,
+    NoInterface,
+    SmallOnLarge,
+    Viscous,
+)
 
 from .conftest import error
 
@@ -19,7 +29,9 @@ TONES = [
 ]
 FORCES = np.random.default_rng(4).uniform(-20.0, 20.0, 50)
 DRIVEN = BASE.replace(
-    excitation=TONES, springs=SmallOnLarge(stiffness=35.0).model_dump(), **{"actuation.force": {"limit": 20.0}}
+    excitation=TONES,
+    springs=SmallOnLarge(stiffness=35.0).model_dump(),
+    **{"actuation.force": {"limit": 20.0}},
 )
 
 
@@ -40,7 +52,10 @@ def test_massless_carriage_meets_the_oracle() -> None:
 def test_small_mass_meets_the_massless_carriage(damping: float) -> None:
     scene = DRIVEN.replace(**{"interface.damping": damping})
     limit = _driven(scene.replace(**{"carriage.mass": 0.0}))[1:]
-    errors = [error(_driven(scene.replace(**{"carriage.mass": mass}))[1:], limit) for mass in (1e-5, 1e-6, 1e-7, 1e-80)]
+    errors = [
+        error(_driven(scene.replace(**{"carriage.mass": mass}))[1:], limit)
+        for mass in (1e-5, 1e-6, 1e-7, 1e-80)
+    ]
     # The difference is of first order in m1, and beyond round-off gone.
     assert errors[1] / errors[0] == pytest.approx(0.1, rel=0.1)
     assert errors[2] / errors[1] == pytest.approx(0.1, rel=0.1)
@@ -56,7 +71,9 @@ def test_small_mass_meets_the_massless_carriage(damping: float) -> None:
         ({"randomization": {"sphere.mass": (0.1, 0.2)}}, "have one value"),
     ],
 )  # fmt: skip
-def test_massless_carriage_outside_its_domain_is_refused(changes: dict[str, object], reason: str) -> None:
+def test_massless_carriage_outside_its_domain_is_refused(
+    changes: dict[str, object], reason: str
+) -> None:
     with pytest.raises(CompileError, match=rf"carriage.mass: 0 .*{reason}"):
         compile_scene(BASE.replace(**{"carriage.mass": 0.0}, **changes))
 
@@ -73,7 +90,13 @@ def test_massless_carriage_has_a_sampled_system_but_no_continuous_one() -> None:
 @pytest.mark.parametrize("damping", [1e9, 1e12, 1e14])
 @pytest.mark.parametrize("time_step", [1e-6, 1e-2, 10.0])
 def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_step: float) -> None:
-    scene = BASE.replace(**{"interface.damping": damping, "control.time_step": time_step, "initial.sphere_velocity": 1.0})
+    scene = BASE.replace(
+        **{
+            "interface.damping": damping,
+            "control.time_step": time_step,
+            "initial.sphere_velocity": 1.0,
+        }
+    )
     got = simulate(scene, duration=20 * time_step).state[1:]
     # Locked, the masses move as one of m1 + m2 with the velocity that momentum leaves; the slip decays within m / c.
     together = Scene(
@@ -96,7 +119,9 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
 
 def test_offset_forgets_over_the_long_time_of_a_weak_interface() -> None:
     # With c = 1e-12 the offset returns over m2 / c = 4e10 s.
-    scene = BASE.replace(**{"interface.damping": 1e-12, "control.time_step": 1e10, "control.steps": 20})
+    scene = BASE.replace(
+        **{"interface.damping": 1e-12, "control.time_step": 1e10, "control.steps": 20}
+    )
     offset = np.diff(simulate(scene).state[:, :2], axis=1).ravel()
     rate = 1e-12 / 0.04
     want = 0.02 + 0.01 * np.exp(-rate * 1e10 * np.arange(1, 21))
@@ -104,7 +129,12 @@ def test_offset_forgets_over_the_long_time_of_a_weak_interface() -> None:
 
 
 def _friction(**changes: float) -> Scene:
-    values = {"static_coefficient": 0.509, "kinetic_coefficient": 0.2545, "reference_velocity": 0.2, "slip_damping": 0.1}
+    values = {
+        "static_coefficient": 0.509,
+        "kinetic_coefficient": 0.2545,
+        "reference_velocity": 0.2,
+        "slip_damping": 0.1,
+    }
     return BASE.replace(interface=DryFriction(**values | changes).model_dump())
 
 
@@ -113,7 +143,11 @@ def test_vanishing_friction_recovers_the_free_sphere() -> None:
     errors = []
     for mu in (1e-6, 1e-8):
         scene = _friction(static_coefficient=mu, kinetic_coefficient=mu, slip_damping=0.0)
-        errors.append(error(simulate(scene.replace(**{"solver.method": "switched"}), duration=0.5).state, free))
+        errors.append(
+            error(
+                simulate(scene.replace(**{"solver.method": "switched"}), duration=0.5).state, free
+            )
+        )
     assert errors[1] / errors[0] == pytest.approx(0.01, rel=0.01)
     assert errors[1] <= 1e-6
 
@@ -124,7 +158,9 @@ def test_friction_without_a_kink_is_viscous() -> None:
     scene = _friction(static_coefficient=0.5, kinetic_coefficient=0.5, slip_damping=damping)
     viscous = BASE.replace(interface=Viscous(damping=damping).model_dump())
     assert compile_scene(scene).method.plant == "switched linear"
-    assert error(simulate(scene, duration=0.5).state, simulate(viscous, duration=0.5).state) <= 1e-12
+    assert (
+        error(simulate(scene, duration=0.5).state, simulate(viscous, duration=0.5).state) <= 1e-12
+    )
 
 
 def test_vanishing_cubic_coefficient_recovers_the_linear_plant() -> None:
@@ -137,7 +173,12 @@ def test_long_springs_of_finite_stretch_recover_the_small_on_large_ones() -> Non
     errors = []
     for length in (1.0, 10.0):
         springs = FiniteStretch(stiffness=35.0, rest_length=length).model_dump()
-        errors.append(error(_driven(DRIVEN.replace(springs=springs, **{"solver.tolerance": 1e-14})), _driven(DRIVEN)))
+        errors.append(
+            error(
+                _driven(DRIVEN.replace(springs=springs, **{"solver.tolerance": 1e-14})),
+                _driven(DRIVEN),
+            )
+        )
     # The pair is symmetric, so the first correction is of order (offset / rest_length)^2.
     assert errors[1] / errors[0] == pytest.approx(0.01, rel=0.1)
 

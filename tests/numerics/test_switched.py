@@ -12,7 +12,9 @@ from mm_gym.scene import Control, DryFriction, Harmonic, Initial, SmallOnLarge
 
 from .conftest import assert_lanes_equal_single, error
 
-FIG8 = DryFriction(static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1)
+FIG8 = DryFriction(
+    static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
+)
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 BASE = Scene(interface=FIG8, initial=START, control=Control(time_step=1e-3))
 TONES = (
@@ -62,28 +64,55 @@ def test_series_alone_meets_the_transition_matrices(name: str, time_step: float)
     plant = compile_scene(_as_series(scene))
     assert plant.method.plant == "parametric switched linear"
     # Both are exact to round-off, which the crossings amplify a little.
-    assert error(simulate(plant, duration=0.5, action=forces).state, simulate(scene, duration=0.5, action=forces).state) <= 1e-12
+    assert (
+        error(
+            simulate(plant, duration=0.5, action=forces).state,
+            simulate(scene, duration=0.5, action=forces).state,
+        )
+        <= 1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["free", "springs", "no jump", "creep"])
 def test_one_long_step_equals_many_short_ones(name: str) -> None:
     scene = SCENES[name]
-    short, long = scene.replace(**{"control.time_step": 1e-4}), scene.replace(**{"control.time_step": 0.5})
-    assert error(simulate(long, duration=0.5).state[-1], simulate(short, duration=0.5).state[-1], np.array([0.03, 0.03, 0.6, 0.6])) <= 1e-12
+    short, long = (
+        scene.replace(**{"control.time_step": 1e-4}),
+        scene.replace(**{"control.time_step": 0.5}),
+    )
+    assert (
+        error(
+            simulate(long, duration=0.5).state[-1],
+            simulate(short, duration=0.5).state[-1],
+            np.array([0.03, 0.03, 0.6, 0.6]),
+        )
+        <= 1e-12
+    )
 
 
 def test_mirrored_start_gives_the_mirrored_trajectory() -> None:
-    mirrored = BASE.replace(**{"initial.carriage_displacement": -0.01, "initial.sphere_offset": -0.02})
-    assert np.array_equal(simulate(BASE, duration=0.5).state, -simulate(mirrored, duration=0.5).state)
+    mirrored = BASE.replace(
+        **{"initial.carriage_displacement": -0.01, "initial.sphere_offset": -0.02}
+    )
+    assert np.array_equal(
+        simulate(BASE, duration=0.5).state, -simulate(mirrored, duration=0.5).state
+    )
 
 
 def test_both_crossings_within_one_step_are_found() -> None:
     # Slip lasts 4.5 ms here; without it the sphere would come to rest elsewhere, by 1.0e-3 m.
-    interface = DryFriction(static_coefficient=0.51, kinetic_coefficient=0.255, reference_velocity=0.463, slip_damping=0.1)
+    interface = DryFriction(
+        static_coefficient=0.51,
+        kinetic_coefficient=0.255,
+        reference_velocity=0.463,
+        slip_damping=0.1,
+    )
     for time_step in (1e-2, 0.04, 0.5):
         scene = BASE.replace(interface=interface.model_dump(), **{"control.time_step": time_step})
         x1, x2, _, v2 = simulate(scene, duration=4.0).state[-1]
-        assert x2 - x1 + 0.04 * v2 * 0.463 / (0.51 * 0.3924) == pytest.approx(0.02104317184609508, rel=1e-12)
+        assert x2 - x1 + 0.04 * v2 * 0.463 / (0.51 * 0.3924) == pytest.approx(
+            0.02104317184609508, rel=1e-12
+        )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -126,10 +155,15 @@ def test_friction_that_cannot_slip_is_a_viscous_interface() -> None:
 
 
 def test_actuated_stretch_with_friction_meets_the_oracle() -> None:
-    scene = SCENES["springs"].replace(**{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}, "control.time_step": 1e-2})
+    scene = SCENES["springs"].replace(
+        **{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}, "control.time_step": 1e-2}
+    )
     stretches = np.random.default_rng(2).uniform(1.0, 3.0, 50)
     got = simulate(scene, duration=0.5, action=stretches)
-    assert error(got.state, Oracle(scene, max_step=1e-3).solve(got.time, stretches=stretches)) <= ORACLE
+    assert (
+        error(got.state, Oracle(scene, max_step=1e-3).solve(got.time, stretches=stretches))
+        <= ORACLE
+    )
 
 
 def test_linear_system_of_friction_is_that_of_stick() -> None:

@@ -12,13 +12,25 @@ from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.plant import Plant
 from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, FiniteStretch, Harmonic, Initial, SmallOnLarge
+from mm_gym.scene import (
+    Carriage,
+    Control,
+    DryFriction,
+    FiniteStretch,
+    Harmonic,
+    Initial,
+    SmallOnLarge,
+)
 
 from .conftest import assert_lanes_equal_single, error
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
-CUBIC = Scene(carriage=Carriage(cubic_coefficient=2e6), initial=START, control=Control(time_step=1e-2))
-FRICTION = DryFriction(static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1)
+CUBIC = Scene(
+    carriage=Carriage(cubic_coefficient=2e6), initial=START, control=Control(time_step=1e-2)
+)
+FRICTION = DryFriction(
+    static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
+)
 TONES = (
     Harmonic(amplitude=3.0, frequency=50.0, phase=0.3),
     Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0),
@@ -60,11 +72,18 @@ def test_trajectory_meets_the_oracle(name: str, time_step: float) -> None:
 
 
 def test_held_force_and_actuated_stretch_meet_the_oracle() -> None:
-    changes = {"actuation.force": {"limit": 20.0}, "actuation.stretch": {"minimum": 1.0, "maximum": 3.0}}
-    scene = SCENES["finite stretch with friction"].replace(**TIGHT, **changes, **{"springs.rest_length": 0.2})
+    changes = {
+        "actuation.force": {"limit": 20.0},
+        "actuation.stretch": {"minimum": 1.0, "maximum": 3.0},
+    }
+    scene = SCENES["finite stretch with friction"].replace(
+        **TIGHT, **changes, **{"springs.rest_length": 0.2}
+    )
     actions = np.random.default_rng(3).uniform([-20.0, 1.0], [20.0, 3.0], (50, 2))
     got = simulate(scene, duration=0.5, action=actions)
-    want = Oracle(scene, max_step=1e-3).solve(got.time, forces=actions[:, 0], stretches=actions[:, 1])
+    want = Oracle(scene, max_step=1e-3).solve(
+        got.time, forces=actions[:, 0], stretches=actions[:, 1]
+    )
     assert error(got.state, want) <= 1e-10
 
 
@@ -78,7 +97,9 @@ def test_error_over_a_control_step_is_below_the_tolerance(name: str) -> None:
         for n in range(0, 50, 7):
             start = exact.state[n]
             one = _one_step(plant, start, n)
-            scale = np.repeat([np.abs(exact.state[:, :2]).max(), np.abs(exact.state[:, 2:]).max()], 2)
+            scale = np.repeat(
+                [np.abs(exact.state[:, :2]).max(), np.abs(exact.state[:, 2:]).max()], 2
+            )
             worst = max(worst, error(one, exact.state[n + 1], scale))
         assert worst <= tolerance
 
@@ -88,10 +109,20 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
     lane.restart()
     lane.values[:4, 0] = start
     for tone in range(at.TONES, len(lane.values), at.TONE_ROWS):
-        angle = lane.values[tone + at.PHASE, 0] + lane.values[tone + at.FREQUENCY, 0] * n * plant.time_step
-        lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+        angle = (
+            lane.values[tone + at.PHASE, 0]
+            + lane.values[tone + at.FREQUENCY, 0] * n * plant.time_step
+        )
+        lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = (
+            np.cos(angle),
+            np.sin(angle),
+        )
     states, commands = np.empty((1, 4)), np.array([[0.0, lane.values[at.STRETCH, 0]]])
-    lane.raise_for(plant.method.entries.run(plant.model, plant.task, lane.values, commands, states, np.empty((1, 2))))
+    lane.raise_for(
+        plant.method.entries.run(
+            plant.model, plant.task, lane.values, commands, states, np.empty((1, 2))
+        )
+    )
     return states[0]
 
 
@@ -99,7 +130,9 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
 def test_series_meets_the_exact_plants(kind: str) -> None:
     scene = {
         "viscous": CUBIC.replace(**{"carriage.cubic_coefficient": 0.0}),
-        "dry friction": CUBIC.replace(interface=FRICTION.model_dump(), **{"carriage.cubic_coefficient": 0.0}),
+        "dry friction": CUBIC.replace(
+            interface=FRICTION.model_dump(), **{"carriage.cubic_coefficient": 0.0}
+        ),
         "tones": SPRINGS_AND_TONES,
     }[kind]
     asked = scene.replace(**TIGHT, **{"solver.method": "taylor"})
@@ -111,7 +144,10 @@ def test_series_meets_the_exact_plants(kind: str) -> None:
 def test_one_long_step_equals_many_short_ones(name: str) -> None:
     scene = SCENES[name].replace(**TIGHT)
     long = simulate(scene.replace(**{"control.time_step": 0.5}), duration=0.5).state[-1]
-    assert error(simulate(scene, duration=0.5).state[-1], long, np.array([0.03, 0.03, 5.0, 5.0])) <= 1e-12
+    assert (
+        error(simulate(scene, duration=0.5).state[-1], long, np.array([0.03, 0.03, 5.0, 5.0]))
+        <= 1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["cubic with tones", "everything"])
@@ -129,7 +165,12 @@ def test_order_of_the_fixed_step_methods(method: str, order: int, name: str) -> 
     exact = simulate(scene.replace(**TIGHT) if name != "linear" else scene, duration=0.2).state
     counts = np.array([16, 32, 64, 128]) * (1 if order == 4 else 8)
     errors = [
-        error(simulate(scene.replace(**{"solver.method": method, "solver.substeps": int(n)}), duration=0.2).state, exact)
+        error(
+            simulate(
+                scene.replace(**{"solver.method": method, "solver.substeps": int(n)}), duration=0.2
+            ).state,
+            exact,
+        )
         for n in counts
     ]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
@@ -138,7 +179,10 @@ def test_order_of_the_fixed_step_methods(method: str, order: int, name: str) -> 
 
 def test_fixed_step_method_out_of_its_stability_range_stops_with_an_error() -> None:
     with pytest.raises(SimulationError, match="no longer finite"):
-        simulate(CUBIC.replace(**{"solver.method": "rk4", "initial.carriage_displacement": 1.0}), duration=1.0)
+        simulate(
+            CUBIC.replace(**{"solver.method": "rk4", "initial.carriage_displacement": 1.0}),
+            duration=1.0,
+        )
 
 
 @pytest.mark.parametrize("method", ["rk4", "semi_implicit_euler", "exact"])
@@ -159,7 +203,9 @@ def test_option_without_effect_warns() -> None:
 
 
 def test_offset_that_collapses_a_spring_is_refused() -> None:
-    with pytest.raises(CompileError, match=r"initial.sphere_offset: .* less than stretch \* rest_length"):
+    with pytest.raises(
+        CompileError, match=r"initial.sphere_offset: .* less than stretch \* rest_length"
+    ):
         compile_scene(FINITE.replace(**{"initial.sphere_offset": 0.04}))
 
 

@@ -19,7 +19,7 @@ print(*env.state)
 
 REPLACEMENT = '''
 
-@kernel
+@borrowing_kernel
 def uniform(streams, i):
     """Return the middle of every range."""
     return 0.5
