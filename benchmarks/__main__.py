@@ -9,12 +9,20 @@ import sys
 from pathlib import Path
 
 from benchmarks.learning import learning
+from benchmarks.precision import cubic, friction
 from benchmarks.report import machine
 from benchmarks.startup import startup
 from benchmarks.stepping import single, vector
 from mm_gym.files import write_text
 
-SECTIONS = {"single": single, "vector": vector, "learning": learning, "startup": startup}
+SECTIONS = {
+    "single": single,
+    "vector": vector,
+    "cubic": cubic,
+    "friction": friction,
+    "learning": learning,
+    "startup": startup,
+}
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 

@@ -1,5 +1,6 @@
 """The compiled kernels: NumPy, math and numba only. They never raise; they return a status code.
 
-Everything that changes while an episode runs lives in the columns of one array (`layout`), one column a lane, so a
-single environment, a simulation and a vector of a million environments run the same code and agree to the last bit.
+Everything that changes while an episode runs lives in the columns of one array (`layout`), one
+column a lane, so a single environment, a simulation and a vector of a million environments run the
+same code and agree to the last bit.
 """

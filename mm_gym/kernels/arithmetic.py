@@ -25,15 +25,15 @@ def _fma(_context, x, y, z):
 def fma(x: float, y: float, z: float) -> float:
     """Return x y + z, in a kernel rounded once.
 
-    One instruction instead of two, and explicit where fastmath would leave it to the compiler to fuse or not: results
-    stay independent of how many lanes run side by side.
+    One instruction instead of two, and explicit where fastmath would leave it to the compiler to
+    fuse or not: results stay independent of how many lanes run side by side.
     """
     return x * y + z
 
 
 @overload(fma)
-def _compiled_fma(x, y, z) -> Callable[..., float]:  # noqa: ARG001 - numba types the implementation by them
-    return lambda x, y, z: _fma(x, y, z)
+def _compiled_fma(x, y, z) -> Callable[..., float]:  # noqa: ARG001 - numba asks for the types
+    return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 
 @kernel
@@ -46,6 +46,7 @@ def clip(value, low, high):
 def span(first, last):
     """Return range(first, last) of unsigned integers.
 
-    A signed index might be negative and count from the end: that possibility keeps a loop from being vectorised.
+    A signed index might be negative and count from the end: that possibility keeps a loop from
+    being vectorised.
     """
     return range(np.uintp(first), np.uintp(last))

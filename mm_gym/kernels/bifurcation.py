@@ -1,4 +1,7 @@
-"""Where the sphere comes to rest under dry friction: many scenes, each followed until it provably sticks for good."""
+"""Where the sphere comes to rest under dry friction.
+
+Many scenes, each followed until it provably sticks for good.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,10 @@ BLOCK_PHASE = 0.5
 
 @kernel
 def final_offsets(lanes, first, last, offsets):
-    """Write x2 - x1 at rest [m] of the lanes first .. last - 1; lanes as `layout` has them. Return the status."""
+    """Write x2 - x1 at rest [m] of the lanes first .. last - 1; return the status.
+
+    The lanes are as `layout` has them.
+    """
     status = at.OK
     for i in range(first, last):
         p = lanes[:, i].copy()
@@ -66,7 +72,10 @@ def final_offset(p):
 
 @kernel
 def sticks_for_good(p, k2, z, rate):
-    """Tell whether the energy left is too little to slip: |w| <= sqrt(2 E / m_r), or |g| / rate stays below v_r."""
+    """Tell whether the energy left is too little to slip.
+
+    Either |w| <= sqrt(2 E / m_r) stays below v_r, or |g| / rate does.
+    """
     m1, m2, k1, d, vr = ladder.carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
     total = m1 + m2
     reduced = m1 * m2 / total

@@ -44,7 +44,7 @@ def build(propagate: Callable[..., object]) -> Entries:
 
     @borrowing_kernel
     def run(model, task, lanes, commands, states, applied):
-        """Simulate lane 0 through one row of commands [N, -] a step, writing each state reached and what was applied."""
+        """Simulate lane 0, a row of commands [N, -] a step; write what was reached and applied."""
         force_limit, force_rate = task[at.FORCE_LIMIT], task[at.FORCE_RATE]
         low, high, stretch_rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
         for n in range(commands.shape[0]):

@@ -40,7 +40,7 @@ def propagate_rk4(model, lanes, first, last):
 
 @kernel
 def propagate_semi_implicit_euler(model, lanes, first, last):
-    """Advance the lanes by one control step: first the velocities, then the positions with the new ones."""
+    """Advance the lanes by one control step: velocities, then positions with the new ones."""
     substeps, finite = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0
     h, status = model[at.TIME_STEP] / substeps, at.OK
     p, y, slope = np.empty(SIZE), np.empty(4), np.empty(4)

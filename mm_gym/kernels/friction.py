@@ -1,7 +1,7 @@
 """Dry friction (eq. 9 of the paper) on a linear plant by Taylor series: one regime after the other.
 
-Within a regime the plant is affine. Its series over an interval is cut off below round-off, so it serves both to
-advance the state and to find where the slip velocity leaves the regime.
+Within a regime the plant is affine. Its series over an interval is cut off below round-off, so it
+serves both to advance the state and to find where the slip velocity leaves the regime.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
     Parameters
     ----------
     p, tones, ground
-        Coefficients of the lane; the number of tones, and the bits that say which of them shake the ground.
+        Coefficients of the lane; the number of tones, and the bits that say which of them shake the
+        ground.
     regime
         Direction of slip, or 0 for stick, at its start.
     elapsed, duration
@@ -98,9 +99,9 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
 
 @kernel
 def excite(c, width, lanes, i, tones, ground, elapsed, duration, degree):
-    """Write the series of the force on the carriage (row 6) and of the ground's acceleration (row 7), rows `width` apart.
+    """Write the series of the carriage's force (row 6) and of the ground's acceleration (row 7).
 
-    For each tone p'' = -w**2 p.
+    Rows are `width` apart. For each tone p'' = -w**2 p.
     """
     for n in range(degree + 1):
         c[6 * width + n] = c[7 * width + n] = 0.0
@@ -158,10 +159,12 @@ def _evaluate(c, z, theta, degree):
 
 @kernel
 def first_exit(c, row, degree, gap, sign):
-    """Return the first t in (0, 1] at which gap + sign (c1 t + c2 t**2 + ...), c from `row` on, turns negative, or NONE.
+    """Return the first t in (0, 1] at which a polynomial turns negative, or NONE.
 
-    Nothing is missed: an interval is passed only if the second derivative's bound leaves no room for an exit, and a
-    root is taken as the first one only where the polynomial is monotone.
+    The polynomial is gap + sign (c1 t + c2 t**2 + ...), c from `row` on.
+
+    Nothing is missed: an interval is passed only if the second derivative's bound leaves no room
+    for an exit, and a root is taken as the first one only where the polynomial is monotone.
     """
     gap = max(gap, 0.0)  # what round-off left outside
     total = bend = 0.0
@@ -205,7 +208,10 @@ def _value_and_slope(c, row, degree, gap, sign, t):
 
 @kernel
 def _root(c, row, degree, gap, sign, low, high):
-    """Return the root of a falling polynomial, at least 0 at `low` and negative at `high`: Newton's method, bracketed."""
+    """Return the root of a falling polynomial, at least 0 at `low` and negative at `high`.
+
+    By Newton's method, bracketed.
+    """
     t = 0.5 * (low + high)
     for _ in range(200):
         value, slope = _value_and_slope(c, row, degree, gap, sign, t)
@@ -228,7 +234,7 @@ DEGREE = at.MODEL_OWN
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one control step on the series alone: parameters may differ from lane to lane."""
+    """Advance the lanes by one control step on the series alone: their parameters may differ."""
     status, degree, ground = at.OK, int(model[DEGREE]), int(model[at.GROUND])
     tones = int(model[at.TONE_COUNT])
     z = np.empty(5)

@@ -1,4 +1,4 @@
-"""The one decorator of all kernels: compiled without the GIL, cached on disk for the package's sources as a whole."""
+"""The decorators of all kernels: compiled without the GIL, cached for the sources as a whole."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _digest_of_sources() -> str:
 
 
 class _StampOfPackage:
-    """Numba watches the file of the cached function only: a kernel whose helper changed would stay stale."""
+    """Numba watches one file only: a kernel whose helper in another changed would stay stale."""
 
     def get_source_stamp(self) -> str:
         return _digest_of_sources()
@@ -47,7 +47,8 @@ class _KernelCache(caching.FunctionCache):
     _impl_class = _Implementation
 
     def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
-        # Kernels close over other kernels only, and the stamp covers their text: their names identify the closure.
+        # Kernels close over other kernels only, and the stamp covers their text: their names
+        # identify the closure.
         closure = self._py_func.__closure__ or ()
         names = tuple(
             f"{cell.cell_contents.__module__}.{cell.cell_contents.__qualname__}" for cell in closure
@@ -56,22 +57,23 @@ class _KernelCache(caching.FunctionCache):
 
 
 def kernel(function: Callable[..., object]) -> Callable[..., object]:
-    """Compile a scalar kernel. No fastmath: results must not depend on how many lanes run side by side."""
+    """Compile a kernel. No fastmath: results must not depend on how many lanes run together."""
     return _compiled(function, nrt=True)
 
 
 def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
     """Compile a kernel that allocates no array and returns none.
 
-    It leaves out the counting of references to the arrays that it is lent, which for one lane takes as long as the
-    arithmetic.
+    It leaves out the counting of references to the arrays that it is lent, which for one lane takes
+    as long as the arithmetic.
     """
     return _compiled(function, nrt=False)
 
 
 def _compiled(function: Callable[..., object], *, nrt: bool) -> Callable[..., object]:
+    if numba.config.DISABLE_JIT:
+        return function
     dispatcher = numba.njit(nogil=True, error_model="numpy", _nrt=nrt)(function)
-    if not numba.config.DISABLE_JIT:  # then numba returns the plain function
-        # What numba's own `cache=True` sets.
-        dispatcher._cache = _KernelCache(function)  # noqa: SLF001
+    # What numba's own `cache=True` sets.
+    dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001
     return dispatcher

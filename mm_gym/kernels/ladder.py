@@ -1,19 +1,22 @@
-"""Piecewise linear plants in double precision, event-exact, without decimal arithmetic: a ladder of doubled steps.
+"""Piecewise linear plants, event-exact in double precision: a ladder of doubled steps.
 
-Where many systems are each followed once (a bifurcation diagram) or power is integrated along a known motion, a
-transition matrix in decimal arithmetic per system would cost more than the motion. Here the step is halved until its
-Taylor series is short, and doubled back. Three choices keep that accurate to round-off where `scipy.linalg.expm` is
-not, for a stick rate of 1e7/s and a carriage of 1e-80 kg alike:
+Where many systems are each followed once (a bifurcation diagram) or power is integrated along a
+known motion, a transition matrix in decimal arithmetic per system would cost more than the motion.
+Here the step is halved until its Taylor series is short, and doubled back. Three choices keep that
+accurate to round-off where `scipy.linalg.expm` is not, for a stick rate of 1e7/s and a carriage of
+1e-80 kg alike:
 
 - each rung holds D = exp(A h) - I, and (I + D)^2 - I = 2 D + D D loses nothing while D is small;
-- the state is x1, x2 - x1, V = (m1 v1 + m2 v2) / (m1 + m2), w = v2 - v1. The interface acts on w alone, so the stiff
-  direction is a coordinate, and the slow motion is never the difference of large numbers;
+- the state is x1, x2 - x1, V = (m1 v1 + m2 v2) / (m1 + m2), w = v2 - v1. The interface acts on w
+  alone, so the stiff direction is a coordinate, and the slow motion is never the difference of
+  large numbers;
 - in slip the coordinate is w - s v_r, which vanishes where the regime ends.
 
 With a quadratic form W in z, the energy integral of z' W z over a step follows on the same rungs:
 Q(2 h) = Q(h) + (I + D)' Q(h) (I + D).
 
-Events: a step is taken whole if w provably stays in its regime, else it is halved, down to the last rung; see `stays`.
+Events: a step is taken whole if w provably stays in its regime, else it is halved, down to the last
+rung; see `stays`.
 """
 
 from __future__ import annotations
@@ -41,10 +44,13 @@ ROUND_OFF = 2.0**-51
 """Relative change of w that its digits do not show."""
 
 TERMS = 11
-"""Terms of the last rung's Taylor series: 2 * SMALLEST_PHASE to their number is far below round-off."""
+"""Terms of the last rung's series: 2 * SMALLEST_PHASE to their number is far below round-off."""
 
 LIGHTEST = 1e-80
-"""A massless carriage is given this fraction of the sphere's mass: its own motion is over after that fraction of c."""
+"""A massless carriage is given this fraction of the sphere's mass.
+
+Its own motion is over after that fraction of c.
+"""
 
 
 @kernel
@@ -103,7 +109,10 @@ def generator(p, k2, tones, ground, in_slip):
 
 @kernel
 def fastest_rate(p, k2, tones):
-    """Return a bound of the rates of both regimes: see `mm_gym.methods` for why the sum of these bounds the norm."""
+    """Return a bound of the rates of both regimes.
+
+    See `mm_gym.methods` for why the sum of these bounds the norm.
+    """
     m1 = carriage_mass(p)
     inverse = 1.0 / m1 + 1.0 / p[at.M2]
     damping = max(damping_of(p), p[at.CHI]) * inverse + p[at.D] / m1
@@ -116,7 +125,7 @@ def fastest_rate(p, k2, tones):
 @kernel
 def halvings(phase):
     """Return how often a step is halved until rate times step is at most SMALLEST_PHASE."""
-    return max(0, int(math.ceil(math.log2(max(phase, 1e-300) / SMALLEST_PHASE))))
+    return max(0, math.ceil(math.log2(max(phase, 1e-300) / SMALLEST_PHASE)))
 
 
 @kernel
@@ -161,7 +170,10 @@ def double(d, out):
 
 @kernel
 def first_form(a, weight, step, out):
-    """Write the integral of exp(a t)' W exp(a t) over a short step: sum of step^(k+1)/(k+1)! L^k(W), L(W) = W a + a' W."""
+    """Write the integral of exp(a t)' W exp(a t) over a short step.
+
+    It is the sum of step^(k+1)/(k+1)! L^k(W), L(W) = W a + a' W.
+    """
     n = a.shape[0]
     term, half = np.zeros((n, n)), np.zeros((n, n))
     add_scaled(term, step, weight)
@@ -197,7 +209,10 @@ def climb(a, step, rungs):
 
 @kernel
 def climb_forms(a, weight, step, rungs, forms):
-    """Write the integrals (depth + 1, n, n) of z' W z over each rung, as quadratic forms of z at its start."""
+    """Write the integrals (depth + 1, n, n) of z' W z over each rung.
+
+    They are quadratic forms of z at its start.
+    """
     depth = rungs.shape[0] - 1
     first_form(a, weight, step * 0.5**depth, forms[depth])
     for j in range(depth - 1, -1, -1):
@@ -244,8 +259,8 @@ def energy_root(p, k2, z):
 def bound_motion(p, k2, z, tones, ground, duration, in_slip):
     """Return bounds of |g'| and |g''| over a duration, where w' = -rate w + g (+ constant in slip).
 
-    The root of twice the energy grows at most by the force over the root of the mass it moves; it bounds every
-    coordinate, and the equations of motion bound their derivatives.
+    The root of twice the energy grows at most by the force over the root of the mass it moves; it
+    bounds every coordinate, and the equations of motion bound their derivatives.
     """
     m1, m2, k1, d = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D]
     total = m1 + m2
@@ -275,9 +290,10 @@ def bound_motion(p, k2, z, tones, ground, duration, in_slip):
 def stays(vr, z, change, second, rate, drive, first, next_order, h):
     """Tell whether w provably stays in its regime over a time h in which it changes by `change`.
 
-    Two certificates. A chord of w is wrong by at most t (h - t) / 2 times the largest |w''|, and a chord between two
-    points on one side leaves room for it if their distances from the boundary sum to h^2 / 2 times that. In stick
-    also: w' = -rate w + g keeps |w| below the larger of its start and |g| / rate, however fast the rate.
+    Two certificates. A chord of w is wrong by at most t (h - t) / 2 times the largest |w''|, and a
+    chord between two points on one side leaves room for it if their distances from the boundary sum
+    to h^2 / 2 times that. In stick also: w' = -rate w + g keeps |w| below the larger of its start
+    and |g| / rate, however fast the rate.
     """
     w = z[SLIP]
     # w'' obeys the same equation with g''.
@@ -308,10 +324,10 @@ def quadratic(form, z):
 
 @kernel
 def attempt(vr, rungs, rows, bounds, z, y, rung, step):
-    """Take one interval if the regime provably lasts or it is the last rung's; tell whether it was taken.
+    """Take one interval if the regime provably lasts or it is the last rung's; tell if taken.
 
-    rungs (2, depth + 1, n, n), rows (2, 2, n) as `slip_rows` has them, bounds (2, 2) as `bound_motion` has them, each
-    for stick and slip; y is scratch.
+    rungs (2, depth + 1, n, n), rows (2, 2, n) as `slip_rows` has them, bounds (2, 2) as
+    `bound_motion` has them, each for stick and slip; y is scratch.
     """
     regime = 0 if z[SIGN] == 0.0 else 1
     d = rungs[regime, rung]
@@ -342,7 +358,7 @@ def take(d, z, y):
     n = z.shape[0]
     for i in range(n):
         y[i] = z[i]
-        if i != SIGN and i != FORCE:
+        if i != SIGN and i != FORCE:  # noqa: PLR1714 - no tuple in an inner loop
             for k in range(n):
                 y[i] += d[i, k] * z[k]
     for i in range(n):
@@ -351,7 +367,10 @@ def take(d, z, y):
 
 @kernel
 def switch(vr, z, change):
-    """Change the regime if w has crossed its boundary, or is on it and leaving; z is then put onto the boundary."""
+    """Change the regime if w has crossed its boundary, or is on it and leaving.
+
+    z is then put onto the boundary.
+    """
     if z[SIGN] == 0.0:
         if abs(z[SLIP]) >= vr * (1.0 - ROUND_OFF) and z[SLIP] * change > 0.0:
             z[SIGN] = 1.0 if z[SLIP] > 0.0 else -1.0

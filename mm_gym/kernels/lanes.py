@@ -1,7 +1,7 @@
 """What a control step does around the physics: command, score, observe, begin an episode.
 
-Each kernel works on the lanes first .. last - 1. Loops run over lanes innermost, without calls or early exits, so
-that the compiler vectorises them.
+Each kernel works on the lanes first .. last - 1. Loops run over lanes innermost, without calls or
+early exits, so that the compiler vectorises them.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ def width_of(task):
 
 @borrowing_kernel
 def column_start(actions, width, column):
-    """Return where an actuator's actions begin in the flat array of all: (actuators, lanes) in C order."""
+    """Return where an actuator's actions begin in the flat array (actuators, lanes)."""
     return column * (actions.shape[0] // width)
 
 
 @borrowing_kernel
 def command(task, lanes, actions, first, last):
-    """Turn actions in [-1, 1] into the applied force [N] and stretch, and begin the rewards with their cost."""
+    """Turn actions in [-1, 1] into force [N] and stretch; begin the rewards with their cost."""
     width = width_of(task)
     if task[at.HAS_FORCE] > 0.0:
         push(task, lanes, actions, first, last)
@@ -69,7 +69,7 @@ def push(task, lanes, actions, first, last):
 
 @borrowing_kernel
 def tune(task, lanes, actions, start, first, last):
-    """Set the stretch [-], commanded as a level or a rate, within its range and rate limit; add its cost."""
+    """Set the stretch [-], commanded as a level or a rate, within its limits; add its cost."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
     is_rate, weight = task[at.STRETCH_IS_RATE] > 0.0, task[at.WEIGHT_EFFORT]
     middle, gain = 0.5 * (high + low), rate if is_rate else 0.5 * (high - low)
@@ -83,13 +83,13 @@ def tune(task, lanes, actions, start, first, last):
 
 @borrowing_kernel
 def approach(present, wanted, rate, low, high):
-    """Return what an actuator reaches in one control step: as near to the wanted value as rate and range allow."""
+    """Return what an actuator reaches in a control step: as near to wanted as its limits allow."""
     return clip(clip(wanted, present - rate, present + rate), low, high)
 
 
 @borrowing_kernel
 def score(task, lanes, ends, first, last):
-    """Take the cost of the state reached off the rewards and count the step; tell whether an episode ended."""
+    """Take the state's cost off the rewards, count the step; tell whether an episode ended."""
     wx, wv, ws = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
     furthest, rail, steps = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT], task[at.STEPS]
     ended = 0
@@ -169,7 +169,7 @@ def channel_rows(code):
 
 @borrowing_kernel
 def run_end(mask, first):
-    """Return the end of the run of lanes from the first on that the mask marks, or does not mark."""
+    """Return the end of the run of lanes, from the first on, that the mask treats alike."""
     last = first + 1
     while last < mask.shape[0] and mask[last] == mask[first]:
         last += 1
@@ -178,9 +178,10 @@ def run_end(mask, first):
 
 @borrowing_kernel
 def draw(template, draws, lanes, streams, mask):
-    """Fill the lanes of the mask with the scene's start and draw what is random: rows of (row, low, high).
+    """Fill the lanes of the mask with the scene's start and draw what is random.
 
-    A parameter that is not drawn keeps its value from one episode to the next.
+    Draws are rows of (row, low, high). A parameter that is not drawn keeps its value from one
+    episode to the next.
     """
     first = 0
     while first < mask.shape[0]:
@@ -233,11 +234,10 @@ def begin_tone(lanes, tone, time_step, first, last):
     """Write cosine and sine of a tone's phase, and of its turn in one control step."""
     for i in span(first, last):
         phase, turn = lanes[tone + at.PHASE, i], lanes[tone + at.FREQUENCY, i] * time_step
-        lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i] = math.cos(phase), math.sin(phase)
-        lanes[tone + at.ROTATE_COSINE, i], lanes[tone + at.ROTATE_SINE, i] = (
-            math.cos(turn),
-            math.sin(turn),
-        )
+        lanes[tone + at.COSINE, i] = math.cos(phase)
+        lanes[tone + at.SINE, i] = math.sin(phase)
+        lanes[tone + at.ROTATE_COSINE, i] = math.cos(turn)
+        lanes[tone + at.ROTATE_SINE, i] = math.sin(turn)
 
 
 @borrowing_kernel

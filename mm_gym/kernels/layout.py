@@ -15,15 +15,29 @@ DIVERGED = 5
 COLLAPSED = 6
 
 MESSAGES: dict[int, str] = {
-    TOO_MANY_EVENTS: "more changes of the friction's regime in one control step than can be followed; shorten control.time_step",
-    TOO_MANY_SERIES: "the series needs too many steps within one control step; shorten control.time_step or loosen solver.tolerance",
-    DIVERGED: "the state is no longer finite; shorten control.time_step, or choose another solver.method",
-    COLLAPSED: "the offset has shortened a spring of finite stretch to nothing; it is valid for |offset| < stretch * rest_length",
+    TOO_MANY_EVENTS: (
+        "more changes of the friction's regime in one control step than can be followed; "
+        "shorten control.time_step"
+    ),
+    TOO_MANY_SERIES: (
+        "the series needs too many steps within one control step; "
+        "shorten control.time_step or loosen solver.tolerance"
+    ),
+    DIVERGED: (
+        "the state is no longer finite; shorten control.time_step, or choose another solver.method"
+    ),
+    COLLAPSED: (
+        "the offset has shortened a spring of finite stretch to nothing; "
+        "it is valid for |offset| < stretch * rest_length"
+    ),
 }
 """What went wrong, for the codes above NOT_FINITE."""
 
 BLOCK = 512
-"""Lanes worked on together: few enough to stay in the first-level cache, many enough to fill the vector units."""
+"""Lanes worked on together.
+
+Few enough to stay in the first-level cache, many enough to fill the vector units.
+"""
 
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
@@ -38,8 +52,9 @@ M1, M2, K1, D, ALPHA, BETA = 8, 9, 10, 11, 12, 13
 C, MU1, MU2, VR, CHI, FN = 14, 15, 16, 17, 18, 19
 K0, L0 = 20, 21
 
-# Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are those of the
-# present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one control step.
+# Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
+# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one control
+# step.
 TONES = 22
 TONE_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6

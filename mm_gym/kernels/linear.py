@@ -6,14 +6,15 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel
 
-# Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4 to its sine.
+# Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4
+# to its sine.
 TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
-    """Advance x' = A x + B u + E z by one control step: z turns like a pendulum, u is held (Van Loan, 1978)."""
+    """Advance x' = A x + B u + E z by one control step; u is held, z turns (Van Loan, 1978)."""
     # Scalars: an array of coefficients would be checked for overlap with every row before the loop.
     to_x1, to_x2 = five(model, TRANSITION), five(model, TRANSITION + 5)
     to_v1, to_v2 = five(model, TRANSITION + 10), five(model, TRANSITION + 15)

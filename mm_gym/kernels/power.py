@@ -1,4 +1,7 @@
-"""What flows in and out of a piecewise linear plant: exact integrals of power over control steps (docs/model.md)."""
+"""What flows in and out of a piecewise linear plant.
+
+Exact integrals of power over control steps (docs/model.md).
+"""
 
 from __future__ import annotations
 
@@ -16,9 +19,12 @@ MOST_INTERVALS = 1 << 24
 
 @kernel
 def step_integrals(p, tones, ground, states, applied, times, step, work):
-    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance, each step from its own start.
+    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance.
 
-    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts, times (steps,) [s].
+    Each step is integrated from its own start.
+
+    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
+    times (steps,) [s].
     """
     n = ladder.TONES + 2 * tones
     friction = p[at.VR] > 0.0

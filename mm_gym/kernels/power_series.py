@@ -1,7 +1,10 @@
-"""What flows in and out of a nonlinear plant: Taylor series of the motion and of the power, integrated term by term.
+"""What flows in and out of a nonlinear plant.
 
-The same integrals as `kernels.power` has for the piecewise linear plants. The series are those of x1, x2 - x1, v1 and
-w = v2 - v1, at a fixed high order and with nothing but round-off cut off, whatever tolerance the plant itself has.
+Taylor series of the motion and of the power, integrated term by term.
+
+The same integrals as `kernels.power` has for the piecewise linear plants. The series are those of
+x1, x2 - x1, v1 and w = v2 - v1, at a fixed high order and with nothing but round-off cut off,
+whatever tolerance the plant itself has.
 """
 
 from __future__ import annotations
@@ -32,9 +35,12 @@ _SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _LINK, _END = (
 
 @kernel
 def step_integrals(p, tones, ground, states, applied, times, step, work):
-    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance, each step from its own start.
+    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance.
 
-    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts, times (steps,) [s].
+    Each step is integrated from its own start.
+
+    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
+    times (steps,) [s].
     """
     lane, c, z = np.empty((p.shape[0], 1)), np.zeros(_END), np.empty(4)
     for i in range(states.shape[0]):
@@ -69,7 +75,7 @@ def _walk(lane, c, z, tones, ground, duration, work):
         theta, direction = min(_reach(c), remaining), 0.0
         if vr < np.inf:
             theta, direction = _exit(c, regime, upper, lower, theta)
-        _add_work(c, lane, regime, unit, theta, work)
+        _add_work(c, lane, unit, theta, work)
         for k in range(4):
             z[k] += _series(c, k * _WIDTH, theta)
         if direction != 0.0:
@@ -86,7 +92,10 @@ def _walk(lane, c, z, tones, ground, duration, work):
 
 @kernel
 def _expand(c, lane, z, regime, unit):
-    """Write the series of the state and of the forces: term n is the n-th derivative times unit**n / n!."""
+    """Write the series of the state and of the forces.
+
+    Term n is the n-th derivative times unit**n / n!.
+    """
     m1, m2, d = lane[at.M1, 0], lane[at.M2, 0], lane[at.D, 0]
     k1, beta = lane[at.K1, 0] * lane[at.ALPHA, 0], lane[at.K1, 0] * lane[at.BETA, 0]
     k0, l0, k2 = lane[at.K0, 0], lane[at.L0, 0], stiffness_of(lane[at.K0, 0], lane[at.STRETCH, 0])
@@ -127,7 +136,10 @@ def _product(c, a, b, n):
 
 @kernel
 def _stretch(c, stretch, share, n):
-    """Write term n of both sides' stretch l and of l**-2, from n l0 u_n = -sum (n + j) l_j u_(n-j). False if collapsed."""
+    """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
+
+    From n l0 u_n = -sum (n + j) l_j u_(n-j).
+    """
     for side in range(2):
         own, power = _LONG + side * _WIDTH, _LONG_POWER + side * _WIDTH
         c[own + n] = (1.0 - 2.0 * side) * share
@@ -146,7 +158,7 @@ def _stretch(c, stretch, share, n):
 
 @kernel
 def _reach(c):
-    """Return the time, in units of the series, at which the last two terms of the velocities are cut off."""
+    """Return the time, in units of the series, where the velocities' last two terms are cut off."""
     lead = 0.0
     for n in range(3):
         lead = max(lead, abs(c[_V1 + n]), abs(c[_W + n]))
@@ -160,7 +172,10 @@ def _reach(c):
 
 @kernel
 def _exit(c, regime, upper, lower, theta):
-    """Return the time at which the regime ends, at most theta, and at which boundary (1 or -1), or 0 if it does not."""
+    """Return when the regime ends, at most theta, and at which boundary.
+
+    The boundary is 1 or -1, or 0 if the regime does not end.
+    """
     power = 1.0
     for n in range(1, ORDER + 1):
         power *= theta
@@ -185,7 +200,7 @@ def _series(c, row, theta):
 
 
 @kernel
-def _add_work(c, lane, regime, unit, theta, work):
+def _add_work(c, lane, unit, theta, work):
     """Add the integrals of d v1^2 + f w, and of p v1 - a_g (m1 v1 + m2 v2), term by term."""
     m1, m2, d = lane[at.M1, 0], lane[at.M2, 0], lane[at.D, 0]
     power = unit

@@ -1,8 +1,8 @@
 """Counter-based random numbers: draw n of a lane is a hash of (key, n).
 
-The generator is SplitMix64 (Steele, Lea and Flood, 2014; the finaliser is Stafford's mix 13). Its whole state is two
-integers, so a million lanes seed in milliseconds, an episode is saved and restored exactly, and lanes do not share
-anything.
+The generator is SplitMix64 (Steele, Lea and Flood, 2014; the finaliser is Stafford's mix 13). Its
+whole state is two integers, so a million lanes seed in milliseconds, an episode is saved and
+restored exactly, and lanes do not share anything.
 """
 
 from __future__ import annotations

@@ -1,10 +1,12 @@
-"""Propagation of a linear plant whose parameters differ from lane to lane or change from step to step.
+"""Propagation of a linear plant whose parameters differ between lanes or change between steps.
 
-The exponential acts on the vector as a truncated Taylor series. Its degree and substeps are chosen when the scene is
-compiled, for the fastest motion that the scene's support can reach, so that what is cut off is below round-off.
+The exponential acts on the vector as a truncated Taylor series. Its degree and substeps are chosen
+when the scene is compiled, for the fastest motion that the scene's support can reach, so that what
+is cut off is below round-off.
 
-The series is summed from its highest order down, y <- x + (h / n) A y (Horner), which needs no memory of the terms;
-several orders are taken in one pass over the lanes, so that the state stays in registers between them.
+The series is summed from its highest order down, y <- x + (h / n) A y (Horner), which needs no
+memory of the terms; several orders are taken in one pass over the lanes, so that the state stays in
+registers between them.
 """
 
 from __future__ import annotations
@@ -19,31 +21,26 @@ from mm_gym.kernels.jit import borrowing_kernel, kernel
 
 DEGREE, SUBSTEPS = at.MODEL_OWN, at.MODEL_OWN + 1
 
-# Some lanes at a time are copied into scratch arrays whose rows lie WIDTH apart: with distances known when it is
-# compiled, the compiler vectorises the loops without checking for overlap.
+# Some lanes at a time are copied into scratch arrays whose rows lie WIDTH apart: with distances
+# known when it is compiled, the compiler vectorises the loops without checking for overlap.
 WIDTH = 128
 
-# Scratch: the state at the substep's start, the partial sum, K1 = k1/m1 ..., m1/m2, and the held force over m1.
-_X1, _X2, _V1, _V2 = 0, WIDTH, 2 * WIDTH, 3 * WIDTH
-_Y1, _Y2, _W1, _W2 = 4 * WIDTH, 5 * WIDTH, 6 * WIDTH, 7 * WIDTH
-_K1, _D1, _C1, _K2, _RATIO, _HELD = (
-    8 * WIDTH,
-    9 * WIDTH,
-    10 * WIDTH,
-    11 * WIDTH,
-    12 * WIDTH,
-    13 * WIDTH,
-)
+# Scratch: the state at the substep's start, the partial sum, K1 = k1/m1 ..., m1/m2, and the held
+# force over m1.
 _ROWS = 14 * WIDTH
+_X1, _X2, _V1, _V2, _Y1, _Y2, _W1, _W2, *_COEFFICIENTS = range(0, _ROWS, WIDTH)
+_K1, _D1, _C1, _K2, _RATIO, _HELD = _COEFFICIENTS
 
-# Drive: accelerations of the carriage, then of the sphere if the ground shakes, a row for each order of a pass.
-ORDERS = 4
+# Drive: accelerations of the carriage, then of the sphere if the ground shakes, a row for each
+# order of a pass.
+ORDERS = 4  # summed in one pass; the degree is rounded up to a multiple
 _SPHERE = ORDERS * WIDTH
 _DRIVE_ROWS = 2 * _SPHERE
 
-# Tones: cosine and sine at the substep's start, scaled to an acceleration; their partial sums; and the turn w h.
-_COSINE, _SINE, _COSINE_SUM, _SINE_SUM, _TURN = 0, WIDTH, 2 * WIDTH, 3 * WIDTH, 4 * WIDTH
+# Tones: cosine and sine at the substep's start, scaled to an acceleration; their partial sums; and
+# the turn w h.
 _TONE_ROWS = 5 * WIDTH
+_COSINE, _SINE, _COSINE_SUM, _SINE_SUM, _TURN = range(0, _TONE_ROWS, WIDTH)
 
 
 @kernel
@@ -91,8 +88,9 @@ def _load(lanes, scratch, first, count):
     k1, alpha, d = lanes[at.K1, first:], lanes[at.ALPHA, first:], lanes[at.D, first:]
     c, k0, force = lanes[at.C, first:], lanes[at.K0, first:], lanes[at.FORCE, first:]
     for i in range(count):
-        # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
-        k2 = 2.0 * k0[i] * (1.0 + 2.0 / (stretch[i] * stretch[i] * stretch[i]))
+        # Small on large, eq. 15 of the paper; without springs stretch and k0 are zero.
+        softening = 2.0 / (stretch[i] * stretch[i] * stretch[i])
+        k2 = 2.0 * k0[i] * (1.0 + softening) if k0[i] > 0.0 else 0.0
         per_mass = 1.0 / m1[i]
         scratch[_K1 + i], scratch[_D1 + i] = k1[i] * alpha[i] * per_mass, d[i] * per_mass
         scratch[_C1 + i], scratch[_K2 + i] = c[i] * per_mass, k2 * per_mass
@@ -104,11 +102,8 @@ def _load_tone(lanes, tone, j, ground, h, first, count):
     """Copy a tone's phase, scaled to an acceleration."""
     row = at.TONES + at.TONE_ROWS * j
     amplitudes, frequencies = lanes[row + at.AMPLITUDE, first:], lanes[row + at.FREQUENCY, first:]
-    cosines, sines, m1 = (
-        lanes[row + at.COSINE, first:],
-        lanes[row + at.SINE, first:],
-        lanes[at.M1, first:],
-    )
+    cosines, sines = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:]
+    m1 = lanes[at.M1, first:]
     for i in range(count):
         scale = -amplitudes[i] if ground else amplitudes[i] / m1[i]
         c, s = scale * cosines[i], scale * sines[i]
@@ -171,13 +166,9 @@ def _hold(scratch, drive, count):
 
 @borrowing_kernel
 def _add_tone(tone, target, order, count):
-    """Add a tone to the drive of the next orders, and sum the tone's own series c' = -w s, s' = w c as far."""
-    part0, part1, part2, part3 = (
-        1.0 / order,
-        1.0 / (order - 1),
-        1.0 / (order - 2),
-        1.0 / (order - 3),
-    )
+    """Add a tone to the drive of the next orders; sum its own series c' = -w s, s' = w c."""
+    part0, part1 = 1.0 / order, 1.0 / (order - 1)
+    part2, part3 = 1.0 / (order - 2), 1.0 / (order - 3)
     for i in range(count):
         start, turn = (tone[_COSINE + i], tone[_SINE + i]), tone[_TURN + i]
         z0 = tone[_COSINE_SUM + i], tone[_SINE_SUM + i]

@@ -1,12 +1,15 @@
-"""Event-exact propagation of a linear plant with dry friction (eq. 9 of the paper) by precomputed transition matrices.
+"""Event-exact propagation of a linear plant with dry friction (eq. 9 of the paper).
 
-Within a regime (stick, or slip in either direction) the plant is affine, and a ladder of transition matrices for the
-control step and its halves, quarters, ... advances it exactly. An interval of the ladder is taken whole if the slip
-velocity w provably stays in its regime: a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest
-|w''|, which the model bounds. Otherwise the interval is halved. The last rung is short enough for a Taylor series
-(kernels/friction.py), which finds every crossing to round-off, two within one step included; there is no tolerance.
+Within a regime (stick, or slip in either direction) the plant is affine, and a ladder of
+precomputed transition matrices for the control step and its halves, quarters, ... advances it
+exactly. An interval of the ladder is taken whole if the slip velocity w provably stays in its
+regime: a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which
+the model bounds. Otherwise the interval is halved. The last rung is short enough for a Taylor
+series (kernels/friction.py), which finds every crossing to round-off, two within one step included;
+there is no tolerance.
 
-The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory never rests there.
+The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory
+never rests there.
 """
 
 from __future__ import annotations
@@ -17,12 +20,13 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.friction import coefficients, sign_of, walk
 from mm_gym.kernels.jit import kernel
 
-# Slots of the model; STICK and SLIP hold where the rungs of each regime begin, the whole control step first.
+# Slots of the model; STICK and SLIP hold where the rungs of each regime begin, the whole control
+# step first.
 VR, LAST_RUNG, STICK, SLIP, RUNG_SIZE, DEGREE = (at.MODEL_OWN + i for i in range(6))
 REGIMES = at.MODEL_OWN + 6
 
-# Slots of a rung: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change of w and the gains of
-# h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
+# Slots of a rung: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change of
+# w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
 SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, TONES = (
     0,
     6,
@@ -31,7 +35,8 @@ SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, TONES = (
     42,
     43,
 )  # _propagate_lane counts on these
-# Then for each tone the same against cosine and sine times amplitude, and the cosine and sine of its turn.
+# Then for each tone the same against cosine and sine times amplitude, and the cosine and sine of
+# its turn.
 TONE_SECOND, TONE_ROWS, TONE_CHANGE, TONE_GAINS, TONE_TURN, TONE_SIZE = 0, 2, 10, 12, 14, 16
 
 MOST_INTERVALS = 1 << 20
@@ -69,7 +74,10 @@ def _product(m, row, a, b, c, d, e, f):
 
 @kernel
 def _stays(vr, sign, w, next_w, bend):
-    """Tell whether w stays in its regime all the way: the chord leaves room for the bend, 4 times the largest sag."""
+    """Tell whether w stays in its regime all the way.
+
+    It does if the chord leaves room for the bend, 4 times the largest sag.
+    """
     chord = w + next_w
     room = 2.0 * vr - abs(chord) if sign == 0.0 else sign * chord - 2.0 * vr
     return (room >= bend) & (abs(next_w) <= vr if sign == 0.0 else sign * next_w >= vr)
@@ -118,7 +126,7 @@ def _propagate_lane(model, lanes, i):
 
 @kernel
 def _propagate_by_intervals(model, lanes, i):
-    """Walk through the control step on the ladder, and on the series where the regime may change."""
+    """Walk through the control step on the ladder; on the series where the regime may change."""
     last_rung, size, degree = int(model[LAST_RUNG]), int(model[RUNG_SIZE]), int(model[DEGREE])
     tones, ground, p = int(model[at.TONE_COUNT]), int(model[at.GROUND]), coefficients(lanes, i)
     z, vr = _inputs(model, lanes, i), model[VR]
@@ -154,7 +162,10 @@ def _propagate_by_intervals(model, lanes, i):
 
 @kernel
 def _inputs(model, lanes, i):
-    """Return x1, x2, v1, v2, w, sign of slip, u of one lane, and each tone's cosine and sine times amplitude."""
+    """Return the inputs of one lane.
+
+    x1, x2, v1, v2, w, sign of slip, u, and each tone's cosine and sine times amplitude.
+    """
     tones = int(model[at.TONE_COUNT])
     z = np.empty(7 + 2 * tones)
     for row in range(4):
@@ -180,7 +191,7 @@ def _slip_row(m, row, tone_row, z):
 
 @kernel
 def _slip_gain(m, z):
-    """Return the gains of a rung times the magnitudes of the inputs with offset and slip velocity."""
+    """Return a rung's gains times the magnitudes of the inputs with offset and slip velocity."""
     total = _product(
         m, GAINS, abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6])
     )
@@ -271,7 +282,10 @@ def _load(model, lanes, scratch, first, last):
 
 @kernel
 def _multiply(stick, slip, scratch, second, fourth, out):
-    """Write a row of each lane's regime times its inputs; `second` and `fourth` are the inputs that differ."""
+    """Write a row of each lane's regime times its inputs.
+
+    `second` and `fourth` are the inputs that differ.
+    """
     x1s, v1s, signs, us = scratch[_X1], scratch[_V1], scratch[_SIGN], scratch[_U]
     a0, a1, a2, a3, a4, a5 = stick[0], stick[1], stick[2], stick[3], stick[4], stick[5]
     b0, b1, b2, b3, b4, b5 = slip[0], slip[1], slip[2], slip[3], slip[4], slip[5]

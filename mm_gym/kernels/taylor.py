@@ -1,8 +1,9 @@
 """Adaptive Taylor series for every plant (Jorba and Zou, Experimental Mathematics 14, 2005).
 
-The field is polynomial but for the finite stretch, a quotient, so the series follows from recurrences: Cauchy products
-for the cubic spring, division for the neo-Hookean pair. Its order follows from the tolerance, each step from its last
-two terms. With dry friction the first exit of the slip velocity from its regime is found on the series.
+The field is polynomial but for the finite stretch, a quotient, so the series follows from
+recurrences: Cauchy products for the cubic spring, division for the neo-Hookean pair. Its order
+follows from the tolerance, each step from its last two terms. With dry friction the first exit of
+the slip velocity from its regime is found on the series.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ _SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _SHARE = (
     WIDTH * k for k in range(8, 15)
 )
 
-# Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over many costs time.
+# Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over
+# many costs time.
 _STATE = WIDTH * 15
 M1, M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(
     _STATE + 5, _STATE + 20
@@ -67,7 +69,10 @@ def coefficients(lanes, i, friction, c):
 
 @kernel
 def interface_and_springs(c, offset, w, finite):
-    """Return the force on the carriage from a viscous interface and the springs between the masses (docs/model.md)."""
+    """Return the force on the carriage from a viscous interface and the springs between the masses.
+
+    See docs/model.md.
+    """
     if not finite:
         return c[_C] * w + c[_K2] * offset
     long, short = c[_STRETCH] + offset / c[_L0], c[_STRETCH] - offset / c[_L0]
@@ -131,7 +136,10 @@ def _propagate_lane(model, lanes, i, c):
 
 @kernel
 def _exit(series, regime, upper, lower, theta, order):
-    """Return where in the step the regime ends, as a fraction of it, and at which boundary (1 or -1); NONE and 0 if not."""
+    """Return where in the step the regime ends, as a fraction of it, and at which boundary.
+
+    The boundary is 1 or -1; NONE and 0 if the regime does not end.
+    """
     power = 1.0
     for n in range(1, order + 1):
         power *= theta
@@ -150,7 +158,10 @@ def _exit(series, regime, upper, lower, theta, order):
 
 @kernel
 def _expand(c, cubic, finite, friction, regime, unit, order):
-    """Write the series of the state: term n is its n-th derivative times unit**n / n!. False if a spring collapsed."""
+    """Write the series of the state; False if a spring collapsed.
+
+    Term n is the state's n-th derivative times unit**n / n!.
+    """
     by_m1, by_m2, k1, d, k2, beta = 1.0 / c[M1], 1.0 / c[M2], c[_K1], c[_D], c[_K2], c[_BETA]
     damping = c[_C] if regime == 0.0 else c[_CHI]
     held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
@@ -215,7 +226,10 @@ def _product(c, n):
 
 @kernel
 def _stretch(c, offset, n):
-    """Write term n of both sides' stretch l and of l**-2, from n l0 u_n = -sum (n + j) l_j u_(n-j). False if collapsed."""
+    """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
+
+    From n l0 u_n = -sum (n + j) l_j u_(n-j).
+    """
     for side in range(2):
         stretch, power = _LONG + side * WIDTH, _LONG_POWER + side * WIDTH
         c[stretch + n] = (1.0 - 2.0 * side) * offset / c[_L0]
@@ -234,7 +248,7 @@ def _stretch(c, offset, n):
 
 @kernel
 def _log2(x):
-    """Return the base-2 logarithm of a magnitude, at most 0.09 too small: its bits read as an integer."""
+    """Return log2 of a magnitude, at most 0.09 too small: its bits read as an integer."""
     return np.float64(abs(x)).view(np.int64) * 2.0**-52 - 1023.0 if x != 0.0 else _LOG_ZERO
 
 
@@ -248,7 +262,8 @@ def _exp2(y):
 def _step(series, log_tolerance, order):
     """Return the step at which the last two terms fall below the tolerance, in units of the series.
 
-    They are compared with the largest of the leading terms, because at rest or at a turning point the first is zero.
+    They are compared with the largest of the leading terms, because at rest or at a turning point
+    the first is zero.
     """
     shortest = 1000.0
     lead0, lead1, lead2 = _largest(series, 0), _largest(series, 1), _largest(series, 2)

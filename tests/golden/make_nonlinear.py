@@ -1,9 +1,10 @@
-"""Copy the golden values of the nonlinear plants and of the limits out of the reference they were computed for.
+"""Copy the golden values of the nonlinear plants and of the limits out of their reference.
 
     python tests/golden/make_nonlinear.py REFERENCE.json
 
-The reference values were computed without this project's code: ball arithmetic for the linear and dry-friction systems,
-a Taylor series of order 42 with 60 digits for the cubic spring. Every digit given is correct.
+The reference values were computed without this project's code: ball arithmetic for the linear and
+dry-friction systems, a Taylor series of order 42 with 60 digits for the cubic spring. Every digit
+given is correct.
 """
 
 from __future__ import annotations

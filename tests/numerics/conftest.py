@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 from mm_gym.lanes import Lanes
+
+if TYPE_CHECKING:
+    import pytest
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -30,7 +32,10 @@ def numbers(texts: list[str]) -> np.ndarray:
 
 
 def error(got: np.ndarray, want: np.ndarray, scale: np.ndarray | None = None) -> float:
-    """Return the largest error relative to the scale of positions and of velocities over a trajectory (n, 4)."""
+    """Return the largest error over a trajectory (n, 4).
+
+    Relative to the scale of positions and of velocities.
+    """
     got, want = np.atleast_2d(got), np.atleast_2d(want)
     if scale is None:
         largest = np.abs(want).max(axis=0)

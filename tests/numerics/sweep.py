@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mm_gym import CompileError, Scene, SceneError, SimulationError, compile_scene, simulate
-from mm_gym.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from mm_gym.trajectory import Trajectory
 
 STEPS = 20
 
@@ -18,7 +20,7 @@ def _between(rng: np.random.Generator, middle: float) -> float:
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
-    """Return a scene of random kinds and values; raises `SceneError` where they contradict each other."""
+    """Return a scene of random kinds and values; raises `SceneError` where these contradict."""
     data: dict[str, Any] = {
         "carriage": {
             "mass": _between(rng, 0.1),

@@ -55,7 +55,8 @@ def test_cubic_spring_of_any_strength_keeps_its_tolerance(cubic_coefficient: flo
     duration = 100.0 / rate
     want = Oracle(scene).solve([duration])
     for tolerance, bound in ((1e-9, 1e-8), (1e-14, 1e-10)):
-        # A hundred radians turn an error of the phase into a hundred times itself; SciPy's own is some 1e-11.
+        # A hundred radians turn an error of the phase into a hundred times itself; SciPy's own is
+        # some 1e-11.
         got = simulate(scene.replace(**{"solver.tolerance": tolerance}), times=[duration]).state
         assert error(got, want, scale) <= bound
 
@@ -89,12 +90,25 @@ def test_thousand_seconds_keep_the_bound() -> None:
         ({"carriage.mass": -1.0}, "carriage.mass"),
         ({"carriage.mass": float("nan")}, "carriage.mass"),
         ({"carriage.stiffness": float("inf")}, "carriage.stiffness"),
-        ({"springs": {"kind": "small_on_large", "stiffness": 35.0, "stretch": 0.9}}, "springs.stretch"),
         (
-            {"interface": {"kind": "dry_friction", "static_coefficient": 0.5, "kinetic_coefficient": 0.6, "reference_velocity": 0.1}},
+            {"springs": {"kind": "small_on_large", "stiffness": 35.0, "stretch": 0.9}},
+            "springs.stretch",
+        ),
+        (
+            {
+                "interface": {
+                    "kind": "dry_friction",
+                    "static_coefficient": 0.5,
+                    "kinetic_coefficient": 0.6,
+                    "reference_velocity": 0.1,
+                }
+            },
             "kinetic_coefficient",
         ),
-        ({"interface": {"kind": "dry_friction", "static_coefficient": 0.5}}, "kinetic_coefficient: missing"),
+        (
+            {"interface": {"kind": "dry_friction", "static_coefficient": 0.5}},
+            "kinetic_coefficient: missing",
+        ),
         ({"sphere": {"mas": 1.0}}, "did you mean 'mass'"),
     ],
 )  # fmt: skip
@@ -136,7 +150,10 @@ def test_step_too_long_to_follow_is_refused_with_what_is_allowed(scene: Scene) -
 
 
 def _sweep(seeds: range) -> list[str]:
-    """Return what is wrong with the scenes of these seeds: a hang, a number that is not finite, energy from nowhere."""
+    """Return what is wrong with the scenes of these seeds.
+
+    A hang, a number that is not finite, energy from nowhere.
+    """
     wrong: list[str] = []
     for seed in seeds:
         scene = random_scene(np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""Are the nonlinear plants and the massless limit right? Golden values, computed without this code."""
+"""Are the nonlinear plants and the massless limit right? Golden values, without this code."""
 
 from __future__ import annotations
 
@@ -72,7 +72,8 @@ def test_slip_velocity_meets_the_boundary_at_every_golden_event(case: dict[str, 
     state = simulate(scene, times=[float(event["t"]) for event in events]).state
     vr = float(case["vr"])
     want = [vr * (event["to"] or event["from"]) for event in events]
-    # The instants are rounded to doubles; the slip acceleration is at most 60 m/s^2, velocities are below 1 m/s.
+    # The instants are rounded to doubles; the slip acceleration is at most 60 m/s^2, velocities are
+    # below 1 m/s.
     assert np.abs(state[:, 3] - state[:, 2] - want).max() <= ROUND_OFF
 
 

@@ -67,7 +67,17 @@ def test_small_mass_meets_the_massless_carriage(damping: float) -> None:
     [
         ({"carriage.damping": 0.0, "interface": {"kind": "none"}}, "damping > 0"),
         ({"carriage.cubic_coefficient": 1.0}, "linear springs"),
-        ({"interface": {"kind": "dry_friction", "static_coefficient": 0.5, "kinetic_coefficient": 0.5, "reference_velocity": 0.1}}, "viscous"),
+        (
+            {
+                "interface": {
+                    "kind": "dry_friction",
+                    "static_coefficient": 0.5,
+                    "kinetic_coefficient": 0.5,
+                    "reference_velocity": 0.1,
+                }
+            },
+            "viscous",
+        ),
         ({"randomization": {"sphere.mass": (0.1, 0.2)}}, "have one value"),
     ],
 )  # fmt: skip
@@ -98,7 +108,8 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
         }
     )
     got = simulate(scene, duration=20 * time_step).state[1:]
-    # Locked, the masses move as one of m1 + m2 with the velocity that momentum leaves; the slip decays within m / c.
+    # Locked, the masses move as one of m1 + m2 with the velocity that momentum leaves; the slip
+    # decays within m / c.
     together = Scene(
         carriage=Carriage(mass=0.14),
         interface=NoInterface(),
@@ -107,7 +118,8 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
     )
     want = simulate(together, duration=20 * time_step).state[1:]
     scale = np.array([0.03, 0.03, 0.6, 0.6])
-    # What is left of the slip is of the order of k1 x1 / c, and what it did before the lock of m2 / c.
+    # What is left of the slip is of the order of k1 x1 / c, and what it did before the lock
+    # of m2 / c.
     bound = 1e-12 + 100.0 / damping
     assert error(got[:, [0, 0, 2, 2]], want[:, [0, 0, 2, 2]], scale) <= bound
     assert error(got[:, [3, 3, 3, 3]], want[:, [2, 2, 2, 2]], scale) <= bound

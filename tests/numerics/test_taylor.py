@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ import pytest
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
-from mm_gym.plant import Plant
 from mm_gym.reference import Oracle
 from mm_gym.scene import (
     Carriage,
@@ -23,6 +23,9 @@ from mm_gym.scene import (
 )
 
 from .conftest import assert_lanes_equal_single, error
+
+if TYPE_CHECKING:
+    from mm_gym.plant import Plant
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
 CUBIC = Scene(
