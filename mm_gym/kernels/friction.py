@@ -23,7 +23,7 @@ _MOST_TRIALS = 10_000
 _SHORTEST = 2.0**-52
 
 # Rows of the series, and of the coefficients of one lane.
-_WIDTH = 24
+_WIDTH = 32
 _X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND, _END = (_WIDTH * k for k in range(9))
 _M1, _M2, _K1, _D, _K2, _STICK, _CHI, _SLIP_FORCE, _VR, _U = range(10)
 
@@ -74,11 +74,12 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
     tuple
         Status, and the regime at the end.
     """
-    c = np.empty(_END)
+    c = np.zeros(_END)
     vr, w = p[_VR], z[4]
     upper, lower = vr - w, vr + w  # how far w is below v_r and above -v_r
     for _ in range(MOST_CHANGES):
-        excite(c, _WIDTH, lanes, i, tones, ground, elapsed, duration, degree)
+        if tones > 0:
+            excite(c, _WIDTH, lanes, i, tones, ground, elapsed, duration, degree)
         _expand(c, p, z, regime, duration, degree)
         if regime == 0.0:
             up, down = first_exit(c, _W, degree, upper, -1.0), first_exit(c, _W, degree, lower, 1.0)
@@ -122,39 +123,37 @@ def excite(c, width, lanes, i, tones, ground, elapsed, duration, degree):
 @kernel
 def _expand(c, p, z, regime, duration, degree):
     """Write the series of the state: term n is its n-th derivative times duration**n / n!."""
-    m1, m2, k1, d, k2 = p[_M1], p[_M2], p[_K1], p[_D], p[_K2]
+    by_m1, by_m2, k1, d, k2 = 1.0 / p[_M1], 1.0 / p[_M2], p[_K1], p[_D], p[_K2]
     damping = p[_STICK] if regime == 0.0 else p[_CHI]
+    friction, held, by_both = regime * p[_SLIP_FORCE], p[_U], by_m1 + by_m2
     c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = z[0], z[1], z[2], z[3], z[4]
     c[_OFFSET] = z[1] - z[0]
-    friction, held = regime * p[_SLIP_FORCE], p[_U]
     for n in range(degree):
-        step = duration / (n + 1.0)
-        inner = damping * c[_W + n] + k2 * c[_OFFSET + n] + friction
-        outer = k1 * c[_X1 + n] + d * c[_V1 + n] - c[_FORCE + n] - held
+        step, v1, w = duration / (n + 1.0), c[_V1 + n], c[_W + n]
+        inner = damping * w + (k2 * c[_OFFSET + n] + friction)
+        outer = d * v1 + (k1 * c[_X1 + n] - c[_FORCE + n] - held)
         friction = held = 0.0
-        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = (
-            step * c[_V1 + n],
-            step * c[_V2 + n],
-            step * c[_W + n],
-        )
-        c[_V1 + n + 1] = step * ((inner - outer) / m1 - c[_GROUND + n])
-        c[_V2 + n + 1] = step * (-inner / m2 - c[_GROUND + n])
+        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = step * v1, step * c[_V2 + n], step * w
+        c[_V1 + n + 1] = step * ((inner - outer) * by_m1 - c[_GROUND + n])
+        c[_V2 + n + 1] = step * (-inner * by_m2 - c[_GROUND + n])
         # Not v2 - v1: near a stiff stick its digits would cancel.
-        c[_W + n + 1] = step * (outer / m1 - inner / m1 - inner / m2)
+        c[_W + n + 1] = step * (outer * by_m1 - inner * by_both)
 
 
 @kernel
 def _evaluate(c, z, theta, degree):
-    """Write the state at a fraction of the interval."""
-    for k in range(4):
-        row, total = k * _WIDTH, 0.0
-        for n in range(degree, 0, -1):
-            total = (total + c[row + n]) * theta
-        z[k] += total
-    total = 0.0
-    for n in range(degree, 0, -1):
-        total = (total + c[_W + n]) * theta
-    z[4] += total
+    """Advance the state by a fraction of the interval."""
+    x1 = x2 = v1 = v2 = w = 0.0
+    for k in range(degree):
+        n = degree - k
+        x1, x2 = (x1 + c[_X1 + n]) * theta, (x2 + c[_X2 + n]) * theta
+        v1, v2 = (v1 + c[_V1 + n]) * theta, (v2 + c[_V2 + n]) * theta
+        w = (w + c[_W + n]) * theta
+    z[0] += x1
+    z[1] += x2
+    z[2] += v1
+    z[3] += v2
+    z[4] += w
 
 
 @kernel
@@ -189,7 +188,9 @@ def first_exit(c, row, degree, gap, sign):
             while start % (2.0 * width) == 0.0:  # the next interval is as long as its place allows
                 width *= 2.0
         elif falls:
-            return _root(c, row, degree, gap, sign, start, end)
+            return _root(
+                c, row, degree, gap, sign, start, end, start + width * value / (value - next_value)
+            )
         elif width <= _SHORTEST:
             return end
         else:
@@ -207,12 +208,11 @@ def _value_and_slope(c, row, degree, gap, sign, t):
 
 
 @kernel
-def _root(c, row, degree, gap, sign, low, high):
+def _root(c, row, degree, gap, sign, low, high, t):
     """Return the root of a falling polynomial, at least 0 at `low` and negative at `high`.
 
-    By Newton's method, bracketed.
+    By Newton's method from t, bracketed.
     """
-    t = 0.5 * (low + high)
     for _ in range(200):
         value, slope = _value_and_slope(c, row, degree, gap, sign, t)
         if value >= 0.0:
@@ -220,10 +220,12 @@ def _root(c, row, degree, gap, sign, low, high):
         else:
             high = t
         following = t - value / slope if slope < 0.0 else high
+        if abs(following - t) <= 2.0**-52 * t:
+            return min(max(following, low), high)
         if not low < following < high:
             following = 0.5 * (low + high)
-        if abs(following - t) <= 2.0**-52 * t or not low < following < high:
-            return following
+            if not low < following < high:
+                return high
         t = following
     return t
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from mm_gym.errors import CompileError
 from mm_gym.exponential import ladder
-from mm_gym.kernels import layout as at
 from mm_gym.kernels import friction, switched
+from mm_gym.kernels import layout as at
 from mm_gym.kernels.entries import build
 from mm_gym.methods.base import Method, degree, fastest_oscillation, fastest_rate, header
 from mm_gym.plant import values_of
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 STATE_INPUTS = 6
 """Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each tone follow."""
 
-LONGEST_SERIES = 1.0
+LONGEST_SERIES = 2.0
 """Longest last rung, in units of the shortest time constant; its Taylor series loses no digits."""
 
 LONGEST_OSCILLATION = 2.0**12
