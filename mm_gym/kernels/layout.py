@@ -33,7 +33,7 @@ MESSAGES: dict[int, str] = {
 }
 """What went wrong, for the codes above NOT_FINITE."""
 
-BLOCK = 512
+BLOCK = 256
 """Lanes worked on together.
 
 Few enough to stay in the first-level cache, many enough to fill the vector units.
