@@ -1,24 +1,29 @@
 """From scene to plant: the decision table.
 
-====================================================  ====================  ==========================================
-the scene's support                                   plant                 propagation
-====================================================  ====================  ==========================================
-no interface, no springs                              linear                transition matrix; the sphere flies free
-viscous interface and/or fixed stretch, cubic
-coefficient 0, nothing randomised but the start       linear                transition matrix, harmonics as exosystem
-the same with actuated stretch, or with randomised
-parameters or excitation frequency                    parametric linear     Taylor series of the exponential's action
-dry friction that provably never slips                as a viscous interface of damping mu1 F_N / v_r
-dry friction, cubic coefficient 0, nothing
-randomised but the start                              switched linear       transition matrices, crossings bisected
-the same with actuated stretch, or with randomised    parametric switched
-parameters or excitation frequency                    linear                Taylor series for each regime
-cubic coefficient or finite stretch                   smooth nonlinear      adaptive Taylor series
-the same with dry friction                            switched nonlinear    adaptive Taylor series, crossings located
-carriage without mass, otherwise linear               massless carriage     transition matrix of three states
-====================================================  ====================  ==========================================
+===============================================  ==================  ==============================
+the scene's support                              plant               propagation
+===============================================  ==================  ==============================
+no interface, no springs                         linear              transition matrix; the sphere
+                                                                     flies free
+viscous interface and/or fixed stretch, cubic    linear              transition matrix, harmonics
+  coefficient 0, nothing randomised but the                          as exosystem
+  start
+the same with actuated stretch, or with          parametric linear   Taylor series of the
+  randomised parameters or excitation frequency                      exponential's action
+dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
+dry friction, cubic coefficient 0, nothing       switched linear     transition matrices, crossings
+  randomised but the start                                           bisected
+the same with actuated stretch, or with          parametric          Taylor series for each regime
+  randomised parameters or excitation frequency  switched linear
+cubic coefficient or finite stretch              smooth nonlinear    adaptive Taylor series
+the same with dry friction                       switched nonlinear  adaptive Taylor series,
+                                                                     crossings located
+carriage without mass, otherwise linear          massless carriage   transition matrix of three
+                                                                     states
+===============================================  ==================  ==============================
 
-A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the interface.
+A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the
+interface.
 """
 
 from __future__ import annotations
@@ -129,7 +134,10 @@ def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]
 
 
 def _others(scene: Scene, support: Support, chosen: Method) -> dict[str, Method]:
-    """Return by name the methods that apply besides the one of the decision table: their declared domains."""
+    """Return by name the methods that apply besides the one of the decision table.
+
+    Each applies within its declared domain.
+    """
     if support.low[at.M1] == 0.0:
         return {}
     name = chosen.plant
@@ -170,7 +178,10 @@ def _friction(support: Support) -> list[str]:
     if not _slips(support):
         return []
     return [
-        f"dry friction may slip faster than interface.reference_velocity = {support.low[at.VR]:g} m/s"
+        (
+            "dry friction may slip faster than interface.reference_velocity = "
+            f"{support.low[at.VR]:g} m/s"
+        )
     ]
 
 
@@ -201,8 +212,8 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
         arrays[name][list(FRICTION)] = 0.0
         arrays[name][at.C] = damping
     reason = (
-        f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below interface.reference_velocity = "
-        f"{vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
+        f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below "
+        f"interface.reference_velocity = {vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
     )
     return replace(support, **arrays), (reason,)
 
@@ -220,7 +231,7 @@ def _fastest_slip(support: Support) -> float:
 
 
 def _dynamic_rows(support: Support) -> set[int]:
-    """Rows that enter the propagator: the physical parameters, the stretch, and the tones' frequencies."""
+    """Rows that enter the propagator: physical parameters, stretch, the tones' frequencies."""
     tones = {at.TONES + at.TONE_ROWS * j + at.FREQUENCY for j in range(len(support.ground))}
     return {at.STRETCH, *PHYSICAL, *tones}
 
@@ -248,8 +259,8 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
         and "sphere.mass" in scene.randomization
     ):
         msg = (
-            "interface.normal_force: missing; by default it is the sphere's weight, but sphere.mass is randomised. "
-            "State a number, or randomise it too"
+            "interface.normal_force: missing; by default it is the sphere's weight, but "
+            "sphere.mass is randomised. State a number, or randomise it too"
         )
         raise CompileError(msg)
     if low[at.M1] == 0.0:
@@ -257,14 +268,15 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
     furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
     if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
         msg = (
-            f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than stretch * rest_length = "
-            f"{low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite stretch is shortened to nothing"
+            f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than "
+            f"stretch * rest_length = {low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite "
+            "stretch is shortened to nothing"
         )
         raise CompileError(msg)
 
 
 def _refuse_massless(support: Support) -> None:
-    """Raise `CompileError` unless a carriage without mass leaves a linear plant with fixed parameters."""
+    """Raise `CompileError` unless the massless plant is linear with fixed parameters."""
     low = support.low
     reason = ""
     if _slips(support) or _is_nonlinear(support):
@@ -285,13 +297,14 @@ def _check_solver(scene: Scene, method: Method) -> None:
         if option in method.options or getattr(scene.solver, option) == getattr(default, option):
             continue
         warnings.warn(
-            f"solver.{option} has no effect: the {method.plant} plant is propagated by {method.name!r}",
+            f"solver.{option} has no effect: the {method.plant} plant is propagated by "
+            f"{method.name!r}",
             stacklevel=3,
         )
 
 
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lane that every episode starts from, and (row, low, high) of what is drawn instead."""
+    """Return every episode's starting lane, and (row, low, high) of what is drawn instead."""
     low, high = support.start_low, support.start_high
     rows = np.flatnonzero(low != high)
-    return low.copy(), np.column_stack([rows, low[rows], high[rows]])
+    return low.copy(), np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

@@ -11,7 +11,6 @@ from gymnasium.error import ResetNeeded
 from mm_gym.compile import compile_scene
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
-from mm_gym.scene import Scene
 from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
@@ -20,65 +19,70 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.scene import Scene
+
 SEEDS = 2**63
 FLOAT32 = np.dtype(np.float32)
 
 
 class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Keep a vibrating carriage still, by pushing it or by stretching the springs of the sphere that it carries.
+    """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
     -----------
-    A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface and, optionally, by
-    pre-stretched springs (docs/model.md). Each control step holds the action and propagates the motion exactly; see
-    `Plant.explain` for how.
+    A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface
+    and, optionally, by pre-stretched springs (docs/model.md). Each control step holds the action
+    and propagates the motion exactly; see `Plant.explain` for how.
 
     Action Space
     ------------
-    `Box(-1, 1, (k,), float32)`, one number per actuator of the scene, in this order. Finite values outside are
-    clipped; NaN and infinity raise `ActionError` and change nothing.
+    `Box(-1, 1, (k,), float32)`, one number per actuator of the scene, in this order. Finite values
+    outside are clipped; NaN and infinity raise `ActionError` and change nothing.
 
-    =======  ========================================  ==============================================
-    column   actuator                                  an action of 1 means
-    =======  ========================================  ==============================================
-    force    `actuation.force` [N]                     +limit, on the carriage
-    stretch  `actuation.stretch` [-]                   `maximum`; or, commanded as a rate, +rate_limit
-    =======  ========================================  ==============================================
+    =======  ==============================  ==============================================
+    column   actuator                        an action of 1 means
+    =======  ==============================  ==============================================
+    force    `actuation.force` [N]           +limit, on the carriage
+    stretch  `actuation.stretch` [-]         `maximum`; or, commanded as a rate, +rate_limit
+    =======  ==============================  ==============================================
 
     Observation Space
     -----------------
-    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of the last
-    `sensors.history` control steps, oldest first. An episode starts with its first frame repeated.
+    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of the
+    last `sensors.history` control steps, oldest first. An episode starts with its first frame
+    repeated.
 
-    ==============================================  =======================================================
+    ==============================================  ========================================
     channel                                         scaled by
-    ==============================================  =======================================================
+    ==============================================  ========================================
     carriage_displacement, sphere_displacement [m]  1 / objective.displacement_scale
     sphere_offset [m]                               1 / objective.stroke_scale
     carriage_velocity, sphere_velocity,
     slip_velocity [m/s]                             1 / objective.velocity_scale
-    stretch [-]                                     actuation.stretch's minimum and maximum become -1 and 1
-    ==============================================  =======================================================
+    stretch [-]                                     actuation.stretch's minimum and maximum
+                                                    become -1 and 1
+    ==============================================  ========================================
 
     Rewards
     -------
-    From the state at the step's end:
-    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``, `a` the clipped action.
+    From the state at the step's end, with `a` the clipped action:
+    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``.
 
     Starting State
     --------------
-    Drawn uniformly from `initial` and `randomization`. `reset(options={"initial.sphere_offset": 0.01})` sets any drawn
-    field, or part of the initial state, by its dotted name.
+    Drawn uniformly from `initial` and `randomization`. Any drawn field, or part of
+    the initial state, is set by its dotted name:
+    `reset(options={"initial.sphere_offset": 0.01})`.
 
     Episode End
     -----------
-    Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds `objective.rail_half_length`;
-    truncated after `control.steps`.
+    Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds
+    `objective.rail_half_length`; truncated after `control.steps`.
 
     Information
     -----------
-    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the actuators reached
-    [N, -].
+    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the
+    actuators reached [N, -].
 
     Arguments
     ---------
@@ -117,13 +121,19 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._state.copy()
 
     def drawn(self, name: str) -> float:
-        """Return this episode's value of a field by its dotted name, for example "excitation.0.frequency"."""
+        """Return this episode's value of a field by dotted name, as "excitation.0.frequency"."""
         return float(self._lanes.values[self.plant.support.row_of(name), 0])
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode; see the class for `options`. Raises `SceneError` for a name or value that is not allowed."""
+        """Begin an episode; see the class for `options`.
+
+        Raises
+        ------
+        SceneError
+            If a name or value is not allowed.
+        """
         fixed = self._lanes.checked(options)
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
@@ -170,7 +180,7 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._lanes.snapshot() | {"running": self._running}
 
     def set_state(self, state: Mapping[str, object]) -> None:
-        """Continue from what `get_state` returned; raise `SceneError` if it does not fit this scene."""
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         self._lanes.restore(state)
         self._running = bool(state.get("running", True))
         self._seeded = True

@@ -1,9 +1,9 @@
 """The matrix exponential, correctly rounded.
 
-A propagator is computed once and used for millions of steps, so it is worth having every digit of it. Double
-precision cannot give them: for a stiff plant the squarings of ``scipy.linalg.expm`` lose as many digits as
-``norm(A) dt`` has, and a carriage of 1e-80 kg overflows it. Decimal arithmetic of the standard library has neither
-limit; a 4 by 4 exponential takes a few milliseconds.
+A propagator is computed once and used for millions of steps, so it is worth having every digit of
+it. Double precision cannot give them: for a stiff plant the squarings of ``scipy.linalg.expm`` lose
+as many digits as ``norm(A) dt`` has, and a carriage of 1e-80 kg overflows it. Decimal arithmetic of
+the standard library has neither limit; a 4 by 4 exponential takes a few milliseconds.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ GUARD_DIGITS = 30
 """Digits kept beyond those that the squarings can lose: 17 for a double, the rest for the sums."""
 
 ASSEMBLY_DIGITS = 700
-"""Digits of the matrices' entries: a row's small terms must not be lost beside its large ones, since what they leave
-of the sum is what decays. More than three times LARGEST_EXPONENT, as the exponential itself."""
+"""Digits of the matrices' entries: a row's small terms must not be lost beside its large ones,
+since what they leave of the sum is what decays. More than three times LARGEST_EXPONENT, as the
+exponential itself."""
 
 LARGEST_EXPONENT = 200
-"""Decimal digits of norm(A) t beyond which nothing physical is left: refuse rather than compute for minutes."""
+"""Decimal digits of norm(A) t beyond which nothing physical is left: refuse rather than compute for
+minutes."""
 
 
 def exponential(matrix: NDArray[np.object_], time: float) -> NDArray[np.float64]:
@@ -45,13 +47,16 @@ def exponential(matrix: NDArray[np.object_], time: float) -> NDArray[np.float64]
     Raises
     ------
     OverflowError
-        If norm(matrix) * time has more than 200 digits or an entry of the result exceeds the largest double.
+        If norm(matrix) * time has more than 200 digits or an entry of the result exceeds the
+        largest double.
     """
     return ladder(matrix, time, 0)[0].astype(np.float64)
 
 
 def ladder(matrix: NDArray[np.object_], time: float, levels: int) -> list[NDArray[np.object_]]:
-    """Return exp(matrix * time / 2**k) for k = 0 .. levels, as decimals that are correct far beyond double precision.
+    """Return exp(matrix * time / 2**k) for k = 0 .. levels, as decimals.
+
+    They are correct far beyond double precision.
 
     Parameters
     ----------
@@ -67,10 +72,11 @@ def ladder(matrix: NDArray[np.object_], time: float, levels: int) -> list[NDArra
 
     Notes
     -----
-    Scaling and squaring of the Taylor series (Moler and Van Loan, 2003, method 3): the halvings are its intermediate
-    results. A squaring at most doubles the relative error, which costs a third of a digit; the hump of a
-    non-normal matrix is bounded by norm(A) t for a dissipative oscillator, and entries differ by as much where
-    positions and velocities do: hence the digits beyond GUARD_DIGITS.
+    Scaling and squaring of the Taylor series (Moler and Van Loan, 2003, method 3): the halvings are
+    its intermediate results. A squaring at most doubles the relative error, which costs a third of
+    a digit; the hump of a non-normal matrix is bounded by norm(A) t for a dissipative oscillator,
+    and entries differ by as much where positions and velocities do: hence the digits beyond
+    GUARD_DIGITS.
     """
     step = Decimal(time)
     size = len(matrix)
@@ -86,10 +92,13 @@ def ladder(matrix: NDArray[np.object_], time: float, levels: int) -> list[NDArra
             squarings += 1
         squarings = max(squarings, levels)
         scaled = matrix * (step / 2**squarings)
-        identity = np.array([[Decimal(i == j) for j in range(size)] for i in range(size)])
+        identity: NDArray[np.object_] = np.array(
+            [[Decimal(i == j) for j in range(size)] for i in range(size)]
+        )
         result, term, order = identity, identity, 0
         threshold = Decimal(10) ** (-context.prec)
-        # Entry by entry, because units differ; an entry may appear first at the order of its chain, at most the size.
+        # Entry by entry, because units differ; an entry may appear first at the order of its chain,
+        # at most the size.
         while order < size or np.any(abs(term) > threshold * abs(result)):
             order += 1
             term = term @ scaled / order

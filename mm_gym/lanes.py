@@ -1,17 +1,20 @@
-"""Lanes: the columns of state that the kernels work on, as one object for simulation, single and vector environment."""
+"""Lanes: the columns of state that the kernels work on.
+
+One object serves the simulation, the single and the vector environment.
+"""
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 import numpy as np
 
 from mm_gym.errors import ActionError, SceneError, SimulationError
-from mm_gym.kernels import layout as at
 from mm_gym.kernels import lanes as kernels
+from mm_gym.kernels import layout as at
 from mm_gym.kernels.random import seed_streams
 
 if TYPE_CHECKING:
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from mm_gym.plant import Plant
 
     Values = NDArray[np.float64]
+
+Number = TypeVar("Number", bound=np.generic)
 
 SNAPSHOT = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the present of a set of lanes."""
@@ -47,7 +52,8 @@ class Lanes:
     terminated, truncated
         (count,) bool: how the last control step ended.
     advance_some
-        (actions, first, last) -> status: make one control step of some lanes; actions as for `advance`.
+        (actions, first, last) -> status: make one control step of some lanes; actions as for
+        `advance`.
 
     Notes
     -----
@@ -140,7 +146,10 @@ class Lanes:
         return array.astype(np.float64)
 
     def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
-        """Make one control step of all lanes and return the status; actions (actuators, count), flat in C order."""
+        """Make one control step of all lanes and return the status.
+
+        The actions are (actuators, count), flat in C order.
+        """
         if self._pool is None:
             return self.advance_some(actions, 0, self.count)
         if not kernels.finite(actions, len(self.plant.actuators), 0, self.count):
@@ -166,12 +175,17 @@ class Lanes:
 
     def snapshot(self) -> dict[str, object]:
         """Return everything that the lanes are, as copies, for `restore`."""
-        return {"scene": self.plant.digest} | {
-            name: getattr(self, name).copy() for name in SNAPSHOT
-        }
+        arrays = {name: getattr(self, name).copy() for name in SNAPSHOT}
+        return {"scene": self.plant.digest, **arrays}
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
-        """Continue from a snapshot of the same scene and as many lanes; raise `SceneError` if it is not one."""
+        """Continue from a snapshot of the same scene and as many lanes.
+
+        Raises
+        ------
+        SceneError
+            If it belongs to another scene, lacks an array, or an array has not this one's form.
+        """
         wrong = [name for name in ("scene", *SNAPSHOT) if name not in snapshot]
         if wrong:
             msg = f"state: {', '.join(wrong)} missing; use what get_state returned"
@@ -181,7 +195,7 @@ class Lanes:
             raise SceneError(msg)
         for name in SNAPSHOT:
             array, own = snapshot[name], getattr(self, name)
-            if not isinstance(array, np.ndarray) or (array.shape, array.dtype) != (
+            if not is_array(array) or (array.shape, array.dtype) != (
                 own.shape,
                 own.dtype,
             ):
@@ -191,11 +205,17 @@ class Lanes:
             getattr(self, name)[...] = snapshot[name]
 
 
-def rows_of(rows: int, count: int, dtype: type[np.generic]) -> NDArray[np.generic]:
+def is_array(value: object) -> TypeGuard[NDArray[Any]]:
+    """Tell whether a value is an array, of any type."""
+    return isinstance(value, np.ndarray)
+
+
+def rows_of(rows: int, count: int, dtype: type[Number]) -> NDArray[Number]:
     """Return zeroed rows of at least `count` columns, laid out for the cache.
 
-    They begin on a cache line. Long rows are padded to an odd number of half pages and a bit: were they a multiple of
-    a page apart, a lane's entries in all rows would compete for the same few places of the first-level cache.
+    They begin on a cache line. Long rows are padded to an odd number of half pages and a bit: were
+    they a multiple of a page apart, a lane's entries in all rows would compete for the same few
+    places of the first-level cache.
     """
     length = count if count < PAGE else count + (PAGE // 2 + 40 - count) % PAGE
     size = rows * length * np.dtype(dtype).itemsize

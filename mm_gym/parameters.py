@@ -1,4 +1,7 @@
-"""Which row of a lane holds which field of a scene, and what values the field can take: the scene's support."""
+"""Which row of a lane holds which field of a scene, and the scene's support.
+
+The support is what values the fields can take.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ class Support:
         return bool(self.low[row] == self.high[row])
 
     def row_of(self, name: str) -> int:
-        """Return the row of a dotted name; raise `SceneError` with the nearest one if there is none."""
+        """Return the row of a dotted name, or raise `SceneError` with the nearest name."""
         try:
             return self.names[name]
         except KeyError:

@@ -68,12 +68,13 @@ class Plant:
     def linear(
         self, stretch: float | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return A (4, 4) and B (4, 1) of x' = A x + B u about the rest position, u the control force [N].
+        """Return A (4, 4) and B (4, 1) of x' = A x + B u about rest, u the control force [N].
 
         Parameters
         ----------
         stretch
-            Stretch of the springs [-]; by default the one that an episode starts from (the middle of a range).
+            Stretch of the springs [-]; by default the one that an episode starts from (the middle
+            of a range).
 
         Notes
         -----
@@ -85,7 +86,7 @@ class Plant:
     def discrete(
         self, stretch: float | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over the control step."""
+        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over each step."""
         # Imported here: the layer of methods lies above the plant it builds.
         from mm_gym.propagators import massless_transition, transition  # noqa: PLC0415
 
@@ -99,7 +100,7 @@ class Plant:
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
-        """Return the linear equations about the rest position in decimal arithmetic, see `linear`."""
+        """Return the linear equations about rest in decimal arithmetic, see `linear`."""
         row = self._middle(stretch)
         if row[at.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
@@ -137,13 +138,16 @@ def _at_time_step(plant: Plant, time_step: float) -> Plant:
 
 
 def linear_system(row: NDArray[np.float64]) -> StateSpace:
-    """Return the linear equations for one lane's parameters; dry friction enters with its slope in stick."""
+    """Return the linear equations of one lane; dry friction enters with its slope in stick."""
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         return state_space(values_of(row))
 
 
 def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
-    """Return m1, m2, k1 (times alpha), d, c and k2 of one lane; doubles enter as the decimals that they exactly are."""
+    """Return m1, m2, k1 (times alpha), d, c and k2 of one lane.
+
+    Doubles enter as the decimals that they exactly are.
+    """
     m1, m2, k1, d, alpha, c, k0, stretch = (
         Decimal(float(row[i]))
         for i in (at.M1, at.M2, at.K1, at.D, at.ALPHA, at.C, at.K0, at.STRETCH)

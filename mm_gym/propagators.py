@@ -27,7 +27,8 @@ def response_to_tone(
 ) -> NDArray[np.float64]:
     """Return what cos and sin of the phase at the step's start add to the state at its end, (2, 4).
 
-    The excitation sin(w t + phase) is the second state of the exosystem z' = [[0, -w], [w, 0]] z, z = (cos, sin).
+    The excitation sin(w t + phase) is the second state of the exosystem
+    z' = [[0, -w], [w, 0]] z, z = (cos, sin).
     """
     generator = np.full((6, 6), Decimal(0))
     generator[:4, :4] = system.a
@@ -37,7 +38,10 @@ def response_to_tone(
 
 
 def massless_transition(p: Values, time: float) -> NDArray[np.float64]:
-    """Return the same as `transition` for a carriage without mass: v1 at the step's start has no influence."""
+    """Return the same as `transition` for a carriage without mass.
+
+    The velocity v1 at the step's start has no influence.
+    """
     return _massless(p, time, Decimal(0), ground=False)[:, :5].astype(np.float64)
 
 
@@ -49,9 +53,12 @@ def massless_response_to_tone(
 
 
 def _massless(p: Values, time: float, frequency: Decimal, *, ground: bool) -> NDArray[np.object_]:
-    """Return x1, x2, v1, v2 at the step's end against (x1, x2, v1, v2, held force, cos, sin) at its start.
+    """Return x1, x2, v1, v2 at the step's end against what there is at its start.
 
-    Without inertia the forces on the carriage balance: (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
+    That is (x1, x2, v1, v2, held force, cos, sin).
+
+    Without inertia the forces on the carriage balance:
+    (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
     """
     m2, k1, c, d, k2 = (p[name] for name in ("m2", "k1", "c", "d", "k2"))
     zero = Decimal(0)
@@ -67,4 +74,4 @@ def _massless(p: Values, time: float, frequency: Decimal, *, ground: bool) -> ND
     step = ladder(generator, time, 0)[0]
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         rows = np.array([step[0], step[1], v1 @ step, step[2]])
-        return np.insert(rows, 2, zero, axis=1)
+        return np.insert(rows, 2, np.asarray(zero), axis=1)

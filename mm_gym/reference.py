@@ -1,4 +1,6 @@
-"""The slow, obvious oracle: SciPy's integrators on the equations of docs/model.md, with events for dry friction.
+"""The slow, obvious oracle: SciPy's integrators on the equations of docs/model.md.
+
+Dry friction is integrated from event to event.
 
 It shares no code with the kernels and is imported by tests and benchmarks only.
 """
@@ -6,10 +8,10 @@ It shares no code with the kernels and is imported by tests and benchmarks only.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType] - untyped
 
 from mm_gym.errors import SimulationError
 from mm_gym.scene import GRAVITY
@@ -25,6 +27,15 @@ if TYPE_CHECKING:
 
 STICK = 0
 """Regime of dry friction; +1 and -1 are the directions of slip w."""
+
+
+class Solution(Protocol):
+    """What `scipy.integrate.solve_ivp` returns, as far as it is used here."""
+
+    t: State
+    y: State
+    status: int
+    message: str
 
 
 @dataclass(frozen=True)
@@ -112,17 +123,21 @@ class Oracle:
         end: float,
         state: State,
         events: list[Callable[..., float]],
-    ):
-        # Absolute tolerances far below any state of interest: each component keeps its relative digits.
-        solution = solve_ivp(
-            field,
-            (start, end),
-            state,
-            self.method,
-            events=events,
-            rtol=self.rtol,
-            atol=1e-17,
-            max_step=self.max_step,
+    ) -> Solution:
+        # Absolute tolerances far below any state of interest: each component keeps its relative
+        # digits.
+        solution = cast(
+            "Solution",
+            solve_ivp(
+                field,
+                (start, end),
+                state,
+                self.method,
+                events=events,
+                rtol=self.rtol,
+                atol=1e-17,
+                max_step=self.max_step,
+            ),
         )
         if solution.status < 0:
             msg = f"reference: {solution.message}"
@@ -158,7 +173,7 @@ class Oracle:
         return [leaving(1, 1), leaving(-1, 1)] if regime == STICK else [leaving(regime, -1)]
 
     def _interface(self, w: float, regime: int) -> float:
-        """Return the force of the interface on the carriage (eq. 9 of the paper for dry friction)."""
+        """Return the interface's force on the carriage (eq. 9 of the paper for dry friction)."""
         interface = self.scene.interface
         if interface.kind == "none":
             return 0.0
@@ -177,7 +192,10 @@ class Oracle:
         )
 
     def _springs(self, offset: float, stretch: float) -> float:
-        """Return the force of the springs on the carriage (eq. 15 of the paper, or the exact neo-Hookean pair)."""
+        """Return the springs' force on the carriage.
+
+        It is eq. 15 of the paper, or that of the exact neo-Hookean pair.
+        """
         springs = self.scene.springs
         if springs.kind == "none":
             return 0.0

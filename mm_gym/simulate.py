@@ -201,7 +201,10 @@ def _sample(
     states: NDArray[np.float64],
     applied: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the states at the instants, the control step that each lies in and the time [s] since its start."""
+    """Return the states at the instants, and the control step that each lies in.
+
+    The third array is the time [s] since that step's start.
+    """
     phase = instants / plant.time_step
     nearest = np.round(phase)
     on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)

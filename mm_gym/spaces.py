@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
-    """Return the scene itself, or the one that the file at this path holds, with at least one actuator."""
+    """Return the scene itself, or the one in the file at this path, with at least one actuator."""
     if isinstance(scene, str | Path):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
@@ -50,7 +50,7 @@ def observation_space(plant: Plant) -> Box:
 def checked_actions(
     actions: object, shape: tuple[int, ...]
 ) -> NDArray[np.float64] | NDArray[np.float32]:
-    """Return actions as an ordinary floating-point array of the shape; raise `ActionError` otherwise."""
+    """Return actions as an ordinary floating-point array of the shape, or raise `ActionError`."""
     try:
         array = np.asarray(actions)
     except ValueError as error:
@@ -62,7 +62,8 @@ def checked_actions(
     if array.shape != shape:
         msg = f"action: got shape {array.shape}; allowed: {shape}"
         raise ActionError(msg)
-    # Read-only and strided arrays are types of their own, for which every kernel would be compiled anew.
+    # Read-only and strided arrays are types of their own, for which every kernel would be compiled
+    # anew.
     return np.require(
         array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"]
     )

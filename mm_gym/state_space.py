@@ -1,4 +1,7 @@
-"""The linear equations of motion as matrices, in whatever arithmetic the values come in (docs/model.md, eqs 1-2)."""
+"""The linear equations of motion as matrices (docs/model.md, eqs 1-2).
+
+The arithmetic is that of the values.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ def state_space(p: Values) -> StateSpace:
 
 
 def slip_space(p: Values) -> StateSpace:
-    """Return the same equations for the state x1, x2 - x1, v1, v2 - v1: no digits of a small slip cancel."""
+    """Return the same equations for the state x1, x2 - x1, v1, v2 - v1.
+
+    No digits of a small slip cancel in it.
+    """
     m1, m2, k1, d, c, k2 = (p[name] for name in ("m1", "m2", "k1", "d", "c", "k2"))
     zero, one = 0 * m1, m1 / m1
     both = one / m1 + one / m2

@@ -14,7 +14,7 @@ from mm_gym.compile import compile_scene
 from mm_gym.env import SEEDS
 from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes
+from mm_gym.lanes import Lanes, is_array
 from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 
 class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many independent episodes of one scene; lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
+    """Many independent episodes of one scene.
+
+    Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
 
     Parameters
     ----------
@@ -36,14 +38,14 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     num_envs
         Number of lanes.
     autoreset_mode
-        Any of Gymnasium's three: a finished lane begins anew in the next step (the default), in the same step (then
-        ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or when ``reset(options={"reset_mask": mask})``
-        says so.
+        Any of Gymnasium's three: a finished lane begins anew in the next step (the default), in the
+        same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or when
+        ``reset(options={"reset_mask": mask})`` says so.
     copy
         If false, the arrays handed out are views of memory that the next step overwrites.
     threads
-        Number of threads that share the lanes of a step; the results do not depend on it. Worth it from some ten
-        thousand lanes on.
+        Number of threads that share the lanes of a step; the results do not depend on it. Worth it
+        from some ten thousand lanes on.
 
     Notes
     -----
@@ -76,6 +78,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_observation_space = observation_space(self.plant)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._shape = (num_envs, *self.single_action_space.shape)
         self._copy = copy
         self._lanes = Lanes(self.plant, num_envs, threads)
         self._finished = np.ones(num_envs, np.bool_)
@@ -90,7 +93,10 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._lanes.values[:4].copy().T
 
     def drawn(self, name: str) -> NDArray[np.float64]:
-        """Return every lane's present value of a field by its dotted name, for example "excitation.0.frequency"."""
+        """Return every lane's present value of a field by its dotted name.
+
+        For example "excitation.0.frequency".
+        """
         return self._lanes.values[self.plant.support.row_of(name)].copy()
 
     def reset(
@@ -101,7 +107,8 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
-        Other options set drawn fields by dotted name, a number or one per lane, as in `MovingMassEnv`.
+        Other options set drawn fields by dotted name, a number or one per lane, as in
+        `MovingMassEnv`.
         """
         options = dict(options or {})
         mask = self._mask(options.pop("reset_mask", None))
@@ -136,7 +143,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ):
             msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
-        status = lanes.advance(checked_actions(actions, self.action_space.shape).T.reshape(-1))
+        status = lanes.advance(checked_actions(actions, self._shape).T.reshape(-1))
         if status > at.ENDED:
             lanes.raise_for(status)
         if self._any_finished:
@@ -161,7 +168,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         finished = state.get("finished")
-        if not isinstance(finished, np.ndarray) or finished.shape != self._finished.shape:
+        if not is_array(finished) or finished.shape != self._finished.shape:
             msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
             raise SceneError(msg)
         self._lanes.restore(state)
@@ -169,7 +176,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._any_finished = bool(finished.any())
         self._seeded = True
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """End the threads."""
         del kwargs
         self._lanes.close()
@@ -183,7 +190,10 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._any_finished = False
 
     def _final(self) -> dict[str, Any]:
-        """Return the last observation and information of the finished lanes, as Gymnasium's SyncVectorEnv lays them out."""
+        """Return the last observation and information of the finished lanes.
+
+        They are laid out as by Gymnasium's SyncVectorEnv.
+        """
         mask = self._finished.copy()
         observations = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(mask):
@@ -223,7 +233,10 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return self._everywhere
         array = np.asarray(mask)
         if array.shape != (self.num_envs,) or array.dtype != np.bool_:
-            msg = f"reset_mask: got {array.dtype} of shape {array.shape}; allowed: bool of shape ({self.num_envs},)"
+            msg = (
+                f"reset_mask: got {array.dtype} of shape {array.shape}; "
+                f"allowed: bool of shape ({self.num_envs},)"
+            )
             raise SceneError(msg)
         return array
 

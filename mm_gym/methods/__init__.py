@@ -1,4 +1,4 @@
-"""The methods: what each propagates, how, at what order, cost and error bound. One method, one file."""
+"""The methods: what each propagates, how, at what order, cost and error bound; one file each."""
 
 from mm_gym.methods.base import Method as Method
 from mm_gym.methods.fixed_step import rk4_method as rk4_method

@@ -1,4 +1,4 @@
-"""What a method is, and what methods share: the header of their model and bounds of the motion's rates."""
+"""What a method is, and what methods share: their model's header, bounds of the motion's rates."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator
 
     from numpy.typing import NDArray
 
@@ -39,7 +39,8 @@ class Method:
     cost
         Work per control step in words, given the model array.
     model
-        Builds the kernel's constants for a support; raises `CompileError` where the bound cannot be met.
+        Builds the kernel's constants for a support; raises `CompileError` where the bound cannot be
+        met.
     entries
         The compiled entries.
     options
@@ -58,7 +59,7 @@ class Method:
 
 
 @contextmanager
-def refuse_overflow(support: Support) -> Iterator[None]:
+def refuse_overflow(support: Support) -> Generator[None]:
     """Turn an overflow of a transition matrix into a `CompileError`."""
     try:
         yield
@@ -79,7 +80,7 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
 
 
 def fastest_oscillation(support: Support) -> float:
-    """Return a bound of the undamped frequencies about the rest position [rad/s]; see `fastest_rate`."""
+    """Return a bound of the undamped frequencies about rest [rad/s]; see `fastest_rate`."""
     low, high = support.low, support.high
     k1 = high[at.K1] * high[at.ALPHA]
     # k2 falls with stretch and never exceeds 6 k0.
@@ -88,10 +89,13 @@ def fastest_oscillation(support: Support) -> float:
 
 
 def fastest_rate(support: Support, damping: float | None = None) -> float:
-    """Return a bound of the spectral norm of A, in the energy norm, and of the excitation's frequencies [1/s].
+    """Return a bound of the excitation's frequencies and of the norm of A [1/s].
 
-    With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew matrix of the
-    undamped motion plus minus the scaled damping; the norm of each is at most its trace.
+    The norm is the spectral one, in the energy norm.
+
+    With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew
+    matrix of the undamped motion plus minus the scaled damping; the norm of each is at most its
+    trace.
 
     Parameters
     ----------
@@ -108,7 +112,10 @@ def fastest_rate(support: Support, damping: float | None = None) -> float:
 
 
 def degree(phase: float) -> int:
-    """Return the least n with phase**(n + 1) / (n + 1)! * exp(phase) below round-off: Taylor's remainder."""
+    """Return the least n for which Taylor's remainder is below round-off.
+
+    The remainder is at most phase**(n + 1) / (n + 1)! * exp(phase).
+    """
     n = 1
     while phase ** (n + 1) / math.factorial(n + 1) * math.exp(phase) > ROUND_OFF:
         n += 1

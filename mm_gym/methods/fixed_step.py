@@ -31,7 +31,10 @@ def rk4_method(substeps: int, plant: str) -> Method:
         plant=plant,
         how="classical Runge-Kutta method with a fixed step; kept for comparison",
         order="4",
-        bound="none: the error falls with the fourth power of the step while rate * step < 2.8, and grows without limit beyond",
+        bound=(
+            "none: the error falls with the fourth power of the step while rate * step < 2.8, "
+            "and grows without limit beyond"
+        ),
         cost=lambda _: f"{4 * substeps} evaluations of the forces",
         model=partial(_model, substeps=substeps),
         entries=RK4,
@@ -46,7 +49,10 @@ def semi_implicit_euler_method(substeps: int, plant: str) -> Method:
         plant=plant,
         how="velocities first, then positions, with a fixed step; kept for comparison",
         order="1",
-        bound="none: the error falls with the step while rate * step < 2, and grows without limit beyond",
+        bound=(
+            "none: the error falls with the step while rate * step < 2, "
+            "and grows without limit beyond"
+        ),
         cost=lambda _: f"{substeps} evaluations of the forces",
         model=partial(_model, substeps=substeps),
         entries=SEMI_IMPLICIT_EULER,

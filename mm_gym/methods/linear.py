@@ -34,7 +34,10 @@ def _model(support: Support) -> NDArray[np.float64]:
 LINEAR = Method(
     name="exact",
     plant="linear",
-    how="transition matrix, computed once in decimal arithmetic and rounded once; harmonic excitation as an exosystem",
+    how=(
+        "transition matrix, computed once in decimal arithmetic and rounded once; "
+        "harmonic excitation as an exosystem"
+    ),
     order="exact for a held force",
     bound="round-off: 1e-12 of the trajectory's scale",
     cost=lambda model: (

@@ -1,4 +1,4 @@
-"""The limit of a carriage without inertia: three states, and v1 follows from the balance of forces."""
+"""The limit of a carriage without inertia: three states; v1 follows from the balance of forces."""
 
 from __future__ import annotations
 

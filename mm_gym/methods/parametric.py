@@ -1,4 +1,4 @@
-"""The linear plant whose parameters differ from lane to lane or change from step to step: a Taylor series."""
+"""A Taylor series for the linear plant whose parameters differ between lanes or between steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mm_gym.parameters import Support
 
 LONGEST_SUBSTEP = 2.0
-"""Largest rate times substep: the terms of the series grow to exp of it, and round-off with them."""
+"""Largest rate times substep: the series' terms grow to exp of it, and round-off with them."""
 
 MOST_SUBSTEPS = 1000
 """Substeps of a control step beyond which a scene is refused rather than run for minutes."""
@@ -29,9 +29,10 @@ def _model(support: Support) -> NDArray[np.float64]:
     substeps = max(1.0, np.ceil(phase / LONGEST_SUBSTEP))
     if not substeps <= MOST_SUBSTEPS:
         msg = (
-            f"control.time_step: {support.time_step} s spans {phase:.3g} times the scene's shortest time constant "
-            f"{support.time_step / phase:.3g} s; the series allows {LONGEST_SUBSTEP * MOST_SUBSTEPS:.0f}. Shorten the "
-            "step, or fix what is randomised or actuated"
+            f"control.time_step: {support.time_step} s spans {phase:.3g} times the scene's "
+            f"shortest time constant {support.time_step / phase:.3g} s; the series allows "
+            f"{LONGEST_SUBSTEP * MOST_SUBSTEPS:.0f}. Shorten the step, "
+            "or fix what is randomised or actuated"
         )
         raise CompileError(msg)
     model[series.SUBSTEPS] = substeps

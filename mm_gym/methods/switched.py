@@ -22,16 +22,19 @@ if TYPE_CHECKING:
     from mm_gym.parameters import Support
 
 STATE_INPUTS = 6
-"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each tone follow."""
+"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each tone
+follow."""
 
 LONGEST_SERIES = 2.0
 """Longest last rung, in units of the shortest time constant; its Taylor series loses no digits."""
 
 LONGEST_OSCILLATION = 2.0**12
-"""Longest control step, in units of 1 / the fastest undamped or excited frequency: each costs an interval or more."""
+"""Longest control step, in units of 1 / the fastest undamped or excited frequency: each costs an
+interval or more."""
 
 LONGEST_DECAY = 2.0**28
-"""Longest control step, in units of the shortest time constant: the slow motion after a fast decay takes few intervals."""
+"""Longest control step, in units of the shortest time constant: the slow motion after a fast decay
+takes few intervals."""
 
 MOST_PIECES = 10_000.0
 """Pieces of a control step that the series alone may take: some 0.01 s of work."""
@@ -76,14 +79,18 @@ def _refuse_long_step(support: Support, phase: float, longest: float, unit: str)
     """Raise `CompileError` if the control step is longer than can be followed within some 0.1 s."""
     if not phase <= longest:
         msg = (
-            f"control.time_step: {support.time_step} s is {phase:.3g} times {unit}, {support.time_step / phase:.3g} s; "
-            f"allowed: {longest:.3g} times. Shorten the step, or slow down what is so fast"
+            f"control.time_step: {support.time_step} s is {phase:.3g} times {unit}, "
+            f"{support.time_step / phase:.3g} s; allowed: {longest:.3g} times. "
+            "Shorten the step, or slow down what is so fast"
         )
         raise CompileError(msg)
 
 
 def _regime(support: Support, damping: Decimal, force: Decimal, rungs: int) -> NDArray[np.float64]:
-    """Return the rungs of one regime of the friction, f = damping w + sign force; see `mm_gym.kernels.switched`."""
+    """Return the rungs of one regime of the friction, f = damping w + sign force.
+
+    See `mm_gym.kernels.switched`.
+    """
     generator = _generator(support, damping, force)
     steps = ladder(generator, support.time_step, rungs + FINER)
     # The row that takes the inputs to w'' now.
@@ -110,7 +117,10 @@ def _rung(
 
 
 def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np.object_]:
-    """Return the equations of one regime with the inputs (x1, offset, v1, w, sign, u, cosine, sine, ...) as state."""
+    """Return the equations of one regime with the inputs as state.
+
+    The inputs are x1, offset, v1, w, sign, u, cosine, sine, ...
+    """
     with localcontext(Context(prec=60)):
         values = values_of(support.low) | {"c": damping}
         system = slip_space(values)
@@ -128,7 +138,7 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
 
 
 def _state_rows(step: NDArray[np.object_]) -> NDArray[np.float64]:
-    """Return the rows of x1, x2, v1, v2 against the inputs with x2 and v2, each entry rounded once."""
+    """Return rows of x1, x2, v1, v2 against the inputs with x2 and v2, each entry rounded once."""
     with localcontext(Context(prec=100)):
         rows = np.array([step[0], step[0] + step[1], step[2], step[2] + step[3]])
         rows[:, 0], rows[:, 2] = rows[:, 0] - rows[:, 1], rows[:, 2] - rows[:, 3]
@@ -146,10 +156,13 @@ def _change_of_slip(step: NDArray[np.object_]) -> NDArray[np.float64]:
 def _gains(
     support: Support, second: NDArray[np.float64], steps: list[NDArray[np.float64]]
 ) -> list[NDArray[np.float64]]:
-    """Return for each rung gains such that h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|) while the rung lasts.
+    """Return for each rung the gains that bound w'' while the rung lasts.
 
-    w''(t) = r(t) . inputs, with r sampled. Subtracting the share g(t) of r(t) along r(0) leaves what w''(0) does not
-    explain: on the slow motion of a stiff regime both parts are small, where |r| . |inputs| would not be.
+    They are such that h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|).
+
+    w''(t) = r(t) . inputs, with r sampled. Subtracting the share g(t) of r(t) along r(0) leaves
+    what w''(0) does not explain: on the slow motion of a stiff regime both parts are small, where
+    |r| . |inputs| would not be.
     """
     finest = len(steps) - 1
     rows = second[None]
@@ -173,13 +186,19 @@ def _gains(
 
 def _cost(model: NDArray[np.float64]) -> str:
     tones = int(model[at.TONE_COUNT])
-    return f"7 products with {6 + 2 * tones} inputs; a series of degree {int(model[switched.DEGREE])} per change of regime"
+    return (
+        f"7 products with {6 + 2 * tones} inputs; "
+        f"a series of degree {int(model[switched.DEGREE])} per change of regime"
+    )
 
 
 SWITCHED = Method(
     name="switched",
     plant="switched linear",
-    how="a transition matrix for stick and one for slip; crossings of the reference velocity bisected on halved steps",
+    how=(
+        "a transition matrix for stick and one for slip; "
+        "crossings of the reference velocity bisected on halved steps"
+    ),
     order="exact for a held force, every crossing found",
     bound="round-off: 1e-12 of the trajectory's scale",
     cost=_cost,
@@ -203,7 +222,10 @@ def _series_model(support: Support) -> NDArray[np.float64]:
 SWITCHED_SERIES = Method(
     name="switched",
     plant="parametric switched linear",
-    how="a Taylor series, cut off below round-off, for each regime; crossings of the reference velocity found on it",
+    how=(
+        "a Taylor series, cut off below round-off, for each regime; "
+        "crossings of the reference velocity found on it"
+    ),
     order="exact for a held force and stretch, every crossing found",
     bound="round-off: 1e-12 of the trajectory's scale",
     cost=lambda model: (

@@ -22,10 +22,12 @@ TIGHTEST = 1e-15
 """Smallest useful tolerance: below it round-off is larger than what is cut off."""
 
 EXTRA_ORDER = 5
-"""Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a step costs as much."""
+"""Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a step
+costs as much."""
 
 SHARE = 0.125
-"""Share of the tolerance that one series may use: a control step takes several, and their errors add up."""
+"""Share of the tolerance that one series may use: a control step takes several, and their errors
+add up."""
 
 RATE_PER_STEP = 2.0
 """Shortest time constants that one series spans at least, whatever the order."""
@@ -44,8 +46,9 @@ def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
     phase = fastest_rate(support, damping) * support.time_step
     if not phase <= RATE_PER_STEP * taylor.MOST_STEPS:
         msg = (
-            f"control.time_step: {support.time_step} s spans {phase:.3g} times the scene's shortest time constant "
-            f"{support.time_step / phase:.3g} s; the series allows {RATE_PER_STEP * taylor.MOST_STEPS:.0f}. Shorten the step"
+            f"control.time_step: {support.time_step} s spans {phase:.3g} times the scene's "
+            f"shortest time constant {support.time_step / phase:.3g} s; the series allows "
+            f"{RATE_PER_STEP * taylor.MOST_STEPS:.0f}. Shorten the step"
         )
         raise CompileError(msg)
     model[taylor.ORDER] = _order(tolerance)
@@ -57,12 +60,15 @@ def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
 
 
 def taylor_method(tolerance: float, plant: str) -> Method:
-    """Return the method for a tolerance: the relative error of the state's scale over a control step."""
+    """Return the method for a tolerance: a control step's error relative to the state's scale."""
     order = _order(tolerance)
     return Method(
         name="taylor",
         plant=plant,
-        how="adaptive Taylor series; the order follows from the tolerance, each step from the last two terms",
+        how=(
+            "adaptive Taylor series; the order follows from the tolerance, "
+            "each step from the last two terms"
+        ),
         order=str(order),
         bound=f"{tolerance:g} of the state's scale over a control step, and round-off",
         cost=lambda _: (
