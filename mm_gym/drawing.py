@@ -1,5 +1,8 @@
 """How figures look and are written; matplotlib is imported when the first one is drawn."""
 
+# pyright: basic, reportArgumentType=false, reportCallIssue=false
+# matplotlib's signatures are typed in part only, and not for a dictionary of options
+
 from __future__ import annotations
 
 from contextlib import contextmanager
@@ -11,11 +14,13 @@ from gymnasium.error import DependencyNotInstalled
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator
     from os import PathLike
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from mm_gym.trajectory import Trajectory
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, which colour-blind readers tell apart."""
@@ -23,6 +28,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 STYLES = ("-", "--", "-.", ":")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
+
+ACTUATORS = {"force": "force [N]", "stretch": "stretch [-]"}
 
 LOOK = {
     "font.size": 8.0,
@@ -39,7 +46,7 @@ LOOK = {
 
 
 @contextmanager
-def style() -> Iterator[None]:
+def style() -> Generator[None]:
     """Draw and save in this look; raise `DependencyNotInstalled` without matplotlib."""
     try:
         from matplotlib import rc_context  # noqa: PLC0415 - optional
@@ -53,11 +60,11 @@ def style() -> Iterator[None]:
 def panels(
     height: float, rows: int, columns: int, *, sharex: str = "none", sharey: str = "none"
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of a height [inch] and its panels, row by row; to be called within `style`."""
+    """Return a figure of a height [inch] and its panels, row by row; call it within `style`."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - optional
 
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+    figure = Figure(figsize=(WIDTH, height))
+    figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.06)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     for axes in grid.flat:
         axes.margins(x=0.0)
@@ -77,3 +84,28 @@ def save(figure: Figure, path: str | PathLike[str]) -> None:
     picture = BytesIO()
     FigureCanvasAgg(figure).print_figure(picture, dpi=200, format="png")
     write_bytes(path, picture.getvalue())
+
+
+def draw_trajectory(trajectory: Trajectory) -> Figure:
+    """Return displacements, velocities, what was applied and the energy over time."""
+    count = 3 + len(trajectory.actuators)
+    figure, axes = panels(1.2 * count + 0.6, count, 1, sharex="all")
+    time, (x1, x2, v1, v2) = trajectory.time, trajectory.state.T
+    rows = (
+        ("displacement [mm]", 1e3, (x1, x2, x2 - x1)),
+        ("velocity [m/s]", 1.0, (v1, v2, v2 - v1)),
+    )
+    names = ("carriage", "sphere", "sphere relative to carriage")
+    for panel, (label, factor, curves) in zip(axes, rows, strict=False):
+        for i, curve in enumerate(curves):
+            panel.plot(time, factor * curve, STYLES[i], color=COLOURS[i], label=names[i])
+        panel.set_ylabel(label)
+    for k, name in enumerate(trajectory.actuators):
+        panel = axes[2 + k]
+        panel.plot(time, trajectory.action[:, k], color=COLOURS[6], drawstyle="steps-post")
+        panel.set_ylabel(ACTUATORS[name])
+    axes[-1].plot(time, 1e3 * trajectory.energy, color=COLOURS[6])
+    axes[-1].set(xlabel="time [s]", ylabel="energy [mJ]")
+    figure.align_ylabels(axes)
+    legend_below(figure, axes[0], 3)
+    return figure

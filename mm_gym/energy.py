@@ -1,15 +1,18 @@
-"""Energy and what changes it: eqs 9-12 of docs/model.md. All integrals are of the motion from each control step's start.
+"""Energy and what changes it: eqs 9 to 12 of docs/model.md.
 
-Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator (`kernels.power`), so
-a stiff interface, a kink of friction or a step of many periods costs no accuracy. A motion with a cubic spring or
-finite stretch: Taylor series of the power, integrated term by term between the friction's kinks
-(`kernels.power_series`). Neither shares code with the plants, so a balance that closes confirms their states.
+All integrals are of the motion from each control step's start.
+
+Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator
+(`kernels.power`), so a stiff interface, a kink of friction or a step of many periods costs no
+accuracy. A motion with a cubic spring or finite stretch: Taylor series of the power, integrated
+term by term between the friction's kinks (`kernels.power_series`). Neither shares code with the
+plants, so a balance that closes confirms their states.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -34,9 +37,11 @@ class Record:
     plant
         What was simulated.
     states, applied
-        (steps + 1, 4) and (steps, 2): the states at the control steps, and force [N] and stretch [-] held between.
+        (steps + 1, 4) and (steps, 2): the states at the control steps, and force [N] and stretch
+        [-] held between.
     index, part
-        (n,) control step that each instant of the trajectory lies in, and the time [s] since its start.
+        (n,) control step that each instant of the trajectory lies in, and the time [s] since its
+        start.
     """
 
     plant: Plant
@@ -48,20 +53,24 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """Energy [J] passed through since the first instant, (n,) each: energy - energy[0] = control + stretch + disturbance - dissipated.
+    """Energy [J] passed through since the first instant, (n,) each.
+
+    energy - energy[0] = control + stretch + disturbance - dissipated
 
     Attributes
     ----------
     control
         Work of the control force on the carriage.
     stretch
-        Work of changing the stretch: the jump of the springs' potential at the offset of that instant.
+        Work of changing the stretch: the jump of the springs' potential at the offset of that
+        instant.
     disturbance
         Work of disturbing forces, and of the ground's inertial forces, in the frame of the ground.
     dissipated
         Energy lost in the carriage's damper and in the interface.
     throughput
-        The first instant's energy, and the absolute work of every step and kind added up: the scale of the balance's round-off.
+        The first instant's energy, and the absolute work of every step and kind added up: the scale
+        of the balance's round-off.
     """
 
     control: Array
@@ -86,10 +95,11 @@ def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
 
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
-    """Return the sphere's springs' energy (n,) [J] in excess of the centred sphere's, eq. 10 of docs/model.md.
+    """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's: eq. 10.
 
-    For finite stretch, with e = offset / l0: k0 l0^2 e^2 (1 + 2 / (stretch (stretch^2 - e^2))), the integral of the
-    neo-Hookean pair written without differences of nearly equal numbers; l0 -> infinity gives k2 offset^2 / 2.
+    For finite stretch, with e = offset / l0: k0 l0^2 e^2 (1 + 2 / (stretch (stretch^2 - e^2))), the
+    integral of the neo-Hookean pair written without differences of nearly equal numbers; l0 ->
+    infinity gives k2 offset^2 / 2.
     """
     if not p[at.K0]:
         return np.zeros_like(offset)
@@ -100,10 +110,10 @@ def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
 def work_of(record: Record, parameters: Array, state: Array, energy: Array) -> Work:
     """Add up the work of every kind until each instant of a trajectory."""
     steps = int(record.index.max())
-    starts, applied = record.states[:steps], record.applied[:steps]
+    applied = record.applied[:steps]
     per_step = np.zeros((steps, 4))
     per_step[:, 0] = applied[:, 0] * np.diff(record.states[: steps + 1, 0])
-    # An instant on a step's boundary shows the stretch from there on, so the change there belongs to it.
+    # An instant between two steps shows the later stretch, so the change belongs to it.
     changes = np.zeros(steps + 1)
     inner = min(steps + 1, len(record.applied))
     offset = record.states[1:inner, 1] - record.states[1:inner, 0]
@@ -132,19 +142,14 @@ def work_of(record: Record, parameters: Array, state: Array, energy: Array) -> W
 
 
 def _integrals(record: Record, p: Array, rows: NDArray[np.intp], duration: float) -> Array:
-    """Return energies (k, 2) dissipated and brought in by the disturbance over the beginnings of k control steps."""
+    """Return energies (k, 2), dissipated and disturbing, over the beginnings of k control steps."""
     work, model = np.zeros((len(rows), 2)), record.plant.model
     nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
-    status = (power_series if nonlinear else power).step_integrals(
-        p,
-        int(model[at.TONE_COUNT]),
-        int(model[at.GROUND]),
-        record.states[rows],
-        record.applied[rows],
-        record.plant.time_step * rows.astype(np.float64),
-        duration,
-        work,
-    )
+    integrate = power_series.step_integrals if nonlinear else power.step_integrals
+    tones, ground = int(model[at.TONE_COUNT]), int(model[at.GROUND])
+    states, applied = record.states[rows], record.applied[rows]
+    times = record.plant.time_step * rows.astype(np.float64)
+    status = cast("int", integrate(p, tones, ground, states, applied, times, duration, work))
     if status > at.ENDED:
         msg = f"work: {at.MESSAGES[status]}"
         raise SimulationError(msg)

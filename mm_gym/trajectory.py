@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from mm_gym.drawing import draw_trajectory, save, style
 from mm_gym.energy import mechanical_energy, work_of
 from mm_gym.files import write_csv
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     import numpy as np
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from mm_gym.energy import Record, Work
@@ -52,19 +54,19 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> NDArray[np.float64]:
-        """Kinetic and elastic energy (n,) [J]; the springs of the sphere with the stretch of each instant."""
+        """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
         return mechanical_energy(self.parameters, self.state, self.applied[:, 1])
 
     @cached_property
     def work(self) -> Work:
-        """Energy passed through since the first instant, by kind: control, stretch, disturbance, dissipated; see `Work`.
+        """Energy passed through since the first instant, by kind; see `Work`.
 
         Computed when first asked for, from the states at the control steps.
 
         Notes
         -----
-        The integrals are of the exact motion from the start of each control step. With a method of finite order the
-        balance therefore shows its error.
+        The integrals are of the exact motion from the start of each control step. With a method of
+        finite order the balance therefore shows its error.
         """
         return work_of(self.record, self.parameters, self.state, self.energy)
 
@@ -73,3 +75,26 @@ class Trajectory:
         header = ["time [s]", "x1 [m]", "x2 [m]", "v1 [m/s]", "v2 [m/s]"]
         header += [f"{name} [{UNITS[name]}]" for name in self.actuators]
         write_csv(path, header, [self.time, *self.state.T, *self.action.T])
+
+    def plot(self, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw displacements, velocities, what was applied and the energy over time.
+
+        Parameters
+        ----------
+        path
+            Where to write a PNG; the file is written whole.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without matplotlib (extra: plot).
+        """
+        with style():
+            figure = draw_trajectory(self)
+            if path is not None:
+                save(figure, path)
+        return figure

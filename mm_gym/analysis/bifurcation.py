@@ -1,25 +1,26 @@
-"""Where the sphere comes to rest: from the first integral where there is one, else followed to the final stick."""
+"""Where the sphere comes to rest: from the first integral, after friction's last slip."""
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from mm_gym.analysis.values import row_of
 from mm_gym.compile import compile_scene
+from mm_gym.energy import mechanical_energy
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.kernels import ladder
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.bifurcation import final_offsets
-from mm_gym.lanes import Lanes
 from mm_gym.parameters import support_of
 from mm_gym.scene import GRAVITY
+from mm_gym.simulate import simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -28,17 +29,18 @@ if TYPE_CHECKING:
 CHUNK = 64
 """Points that one worker takes at a time."""
 
-MOST_STEPS = 1_000_000
-"""Control steps followed until a sphere with cubic carriage spring or finite stretch sticks for good."""
+FIRST_STEPS, MOST_STEPS = 256, 1 << 20
+"""Control steps that a nonlinear motion is followed at first, and at most."""
 
 
 def asymptotic_offset(scene: Scene) -> float:
-    """Return x2 - x1 [m] as time goes to infinity, of the scene's free motion (section 4 of docs/model.md).
+    """Return x2 - x1 [m] as time goes to infinity, of the free motion: eq. 8 of docs/model.md.
 
-    Without springs, m2 v2 + c (x2 - x1) is constant: the offset returns to its start plus m2 v2(0) / c. With c = 0 a
-    sphere at rest stays where it is, while the carriage comes to its rest position. Springs bring the offset to zero.
-    Under dry friction the same holds from the final stick on, with c = mu1 F_N / v_r; the motion is followed, exactly,
-    until what energy is left cannot make it slip again.
+    Without springs, m2 v2 + c (x2 - x1) is constant: the offset returns to its start plus m2 v2(0)
+    / c. With c = 0 a sphere at rest stays where it is, while the carriage comes to its rest
+    position. Springs bring the offset to zero. Under dry friction the same holds from the final
+    stick on, with c = mu1 F_N / v_r; the motion is followed, exactly, until what energy is left
+    cannot make it slip again.
 
     Raises
     ------
@@ -47,7 +49,8 @@ def asymptotic_offset(scene: Scene) -> float:
     SimulationError
         If the final stick is too far away to be followed.
     """
-    return float(_offsets(scene, row_of(scene, "asymptotic_offset")[:, None], lambda _: None)[0])
+    lane = row_of(scene, "asymptotic_offset")[:, None]
+    return float(_offsets(lambda _: scene, lane, lambda _: None)[0])
 
 
 def bifurcation(
@@ -60,7 +63,8 @@ def bifurcation(
     scene
         What does not change.
     parameter
-        Dotted name of a numeric field, such as "interface.reference_velocity" or "initial.sphere_offset".
+        Dotted name of a numeric field, such as "interface.reference_velocity" or
+        "initial.sphere_offset".
     values
         (n,) in the field's unit.
     progress
@@ -88,10 +92,14 @@ def bifurcation(
     lanes[at.X2] = lanes[at.X1] + offset
     if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
         lanes[at.FN] = points * GRAVITY if scene.interface.normal_force is None else lanes[at.FN]
+
+    def scene_of(index: int) -> Scene:
+        return scene.replace(**{parameter: float(points[index])})
+
     if not progress:
-        return _offsets(low, lanes, lambda _: None)
+        return _offsets(scene_of, lanes, lambda _: None)
     with _bar(points.size, parameter) as bar:
-        return _offsets(low, lanes, bar.update)
+        return _offsets(scene_of, lanes, bar.update)
 
 
 def _bar(total: int, title: str):  # noqa: ANN202 - tqdm is optional, and so is its type
@@ -106,29 +114,30 @@ def _bar(total: int, title: str):  # noqa: ANN202 - tqdm is optional, and so is 
 
 
 def _offsets(
-    scene: Scene, lanes: NDArray[np.float64], report: Callable[[int], object]
+    scene_of: Callable[[int], Scene], lanes: NDArray[np.float64], report: Callable[[int], object]
 ) -> NDArray[np.float64]:
-    """Return the offset of each lane (rows, n); all lanes are of the scene's kind."""
-    _refuse_driven(scene)
-    if scene.interface.kind != "dry_friction":
+    """Return the offset of each lane (rows, n), all of one kind; nonlinear ones by their scene."""
+    kind = scene_of(0)
+    _refuse_driven(kind)
+    if kind.interface.kind != "dry_friction":
         offsets = np.array([_from_first_integral(lane) for lane in lanes.T])
         report(lanes.shape[1])
         return offsets
     offsets = np.empty(lanes.shape[1])
     nonlinear = np.any(lanes[at.BETA] > 0.0) or np.any(lanes[at.L0] > 0.0)
-    chunks = [(start, min(start + CHUNK, offsets.size)) for start in range(0, offsets.size, CHUNK)]
+    ends = np.minimum(np.arange(0, offsets.size, CHUNK) + CHUNK, offsets.size)
 
-    def work(chunk: tuple[int, int]) -> int:
-        if nonlinear:
-            for i in range(*chunk):
-                offsets[i] = _follow(scene, lanes[:, i])
-            return at.OK
-        return final_offsets(lanes, *chunk, offsets)
+    def work(last: int) -> int:
+        first = (last - 1) // CHUNK * CHUNK
+        if not nonlinear:
+            return cast("int", final_offsets(lanes, first, last, offsets))
+        for i in range(first, last):
+            offsets[i] = _follow(scene_of(i))
+        return at.OK
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # the kernels release the interpreter's lock
-        statuses: Iterable[int] = pool.map(work, chunks)
-        for chunk, status in zip(chunks, statuses, strict=True):
-            report(chunk[1] - chunk[0])
+        for size, status in zip(np.diff(ends, prepend=0), pool.map(work, ends), strict=True):
+            report(int(size))
             if status > at.ENDED:
                 msg = f"the final stick was not reached: {at.MESSAGES[status]}"
                 raise SimulationError(msg)
@@ -143,9 +152,9 @@ def _refuse_driven(scene: Scene) -> None:
 
 def _from_first_integral(p: NDArray[np.float64]) -> float:
     """Return the offset at rest without friction."""
-    x1, x2, v1, v2 = p[:4]
+    x1, x2, _, v2 = p[:4]
     c, d = p[at.C], p[at.D]
-    still = x1 == 0.0 and v1 == 0.0
+    still = x1 == 0.0 and p[at.V1] == 0.0
     if p[at.K0] > 0.0:
         if c + d > 0.0 or (still and x2 == 0.0 and v2 == 0.0):
             return 0.0
@@ -162,28 +171,23 @@ def _from_first_integral(p: NDArray[np.float64]) -> float:
     raise SceneError(msg)
 
 
-def _follow(scene: Scene, p: NDArray[np.float64]) -> float:
-    """Return the offset at rest of a nonlinear motion with friction: the plant's own steps until the final stick."""
-    plant = compile_scene(scene)
-    lanes = Lanes(plant, 1)
-    lanes.values[: len(p), 0] = p
-    idle = np.zeros((1, len(plant.actuators)))
-    damping = ladder.damping_of(p)
-    for _ in range(MOST_STEPS):
-        x1, x2, v1, v2 = lanes.values[:4, 0]
-        if _sticks_for_good(p, lanes.values[:4, 0], damping):
-            return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / damping)
-        lanes.raise_for(lanes.advance(idle))
-    msg = (
-        f"the final stick was not reached in {MOST_STEPS} control steps; lengthen control.time_step"
-    )
+def _follow(scene: Scene) -> float:
+    """Return the offset at rest of a nonlinear motion with friction, by the plant's own steps."""
+    plant, steps = compile_scene(scene), FIRST_STEPS
+    while steps <= MOST_STEPS:
+        trajectory = simulate(plant, duration=steps * plant.time_step)
+        p, damping = trajectory.parameters, cast("float", ladder.damping_of(trajectory.parameters))
+        for state in trajectory.state:
+            if _sticks_for_good(p, state, damping):
+                x1, x2, _, v2 = state
+                return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / damping)
+        steps *= 2
+    msg = f"no final stick in {MOST_STEPS} control steps; lengthen control.time_step"
     raise SimulationError(msg)
 
 
 def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping: float) -> bool:
-    """Tell whether the energy left is too little to slip; see `kernels.bifurcation.sticks_for_good`."""
-    from mm_gym.energy import mechanical_energy  # noqa: PLC0415
-
+    """Tell whether the energy left is too little to slip; see `kernels.bifurcation`."""
     m1, m2, k1, vr = p[at.M1], p[at.M2], p[at.K1], p[at.VR]
     reduced = m1 * m2 / (m1 + m2)
     twice = 2.0 * float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
@@ -191,7 +195,7 @@ def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping
         return True
     if p[at.K0] > 0.0 or abs(state[3] - state[2]) > vr:
         return False
-    # The furthest that the carriage's spring lets x1 go with this energy, and the largest common velocity.
+    # The furthest that the carriage's spring lets x1 go with this energy.
     alpha, beta = p[at.ALPHA], p[at.BETA]
     square = twice / (k1 * alpha) if alpha > 0.0 else np.inf
     if beta > 0.0:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import brentq  # pyright: ignore[reportUnknownVariableType]
 
 from mm_gym.analysis.values import row_of
 from mm_gym.errors import SceneError, SimulationError
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from mm_gym.scene import Scene
 
+TIGHTEST = np.float64(1e-15)
+"""Tolerance of the logarithm of the velocity: a few units of round-off."""
+
 STEEPEST = 2.0**-40
 """Smallest reference velocity looked at, relative to the fastest slip without friction."""
 
@@ -24,9 +27,9 @@ STEEPEST = 2.0**-40
 def critical_reference_velocity(scene: Scene) -> float:
     """Return the reference velocity [m/s] above which the scene's free motion never slips.
 
-    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the linear motion just
-    reaches it: max |w(t)| = v_r. It depends on neither the kinetic coefficient nor the slip damping, nor on the
-    scene's own reference velocity.
+    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the
+    linear motion just reaches it: max |w(t)| = v_r. It depends on neither the kinetic coefficient
+    nor the slip damping, nor on the scene's own reference velocity.
 
     Returns
     -------
@@ -36,7 +39,8 @@ def critical_reference_velocity(scene: Scene) -> float:
     Raises
     ------
     SceneError
-        If the interface is not dry friction, the motion in stick is not linear, or something drives it.
+        If the interface is not dry friction, the motion in stick is not linear, or something drives
+        it.
     """
     _check(scene)
     row = row_of(scene, "critical_reference_velocity")
@@ -59,17 +63,18 @@ def critical_reference_velocity(scene: Scene) -> float:
     high = min(high, low + 1.0)
     if low == high:
         return without
-    return float(np.exp(brentq(excess, low, high, xtol=1e-15, rtol=1e-15)))
+    root = cast("float", brentq(excess, low, high, xtol=TIGHTEST, rtol=TIGHTEST))
+    return float(np.exp(root))
 
 
 def _peak(row: NDArray[np.float64], damping: float) -> float:
     lane = row.copy()
     lane[at.C] = damping
-    peak, status = fastest_slip(lane)
+    peak, status = cast("tuple[float, int]", fastest_slip(lane))
     if status > at.ENDED:
         msg = f"critical_reference_velocity: {at.MESSAGES[status]}"
         raise SimulationError(msg)
-    return float(peak)
+    return peak
 
 
 def _check(scene: Scene) -> None:

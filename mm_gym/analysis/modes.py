@@ -1,4 +1,4 @@
-"""Eigenvalues and mode shapes: numerical, and the closed form of the paper's appendix (docs/model.md, section 6)."""
+"""Eigenvalues and mode shapes, numerically and by the closed form of the paper's appendix."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eig
 
 from mm_gym.analysis.values import Linear, characteristic, linear_values
 
@@ -19,24 +18,25 @@ if TYPE_CHECKING:
     Roots = NDArray[np.complex128]
 
 NEGLIGIBLE = 2.0**-60
-"""Share of the carriage's inertia below which its own motion is separate from all others to round-off."""
+"""Share of the carriage's inertia below which its own motion is separate to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Free motions x(t) = shape exp(eigenvalue t) of the linear plant about rest, in order of magnitude, then phase.
+    """Free motions x(t) = shape exp(eigenvalue t) about rest, by magnitude and imaginary part.
 
     Attributes
     ----------
     eigenvalues
         (n,) complex128 [1/s], numerically. n is 4, or 3 for a carriage without mass.
     shapes
-        (2, n) complex128: x1 and x2 of each mode, the larger of them 1. Of a defective eigenvalue the columns agree.
+        (2, n) complex128: x1 and x2 of each mode, the larger of them 1. Of a defective eigenvalue
+        the columns agree.
     closed_form
         (n,) complex128 [1/s]: the same eigenvalues by Cardano (no springs) or Ferrari.
     defective
-        Whether the zero eigenvalue has two equations but one shape: a free sphere (c = 0, no springs) drifts, so that
-        its motion is not a sum of modes.
+        Whether the zero eigenvalue has two equations but one shape: a free sphere (c = 0, no
+        springs) drifts, so that its motion is not a sum of modes.
     """
 
     eigenvalues: Roots
@@ -61,13 +61,14 @@ class Modes:
 def modes(scene: Scene) -> Modes:
     """Return the modes of a scene's linear plant about its rest position.
 
-    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in stick.
+    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in
+    stick.
 
     Notes
     -----
-    The closed form evaluates the paper's expressions as they stand, in double precision; it loses as many digits as
-    the eigenvalues differ in magnitude, the numerical ones do not. The closed form of the carriage's mass tending to
-    zero is that of the polynomial without its leading term.
+    The closed form evaluates the paper's expressions as they stand, in double precision; it loses
+    as many digits as the eigenvalues differ in magnitude, the numerical ones do not. The closed
+    form of the carriage's mass tending to zero is that of the polynomial without its leading term.
     """
     values = linear_values(scene)
     free = values.k2 == 0.0
@@ -82,9 +83,10 @@ def modes(scene: Scene) -> Modes:
 
 
 def _numerical(values: Linear) -> Roots:
-    """Return the finite eigenvalues of the pencil (A, E), which a vanishing carriage mass leaves regular.
+    """Return the eigenvalues of E x' = A x; those of a vanishing carriage mass are split off.
 
-    The state is x1, x2 - x1, v1, v2: without springs the second column of A is exactly zero, and so is its eigenvalue.
+    The state is x1, x2 - x1, v1, v2: without springs the second column of A is exactly zero, and so
+    is its eigenvalue.
     """
     m1, m2, k1, k2, c, d = values
     if k2 == 0.0:
@@ -103,15 +105,15 @@ def _numerical(values: Linear) -> Roots:
             else _roots(characteristic(values)[1:])
         )
     if c == 0.0 and k2 == 0.0:
-        pair = eig(np.array([[0.0, 1.0], [-k1 / m1, -d / m1]]), right=False)
+        pair = np.linalg.eigvals(np.array([[0.0, 1.0], [-k1 / m1, -d / m1]]))
         return np.append(pair, [0.0, 0.0])
     scale = np.diag(1.0 / np.sqrt(np.diag(e)))
-    found = eig(scale @ a @ scale, right=False)
+    found = np.linalg.eigvals(scale @ a @ scale).astype(np.complex128)
     return np.append(found, 0.0) if k2 == 0.0 else found
 
 
 def _separate(values: Linear) -> bool:
-    """Tell whether the carriage's inertia is negligible beside its damping, at the rates of all other motions."""
+    """Tell whether the carriage's inertia is negligible at the rates of all other motions."""
     m1, m2, k1, k2, c, d = values
     resistance = c + d
     if resistance == 0.0:
@@ -129,14 +131,14 @@ def _roots(polynomial: NDArray[np.float64]) -> Roots:
 
 
 def _closed_form(values: Linear) -> list[complex]:
-    """Return the eigenvalues by the paper's appendix, without the carriage's own one where that is separate."""
+    """Return the eigenvalues by the paper's appendix, the carriage's own apart if separate."""
     g4, g3, g2, g1, g0 = (float(g) for g in characteristic(values))
     if _separate(values):
         fast = [-complex(values.c + values.d) / values.m1] if values.m1 else []
         return fast + ([0j, *_quadratic(g3, g2, g1)] if g0 == 0.0 else _cubic(g3, g2, g1, g0))
     if g0 != 0.0:
         return _quartic(g4, g3, g2, g1, g0)
-    # Without c the zero root is double and Cardano's roots no longer split off: eqs 5 and 22 of the paper fail there.
+    # Without c the zero root is double: eqs 5 and 22 of the paper fail there.
     return [0j, 0j, *_quadratic(g4, g3, g2)] if g1 == 0.0 else [0j, *_cubic(g4, g3, g2, g1)]
 
 
@@ -146,7 +148,7 @@ def _quadratic(a: float, b: float, c: float) -> list[complex]:
 
 
 def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
-    """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 16 of docs/model.md, with its H, I and L."""
+    """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 16 of docs/model.md."""
     h = 3.0 * a * c - b * b
     i = 9.0 * a * b * c - 27.0 * a * a * d - 2.0 * b**3
     root = cmath.sqrt(4.0 * h**3 + i * i)
@@ -160,7 +162,7 @@ def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
 
 
 def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[complex]:
-    """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 17 to 20 of docs/model.md, with N, P, S and Q."""
+    """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 17 to 20 of docs/model.md."""
     d0 = g2 * g2 - 3.0 * g1 * g3 + 12.0 * g0 * g4
     d1 = (
         2.0 * g2**3
@@ -209,7 +211,7 @@ def _p(d0: float, turn: complex, default: complex) -> complex:
 
 
 def _ordered(roots: Roots) -> Roots:
-    """Return the roots by magnitude (to 12 digits, so that conjugates stay together), then by imaginary part."""
+    """Return the roots by magnitude, to 11 digits so that conjugates meet, then imaginary part."""
     size = np.abs(roots)
     key = np.where(size > 0.0, np.round(np.log(np.where(size > 0.0, size, 1.0)), 11), -np.inf)
     return roots[np.lexsort((roots.imag, key))].astype(np.complex128)
@@ -224,7 +226,7 @@ def _matched(roots: Roots, reference: Roots) -> Roots:
 
 
 def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
-    """Return x1 and x2 of each mode from the row of the dynamic stiffness that determines their ratio best."""
+    """Return x1 and x2 of each mode, orthogonal to a row of the dynamic stiffness."""
     m1, m2, k1, k2, c, d = values
     shapes = np.empty((2, len(eigenvalues)), np.complex128)
     for n, s in enumerate(eigenvalues):
@@ -234,7 +236,7 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         coupling = k2 + c * s
         first = m1 * s * s + (c + d) * s + k1 + k2
         second = m2 * s * s + coupling
-        # Each row's coefficients are orthogonal to the shape; the sphere's row fails where c = k2 = 0.
+        # The sphere's row fails where nothing couples it: c = k2 = 0.
         shape = (
             np.array([second, coupling])
             if abs(second) + abs(coupling) > 0.0
@@ -242,5 +244,7 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         )
         if coupling == 0.0:
             shape = np.array([1.0, 0.0]) if abs(first) < abs(second) else np.array([0.0, 1.0])
-        shapes[:, n] = shape / shape[int(np.argmax(np.abs(shape)))]
+        largest = int(np.argmax(np.abs(shape)))
+        shapes[:, n] = shape / shape[largest]
+        shapes[largest, n] = 1.0
     return shapes

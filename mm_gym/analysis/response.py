@@ -38,7 +38,8 @@ class FrequencyResponse:
 def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyResponse:
     """Return the response to harmonic excitation at each frequency, eq. 21 of docs/model.md.
 
-    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in stick.
+    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in
+    stick.
 
     Parameters
     ----------
@@ -61,13 +62,13 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
     m1, m2, k1, k2, c, d = linear_values(scene)
     s = 1j * w
     coupling = k2 + c * s
-    # With the sphere's row divided by s no digits cancel at low frequency where there are no springs.
+    # With the sphere's row divided by s no digits cancel at low frequency without springs.
     carriage, sphere, link = k1 + m1 * s * s + d * s, m2 * s, coupling / s
     # det / s = carriage (sphere + link) + sphere coupling
     determinant = carriage * (sphere + link) + sphere * coupling
     with np.errstate(divide="ignore", invalid="ignore"):
         force = np.column_stack([(sphere + link) / determinant, link / determinant])
-        # The ground pushes -m1 and -m2; in x1 and the offset, their sum -(m1 + m2) s^0 and -m2 carriage / s.
+        # The ground pushes the masses with -m1 and -m2.
         x1 = -(m1 * (sphere + link) + m2 * link) / determinant
         x2 = -(m2 * (carriage + coupling) / s + m1 * link) / determinant
     return FrequencyResponse(frequencies=w, force=force, ground=np.column_stack([x1, x2]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Linear(NamedTuple):
-    """Coefficients of the linear equations about the rest position: masses [kg], stiffnesses [N/m], dampings [N s/m]."""
+    """Coefficients about rest: masses [kg], stiffnesses [N/m], dampings [N s/m]."""
 
     m1: float
     m2: float
@@ -29,7 +29,7 @@ class Linear(NamedTuple):
 
 
 def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
-    """Return a lane (rows,) of the scene at its start, x2 as a position; raise `SceneError` if a value is a range."""
+    """Return the lane (rows,) that the scene starts as; raise `SceneError` for a range."""
     support = support_of(scene)
     drawn = [
         name
@@ -45,16 +45,16 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
 
 
 def linear_values(scene: Scene) -> Linear:
-    """Return the linear coefficients, ranges with their middle, friction with its slope in stick."""
+    """Return the coefficients: the middle of each range, friction with its slope in stick."""
     support = support_of(scene)
     p = 0.5 * (support.start_low + support.start_high)
-    k2 = float(stiffness_of(p[at.K0], p[at.STRETCH])) if p[at.K0] else 0.0
+    k2 = cast("float", stiffness_of(p[at.K0], p[at.STRETCH]))
     return Linear(
         m1=float(p[at.M1]),
         m2=float(p[at.M2]),
         k1=float(p[at.K1] * p[at.ALPHA]),
         k2=k2,
-        c=float(damping_of(p)),
+        c=cast("float", damping_of(p)),
         d=float(p[at.D]),
     )
 

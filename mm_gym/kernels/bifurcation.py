@@ -1,7 +1,4 @@
-"""Where the sphere comes to rest under dry friction.
-
-Many scenes, each followed until it provably sticks for good.
-"""
+"""Where the sphere comes to rest under dry friction: each scene is followed to its final stick."""
 
 from __future__ import annotations
 
@@ -22,10 +19,7 @@ BLOCK_PHASE = 0.5
 
 @kernel
 def final_offsets(lanes, first, last, offsets):
-    """Write x2 - x1 at rest [m] of the lanes first .. last - 1; return the status.
-
-    The lanes are as `layout` has them.
-    """
+    """Write x2 - x1 at rest [m] of the lanes first .. last - 1 and return the status."""
     status = at.OK
     for i in range(first, last):
         p = lanes[:, i].copy()
@@ -59,7 +53,9 @@ def final_offset(p):
                     0.0 if k2 > 0.0 else z[ladder.OFFSET] + momentum / ladder.damping_of(p)
                 ), at.OK
             for regime in range(2):
-                bounds[regime] = ladder.bound_motion(p, k2, z, 0, 0, step, regime == 1)
+                bounds[regime, 0], bounds[regime, 1] = ladder.bound_motion(
+                    p, k2, z, 0, 0, step, regime == 1
+                )
         if not ladder.attempt(vr, rungs, rows, bounds, z, y, rung, step):
             rung += 1
             continue
@@ -74,7 +70,7 @@ def final_offset(p):
 def sticks_for_good(p, k2, z, rate):
     """Tell whether the energy left is too little to slip.
 
-    Either |w| <= sqrt(2 E / m_r) stays below v_r, or |g| / rate does.
+    Either sqrt(2 E / m_r), the fastest w of this energy, or |g| / rate stays below v_r.
     """
     m1, m2, k1, d, vr = ladder.carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
     total = m1 + m2

@@ -1,4 +1,4 @@
-"""Piecewise linear plants, event-exact in double precision: a ladder of doubled steps.
+"""Piecewise linear plants in double precision, event-exact: a ladder of doubled steps.
 
 Where many systems are each followed once (a bifurcation diagram) or power is integrated along a
 known motion, a transition matrix in decimal arithmetic per system would cost more than the motion.
@@ -44,13 +44,10 @@ ROUND_OFF = 2.0**-51
 """Relative change of w that its digits do not show."""
 
 TERMS = 11
-"""Terms of the last rung's series: 2 * SMALLEST_PHASE to their number is far below round-off."""
+"""Terms of the last rung's series: 2 * SMALLEST_PHASE to their number is below round-off."""
 
 LIGHTEST = 1e-80
-"""A massless carriage is given this fraction of the sphere's mass.
-
-Its own motion is over after that fraction of c.
-"""
+"""A massless carriage is given this fraction of the sphere's mass, which changes nothing else."""
 
 
 @kernel
@@ -109,10 +106,7 @@ def generator(p, k2, tones, ground, in_slip):
 
 @kernel
 def fastest_rate(p, k2, tones):
-    """Return a bound of the rates of both regimes.
-
-    See `mm_gym.methods` for why the sum of these bounds the norm.
-    """
+    """Return a bound of the rates of both regimes; see `mm_gym.methods.base.fastest_rate`."""
     m1 = carriage_mass(p)
     inverse = 1.0 / m1 + 1.0 / p[at.M2]
     damping = max(damping_of(p), p[at.CHI]) * inverse + p[at.D] / m1
@@ -141,6 +135,14 @@ def add_product(out, factor, a, b):
 
 
 @kernel
+def clear(a):
+    """Write zeros; the broadcasting of a slice would take seconds to compile."""
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            a[i, j] = 0.0
+
+
+@kernel
 def add_scaled(out, factor, a):
     """Add factor a to the matrix out."""
     for i in range(a.shape[0]):
@@ -155,7 +157,7 @@ def first_rung(a, step, out):
     add_scaled(term, step, a)
     add_scaled(out, step, a)
     for order in range(2, TERMS + 1):
-        following[:, :] = 0.0
+        clear(following)
         add_product(following, step / order, a, term)
         term, following = following, term
         add_scaled(out, 1.0, term)
@@ -172,14 +174,14 @@ def double(d, out):
 def first_form(a, weight, step, out):
     """Write the integral of exp(a t)' W exp(a t) over a short step.
 
-    It is the sum of step^(k+1)/(k+1)! L^k(W), L(W) = W a + a' W.
+    It is the sum of step^(k + 1) / (k + 1)! L^k(W), L(W) = W a + a' W.
     """
     n = a.shape[0]
     term, half = np.zeros((n, n)), np.zeros((n, n))
     add_scaled(term, step, weight)
     add_scaled(out, step, weight)
     for order in range(2, TERMS + 1):
-        half[:, :] = 0.0
+        clear(half)
         add_product(half, step / order, term, a)
         for i in range(n):
             for j in range(n):
@@ -209,10 +211,7 @@ def climb(a, step, rungs):
 
 @kernel
 def climb_forms(a, weight, step, rungs, forms):
-    """Write the integrals (depth + 1, n, n) of z' W z over each rung.
-
-    They are quadratic forms of z at its start.
-    """
+    """Write the integral of z' W z over each rung as a form (n, n) of z at its start."""
     depth = rungs.shape[0] - 1
     first_form(a, weight, step * 0.5**depth, forms[depth])
     for j in range(depth - 1, -1, -1):
@@ -280,7 +279,8 @@ def bound_motion(p, k2, z, tones, ground, duration, in_slip):
     if in_slip:
         dw = (p[at.CHI] / reduced + d * share / m1) * w + p[at.MU2] * p[at.FN] / reduced + drive
     else:
-        dw = (damping_of(p) / reduced + d * share / m1) * min(w, p[at.VR]) + drive
+        slip = min(w, p[at.VR]) if p[at.VR] > 0.0 else w
+        dw = (damping_of(p) / reduced + d * share / m1) * slip + drive
     first = (k1 * v1 + d * dv + force1) / m1 + k2 * w / reduced
     ddv = (d * (dv + share * dw) + k1 * v1 + force1) / total + shake1
     return first, (k1 * (dv + share * dw) + d * ddv + force2) / m1 + k2 * dw / reduced
@@ -324,7 +324,7 @@ def quadratic(form, z):
 
 @kernel
 def attempt(vr, rungs, rows, bounds, z, y, rung, step):
-    """Take one interval if the regime provably lasts or it is the last rung's; tell if taken.
+    """Take one interval if the regime provably lasts or it is the last rung's; tell if it was.
 
     rungs (2, depth + 1, n, n), rows (2, 2, n) as `slip_rows` has them, bounds (2, 2) as
     `bound_motion` has them, each for stick and slip; y is scratch.
@@ -358,7 +358,7 @@ def take(d, z, y):
     n = z.shape[0]
     for i in range(n):
         y[i] = z[i]
-        if i != SIGN and i != FORCE:  # noqa: PLR1714 - no tuple in an inner loop
+        if i not in (SIGN, FORCE):
             for k in range(n):
                 y[i] += d[i, k] * z[k]
     for i in range(n):
@@ -367,10 +367,7 @@ def take(d, z, y):
 
 @kernel
 def switch(vr, z, change):
-    """Change the regime if w has crossed its boundary, or is on it and leaving.
-
-    z is then put onto the boundary.
-    """
+    """Change the regime if w crosses its boundary; z is then put onto the boundary."""
     if z[SIGN] == 0.0:
         if abs(z[SLIP]) >= vr * (1.0 - ROUND_OFF) and z[SLIP] * change > 0.0:
             z[SIGN] = 1.0 if z[SLIP] > 0.0 else -1.0

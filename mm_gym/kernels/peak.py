@@ -18,10 +18,7 @@ RESOLVED = 2.0**-56
 
 @kernel
 def fastest_slip(p):
-    """Return the largest |w| [m/s] from the state in p, and the status.
-
-    The interface is viscous, of damping p[C].
-    """
+    """Return the largest |w| [m/s] with a viscous interface of damping p[C], and the status."""
     p[at.VR] = 0.0  # the linear system
     k2 = ladder.stiffness_of(p[at.K0], p[at.STRETCH])
     m1, m2 = ladder.carriage_mass(p), p[at.M2]
@@ -41,8 +38,6 @@ def fastest_slip(p):
         if position == 0 and rung == 0:
             if _is_past(p, k2, z, rate, best):
                 return best, at.OK
-            # Without a reference velocity the bound in slip, with chi and mu2 of zero, is that of
-            # the linear system.
             bound = ladder.bound_motion(p, k2, z, 0, 0, step, False)[1]
         w, h = z[ladder.SLIP], step * 0.5**rung
         after = w + ladder.row_times(rungs[rung, ladder.SLIP], z)
@@ -63,10 +58,7 @@ def fastest_slip(p):
 
 @kernel
 def _highest(w, after, h, bend):
-    """Return a bound of w over an interval.
-
-    Its chord and the largest t (h - t) / 2 |w''| above it.
-    """
+    """Return a bound of w over an interval: its chord and at most t (h - t) / 2 |w''| above it."""
     rise, sag = after - w, 0.5 * h * h * bend
     if abs(rise) >= sag:
         return max(w, after)
@@ -75,10 +67,7 @@ def _highest(w, after, h, bend):
 
 @kernel
 def _is_past(p, k2, z, rate, best):
-    """Tell whether the energy left is too little for a faster slip.
-
-    See `bifurcation.sticks_for_good`.
-    """
+    """Tell whether the energy left is too little for a faster slip; see `kernels.bifurcation`."""
     m1, m2, k1, d = ladder.carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D]
     total = m1 + m2
     reduced = m1 * m2 / total

@@ -1,7 +1,4 @@
-"""What flows in and out of a piecewise linear plant.
-
-Exact integrals of power over control steps (docs/model.md).
-"""
+"""What flows in and out of a piecewise linear plant: exact integrals of eq. 11 of docs/model.md."""
 
 from __future__ import annotations
 
@@ -19,9 +16,7 @@ MOST_INTERVALS = 1 << 24
 
 @kernel
 def step_integrals(p, tones, ground, states, applied, times, step, work):
-    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance.
-
-    Each step is integrated from its own start.
+    """Write energies (steps, 2) [J], dissipated and disturbing, of each step from its own start.
 
     p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
     times (steps,) [s].
@@ -86,7 +81,7 @@ def _weigh(p, tones, ground, in_slip, weights):
     n = weights.shape[1]
     m1, m2, vr = ladder.carriage_mass(p), p[at.M2], p[at.VR] if in_slip else 0.0
     share = m2 / (m1 + m2)
-    v1, w, f, push = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    v1, w, f = np.zeros(n), np.zeros(n), np.zeros(n)
     v1[ladder.COMMON], v1[ladder.SLIP], v1[ladder.SIGN] = 1.0, -share, -share * vr
     w[ladder.SLIP], w[ladder.SIGN] = 1.0, vr
     f[ladder.SLIP] = p[at.CHI] if in_slip else ladder.damping_of(p)
@@ -96,7 +91,7 @@ def _weigh(p, tones, ground, in_slip, weights):
     common = np.zeros(n)
     common[ladder.COMMON] = 1.0
     for j in range(tones):
-        push[:] = 0.0
+        push = np.zeros(n)
         push[ladder.TONES + 2 * j + 1] = 1.0
         if (ground >> j) & 1:
             _add_outer(weights[DISTURBANCE], -(m1 + m2), push, common)
@@ -118,12 +113,15 @@ def _walk(p, k2, tones, ground, step, rungs, forms, rows, z, y, work):
     depth = rungs.shape[1] - 1
     bounds, before = np.empty((2, 2)), np.empty(z.shape[0])
     for regime in range(2):
-        bounds[regime] = ladder.bound_motion(p, k2, z, tones, ground, step, regime == 1)
+        bounds[regime, 0], bounds[regime, 1] = ladder.bound_motion(
+            p, k2, z, tones, ground, step, regime == 1
+        )
     position, rung, end = 0, 0, 1 << depth
-    work[:] = 0.0
+    work[0] = work[1] = 0.0
     for _ in range(MOST_INTERVALS):
         regime = 0 if z[ladder.SIGN] == 0.0 else 1
-        before[:] = z
+        for k in range(z.shape[0]):
+            before[k] = z[k]
         if not ladder.attempt(p[at.VR], rungs, rows, bounds, z, y, rung, step):
             rung += 1
             continue

@@ -1,6 +1,4 @@
-"""What flows in and out of a nonlinear plant.
-
-Taylor series of the motion and of the power, integrated term by term.
+"""What flows in and out of a nonlinear plant: Taylor series of the motion and of the power.
 
 The same integrals as `kernels.power` has for the piecewise linear plants. The series are those of
 x1, x2 - x1, v1 and w = v2 - v1, at a fixed high order and with nothing but round-off cut off,
@@ -28,16 +26,12 @@ MOST_SERIES = 1 << 20
 # Rows of the series in one array, _WIDTH apart; `excite` writes the seventh and eighth.
 _WIDTH = 32
 _X1, _OFFSET, _V1, _W, _INNER, _OUTER, _FORCE, _GROUND = (_WIDTH * k for k in range(8))
-_SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _LINK, _END = (
-    _WIDTH * k for k in range(8, 16)
-)
+_SQUARE, _SHORTENED, _POWER, _SCALED, _LINK, _END = (_WIDTH * k for k in range(8, 14))
 
 
 @kernel
 def step_integrals(p, tones, ground, states, applied, times, step, work):
-    """Write (steps, 2) energies [J] dissipated and brought in by the disturbance.
-
-    Each step is integrated from its own start.
+    """Write energies (steps, 2) [J], dissipated and disturbing, of each step from its own start.
 
     p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
     times (steps,) [s].
@@ -66,7 +60,7 @@ def _walk(lane, c, z, tones, ground, duration, work):
     regime = sign_of(vr, z[3])
     upper, lower = vr - z[3], vr + z[3]  # how far w is below v_r and above -v_r
     elapsed, unit = 0.0, duration
-    work[:] = 0.0
+    work[0] = work[1] = 0.0
     for _ in range(MOST_SERIES):
         excite(c, _WIDTH, lane, 0, tones, ground, elapsed, unit, ORDER)
         if not _expand(c, lane, z, regime, unit):
@@ -92,10 +86,7 @@ def _walk(lane, c, z, tones, ground, duration, work):
 
 @kernel
 def _expand(c, lane, z, regime, unit):
-    """Write the series of the state and of the forces.
-
-    Term n is the n-th derivative times unit**n / n!.
-    """
+    """Write the series of state and forces: term n is the n-th derivative times unit**n / n!."""
     m1, m2, d = lane[at.M1, 0], lane[at.M2, 0], lane[at.D, 0]
     k1, beta = lane[at.K1, 0] * lane[at.ALPHA, 0], lane[at.K1, 0] * lane[at.BETA, 0]
     k0, l0, k2 = lane[at.K0, 0], lane[at.L0, 0], stiffness_of(lane[at.K0, 0], lane[at.STRETCH, 0])
@@ -109,9 +100,11 @@ def _expand(c, lane, z, regime, unit):
         c[_LINK + n] = slope * w + constant
         springs = k2 * offset
         if l0 > 0.0:
-            if not _stretch(c, lane[at.STRETCH, 0], offset / l0, n):
+            if not _stretch(c, lane[at.STRETCH, 0], l0, n):
                 return False
-            springs = k0 * (2.0 * offset + l0 * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
+            springs = (
+                2.0 * k0 * (offset + 2.0 * lane[at.STRETCH, 0] * _product(c, _OFFSET, _POWER, n))
+            )
         c[_SQUARE + n] = _product(c, _X1, _X1, n)
         c[_INNER + n] = c[_LINK + n] + springs
         c[_OUTER + n] = (
@@ -135,30 +128,31 @@ def _product(c, a, b, n):
 
 
 @kernel
-def _stretch(c, stretch, share, n):
-    """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
+def _stretch(c, stretch, l0, n):
+    """Write term n of q = stretch^2 - (offset / l0)^2 and of u = q^-2.
 
-    From n l0 u_n = -sum (n + j) l_j u_(n-j).
+    From q u' = -2 q' u: n q0 u_n = -sum (n + j) q_j u_(n-j).
+
+    The pair's force is 2 k0 offset (1 + 2 stretch u): no difference of both sides' nearly equal
+    stretches. False if a spring has collapsed.
     """
-    for side in range(2):
-        own, power = _LONG + side * _WIDTH, _LONG_POWER + side * _WIDTH
-        c[own + n] = (1.0 - 2.0 * side) * share
-        if n == 0:
-            c[own] += stretch
-            if not c[own] > 0.0:
-                return False
-            c[power] = 1.0 / (c[own] * c[own])
-        else:
-            total = 0.0
-            for j in range(1, n + 1):
-                total -= (n + j) * c[own + j] * c[power + n - j]
-            c[power + n] = total / (n * c[own])
+    c[_SHORTENED + n] = -_product(c, _OFFSET, _OFFSET, n) / (l0 * l0)
+    if n == 0:
+        c[_SHORTENED] += stretch * stretch
+        if not c[_SHORTENED] > 0.0:
+            return False
+        c[_POWER] = 1.0 / (c[_SHORTENED] * c[_SHORTENED])
+        return True
+    total = 0.0
+    for j in range(1, n + 1):
+        total -= (n + j) * c[_SHORTENED + j] * c[_POWER + n - j]
+    c[_POWER + n] = total / (n * c[_SHORTENED])
     return True
 
 
 @kernel
 def _reach(c):
-    """Return the time, in units of the series, where the velocities' last two terms are cut off."""
+    """Return the time, in units of the series, up to which it serves: by its last two terms."""
     lead = 0.0
     for n in range(3):
         lead = max(lead, abs(c[_V1 + n]), abs(c[_W + n]))
@@ -172,10 +166,7 @@ def _reach(c):
 
 @kernel
 def _exit(c, regime, upper, lower, theta):
-    """Return when the regime ends, at most theta, and at which boundary.
-
-    The boundary is 1 or -1, or 0 if the regime does not end.
-    """
+    """Return when the regime ends, at most theta, and at which boundary: 1, -1, or 0 for none."""
     power = 1.0
     for n in range(1, ORDER + 1):
         power *= theta

@@ -1,8 +1,11 @@
 """The paper's figures 2, 3, 5 to 10 and 12, drawn from the library.
 
-What the panels of each figure show is known from the paper's text; the arrangement within a panel is not, and that of
-figures 3 and 7 is reconstructed (marked in their titles).
+What the panels of each figure show is known from the paper's text; the arrangement within a panel
+is not, and that of figures 3 and 7 is reconstructed (marked in their titles).
 """
+
+# pyright: basic, reportArgumentType=false, reportCallIssue=false
+# matplotlib's signatures are typed in part only, and not for a dictionary of options
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from mm_gym.analysis import (
     modes,
 )
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
-from mm_gym.paper.scenes import CHI, RATIOS, scene
+from mm_gym.paper.scenes import CHI, RATIOS, REFERENCE_VELOCITY, STATIC, scene
 from mm_gym.simulate import simulate
 
 if TYPE_CHECKING:
@@ -34,6 +37,9 @@ if TYPE_CHECKING:
 MILLI = 1e3
 TIME, DISPLACEMENT = "time [s]", "displacement [mm]"
 OFFSET, SLIP = "offset $x_2 - x_1$ [mm]", "slip velocity [m/s]"
+FASTEST = 1e6
+"""Eigenvalues [1/s] beyond this, the own ones of the carriages of D and F, are not drawn."""
+
 FRICTION_VELOCITIES = np.arange(1000) * 1e-3 + 1e-6
 """v_r of figure 10 [m/s]."""
 
@@ -87,7 +93,7 @@ def figure_3() -> Figure:
     for i, letter in enumerate("abcdef"):
         system, colour = scene(f"fig2{letter}"), COLOURS[i]
         values = modes(system).eigenvalues
-        values = values[np.abs(values) < 1e6]  # D and F: the carriage's own decay rate is infinite
+        values = values[np.abs(values) < FASTEST]
         plane.plot(
             values.real,
             values.imag,
@@ -169,9 +175,8 @@ def figure_7() -> Figure:
 
 
 def _slip_panels(systems: dict[str, Scene], duration: float) -> Figure:
-    """Draw offset and slip velocity over time, with the offset at rest and the reference velocity."""
+    """Draw offset and slip velocity over time, the offset at rest and the reference velocity."""
     figure, (offset, slip) = panels(4.2, 2, 1, sharex="all")
-    velocity = 0.0
     for i, (label, system) in enumerate(systems.items()):
         trajectory = simulate(system, duration=duration)
         x1, x2, v1, v2 = trajectory.state.T
@@ -182,10 +187,9 @@ def _slip_panels(systems: dict[str, Scene], duration: float) -> Figure:
         )
         offset.axhline(rest, color=COLOURS[i], linewidth=0.7, linestyle=":")
         slip.plot(trajectory.time, v2 - v1, **look)
-        velocity = system.interface.reference_velocity
     for sign in (-1.0, 1.0):
-        slip.axhline(sign * velocity, color="0.4", linewidth=0.8, linestyle=":")
-    slip.text(duration, velocity, "$v_r$ ", ha="right", va="bottom", color="0.3")
+        slip.axhline(sign * REFERENCE_VELOCITY, color="0.4", linewidth=0.8, linestyle=":")
+    slip.text(duration, REFERENCE_VELOCITY, "$v_r$ ", ha="right", va="bottom", color="0.3")
     offset.set_ylabel(OFFSET)
     slip.set(xlabel=TIME, ylabel=SLIP)
     legend_below(figure, offset, len(systems))
@@ -202,7 +206,7 @@ def figure_8() -> Figure:
 
 
 def figure_9() -> Figure:
-    """Draw dry friction that keeps the memory of the offset: a smaller release never reaches v_r."""
+    """Draw dry friction that keeps the offset's memory: a smaller release never reaches v_r."""
     memory = scene("fig9")
     lost = memory.replace(**{"initial.carriage_displacement": 0.01})
     return _slip_panels({"$x_1(0)$ = 5 mm": memory, "$x_1(0)$ = 10 mm": lost}, 0.6)
@@ -222,22 +226,21 @@ def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float6
         va="bottom",
         color="0.3",
     )
-    axes.legend(markerscale=5.0, handletextpad=0.2, loc="upper right", ncols=2)
+    axes.legend(markerscale=5.0, handletextpad=0.2, loc="upper right")
     axes.set_xlim(0.0, 1.0)
     axes.set(xlabel="reference velocity $v_r$ [m/s]", ylabel="offset at rest [mm]")
 
 
 def figure_10() -> Figure:
-    """Draw the offset at rest against the reference velocity, for several chi and ratios of the coefficients."""
+    """Draw the offset at rest against v_r, for several chi and ratios of the coefficients."""
     figure, (by_chi, by_ratio) = panels(3.4, 1, 2, sharey="all")
     system = scene("fig10")
-    static = system.interface.static_coefficient
     chi = {
         f"$\\chi$ = {value:g}": system.replace(**{"interface.slip_damping": value}) for value in CHI
     }
     ratio = {
         f"$\\mu_2 / \\mu_1$ = {value:g}": system.replace(
-            **{"interface.kinetic_coefficient": static * value}
+            **{"interface.kinetic_coefficient": STATIC * value}
         )
         for value in RATIOS
     }

@@ -1,8 +1,9 @@
 """The paper's systems as scenes.
 
-Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption has them the other way round, but the text (m1 < m2, d = 10 above
-critical, B overdamped) holds only so. Panels D and F have a carriage of 1e-80 kg; their damping is not stated, and D is
-read with d = 1, F with d = 10 N s/m. Figure 8 omits chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
+Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption has them the other way round, but the text
+(m1 < m2, d = 10 above critical, B overdamped) holds only so. Panels D and F have a carriage of
+1e-80 kg; their damping is not stated, and D is read with d = 1, F with d = 10 N s/m. Figure 8 omits
+chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
 """
 
 from __future__ import annotations
@@ -26,6 +27,12 @@ CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 
 RATIOS = (0.2, 0.5, 0.8, 0.9, 1.0)
 """Ratios mu2 / mu1 of figure 10; the legend's list is not in the text."""
+
+STATIC = 0.51
+"""mu1 of figure 10 [-]."""
+
+REFERENCE_VELOCITY = 0.2
+"""v_r of figures 8 and 9 [m/s]."""
 
 FIGURE_2 = {
     "fig2a": (0.04, 1.0, 1.0),
@@ -92,7 +99,7 @@ def _friction(static: float, slip_damping: float) -> DryFriction:
     return DryFriction(
         static_coefficient=static,
         kinetic_coefficient=0.5 * static,
-        reference_velocity=0.2,
+        reference_velocity=REFERENCE_VELOCITY,
         slip_damping=slip_damping,
         normal_force=0.3924,
     )
@@ -107,7 +114,7 @@ SCENES = {name: _linear(*values) for name, values in FIGURE_2.items()} | {
     "fig9": _common(
         _friction(0.5097, 0.0), Initial(carriage_displacement=0.005, sphere_offset=0.02)
     ),
-    "fig10": _common(_friction(0.51, 0.1)),
+    "fig10": _common(_friction(STATIC, 0.1)),
     "fig12a": _common(NoInterface(), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),
     "fig12d": _common(Viscous(damping=1.0), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),
 }
@@ -117,9 +124,10 @@ NAMES = tuple(SCENES)
 
 
 def scene(name: str) -> Scene:
-    """Return a system of the paper, such as "fig2a"; raise `SceneError` with the nearest name if there is none."""
+    """Return a system of the paper, such as "fig2a"; raise `SceneError` for an unknown name."""
     try:
         return SCENES[name]
     except KeyError:
-        msg = f"{name!r} is not a system of the paper{suggest(name, NAMES)}; allowed: {', '.join(NAMES)}"
+        known = ", ".join(NAMES)
+        msg = f"{name!r} is not a system of the paper{suggest(name, NAMES)}; allowed: {known}"
         raise SceneError(msg) from None

@@ -1,6 +1,7 @@
 """Numbers of the paper's systems beside the computed ones.
 
-The stated values come from ball arithmetic and from a Taylor series of 60 digits, both independent of this package.
+The stated values come from ball arithmetic and from a Taylor series of 60 digits, both independent
+of this package.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, modes
 from mm_gym.analysis.values import linear_values
 from mm_gym.files import write_text
-from mm_gym.paper.scenes import scene
+from mm_gym.paper.scenes import STATIC, scene
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -83,7 +84,7 @@ def rows() -> list[Row]:
             **{
                 "interface.reference_velocity": velocity,
                 "interface.slip_damping": chi,
-                "interface.kinetic_coefficient": 0.51 * ratio,
+                "interface.kinetic_coefficient": STATIC * ratio,
             }
         )
         title = f"asymptotic offset at v_r = {velocity:g} m/s; chi = {chi:g}; mu2/mu1 = {ratio:g}"
@@ -106,10 +107,9 @@ def rows() -> list[Row]:
 def write_table(path: str | PathLike[str], found: list[Row]) -> None:
     """Write the rows as CSV, all digits kept."""
     lines = [",".join(HEADER)]
-    lines += [
-        f"{row.system},{row.quantity},{row.unit},{row.stated!r},{row.computed!r},{row.computed - row.stated!r}"
-        for row in found
-    ]
+    for row in found:
+        numbers = (row.stated, row.computed, row.computed - row.stated)
+        lines.append(",".join((row.system, row.quantity, row.unit, *map(repr, numbers))))
     write_text(path, "\n".join(lines) + "\n")
 
 

@@ -1,0 +1,115 @@
+"""The command line: `python -m mm_gym`."""
+
+# ruff: noqa: T201 - a command line prints
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gymnasium.error import DependencyNotInstalled
+
+from mm_gym.compile import compile_scene
+from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
+from mm_gym.scene_file import load_scene
+from mm_gym.simulate import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+FAILED = 2
+"""Exit status after an error, that of argparse too."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status; an error is one message on standard error."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except (
+        SceneError,
+        CompileError,
+        ActionError,
+        SimulationError,
+        DependencyNotInstalled,
+        OSError,
+    ) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m mm_gym", description="Vibration control by a moving mass."
+    )
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, run, text in (
+        ("validate", _validate, "check a scene file"),
+        ("explain", _explain, "say which model a scene compiles to, and why"),
+        ("simulate", _simulate, "simulate one episode without an agent"),
+    ):
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument("scene", metavar="SCENE.toml")
+        command.set_defaults(run=run)
+        if name == "simulate":
+            command.add_argument("--duration", type=float, metavar="SECONDS")
+            command.add_argument("--seed", type=int, default=0)
+            command.add_argument("--csv", metavar="FILE", help="write the trajectory")
+            command.add_argument("--plot", metavar="FILE", help="draw it as PNG")
+    text = "draw the paper's figures and compare its numbers"
+    command = commands.add_parser("paper", help=text, description=text)
+    command.add_argument("--figure", metavar="NAME", help="one figure only, such as fig10")
+    command.add_argument("--out", metavar="DIR", required=True)
+    command.set_defaults(run=_paper)
+    return parser
+
+
+def _validate(options: argparse.Namespace) -> None:
+    compile_scene(load_scene(options.scene))
+    print(f"{options.scene}: valid")
+
+
+def _explain(options: argparse.Namespace) -> None:
+    print(compile_scene(load_scene(options.scene)).explain())
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    trajectory = simulate(load_scene(options.scene), duration=options.duration, seed=options.seed)
+    work = trajectory.work
+    rows = [
+        ("time", trajectory.time[-1], "s"),
+        *zip(("x1", "x2", "v1", "v2"), trajectory.state[-1], ("m", "m", "m/s", "m/s"), strict=True),
+        ("energy", trajectory.energy[-1], "J"),
+        *((name, getattr(work, name)[-1], "J") for name in ("disturbance", "dissipated")),
+    ]
+    print("\n".join(f"{name:12}{value: .9e} {unit}" for name, value, unit in rows))
+    if options.csv:
+        trajectory.to_csv(options.csv)
+    if options.plot:
+        trajectory.plot(options.plot)
+
+
+def _paper(options: argparse.Namespace) -> None:
+    from mm_gym.paper.figures import FIGURES, draw  # noqa: PLC0415 - the slowest import
+    from mm_gym.paper.table import printed, rows, write_table  # noqa: PLC0415
+
+    if options.figure is not None and options.figure not in FIGURES:
+        nearest = suggest(options.figure, FIGURES)
+        msg = f"--figure: {options.figure!r} is not one{nearest}; allowed: {', '.join(FIGURES)}"
+        raise SceneError(msg)
+    folder = Path(options.out)
+    for name in FIGURES if options.figure is None else (options.figure,):
+        draw(name, folder / f"{name}.png")
+        print(folder / f"{name}.png")
+    if options.figure is None:
+        numbers = rows()
+        write_table(folder / "numbers.csv", numbers)
+        print(folder / "numbers.csv")
+        print(printed(numbers))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
