@@ -25,6 +25,7 @@ check: $(INSTALLED)
 	$(VENV)/bin/codespell
 
 bench: $(INSTALLED)
+	$(RUN) -m pip install --quiet -c constraints.txt --group bench
 	$(RUN) -m benchmarks
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency

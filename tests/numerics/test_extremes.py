@@ -186,7 +186,7 @@ def _sweep(seeds: range) -> list[str]:
         if not np.isfinite(trajectory.state).all():
             wrong.append(f"{seed}: not finite")
         deviation = _deviation(scene, trajectory, seed)
-        # The tolerance holds for each of the 20 steps; of the exact plants SciPy's own error is left.
+        # The tolerance holds for each of the 20 steps; of the exact plants SciPy's error is left.
         if deviation > (1e-7 if compile_scene(scene).method.name == "taylor" else 1e-10):
             wrong.append(f"{seed}: {deviation:.1e} from the oracle")
         isolated = (
