@@ -148,7 +148,7 @@ def _quadratic(a: float, b: float, c: float) -> list[complex]:
 
 
 def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
-    """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 16 of docs/model.md."""
+    """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 15 of docs/model.md."""
     h = 3.0 * a * c - b * b
     i = 9.0 * a * b * c - 27.0 * a * a * d - 2.0 * b**3
     root = cmath.sqrt(4.0 * h**3 + i * i)
@@ -162,7 +162,7 @@ def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
 
 
 def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[complex]:
-    """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 17 to 20 of docs/model.md."""
+    """Return the roots of g4 s^4 + ... + g0 by Ferrari: eqs 16 to 19 of docs/model.md."""
     d0 = g2 * g2 - 3.0 * g1 * g3 + 12.0 * g0 * g4
     d1 = (
         2.0 * g2**3

@@ -36,7 +36,7 @@ class FrequencyResponse:
 
 
 def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyResponse:
-    """Return the response to harmonic excitation at each frequency, eq. 21 of docs/model.md.
+    """Return the response to harmonic excitation at each frequency, eq. 20 of docs/model.md.
 
     A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in
     stick.

@@ -60,7 +60,7 @@ def linear_values(scene: Scene) -> Linear:
 
 
 def characteristic(values: Linear) -> NDArray[np.float64]:
-    """Return g4 .. g0 of det(M s^2 + C s + K), eq. 14 of docs/model.md."""
+    """Return g4 .. g0 of det(M s^2 + C s + K), eq. 13 of docs/model.md."""
     m1, m2, k1, k2, c, d = values
     return np.array(
         [m1 * m2, m1 * c + m2 * (c + d), m1 * k2 + c * d + m2 * (k1 + k2), d * k2 + c * k1, k1 * k2]
