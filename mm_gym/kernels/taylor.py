@@ -112,7 +112,9 @@ def _propagate_lane(model, lanes, i, c):
         if not _expand(c, cubic, finite, friction, regime, unit, order):
             return at.COLLAPSED
         remaining = (duration - elapsed) / unit
-        theta = min(_step(c, log_tolerance, order), remaining)
+        # Each series may use the share of the tolerance that it takes of the step: errors add up.
+        share = _log2(unit) - _log2(duration)
+        theta = min(_step(c, log_tolerance + share, order), remaining)
         direction = 0.0
         if friction:
             exit_at, direction = _exit(c, regime, upper, lower, theta, order)
