@@ -1,19 +1,50 @@
-"""Files are written whole: a killed run leaves the old file or the new one, never half of one."""
+"""Files are read within a limit, and written whole.
+
+A killed run leaves the old file or the new one, never half of one.
+"""
 
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.errors import SceneError, suggest
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
     from numpy.typing import ArrayLike
+
+
+def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
+    """Return what a file of at most so many bytes holds, or raise `SceneError`."""
+    file = Path(path)
+    content = b""
+    try:
+        status = file.stat()
+        regular = stat.S_ISREG(status.st_mode)
+        if regular and status.st_size <= most:
+            content = file.read_bytes()
+    except FileNotFoundError:
+        nearest = suggest(file.name, [other.name for other in file.parent.glob("*")])
+        msg = f"{file}: no such file{nearest}"
+        raise SceneError(msg) from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        msg = f"{file}: cannot be read: {error}"
+        raise SceneError(msg) from error
+    if not regular:
+        msg = f"{file}: cannot be read: not a file but a directory or a device"
+        raise SceneError(msg)
+    if status.st_size > most:
+        msg = f"{file}: cannot be read: {status.st_size} bytes; allowed: at most {most}"
+        raise SceneError(msg)
+    return content
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:

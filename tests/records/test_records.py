@@ -1,0 +1,404 @@
+"""Recorded motions are read right, or refused with the line that is wrong; never anything else."""
+
+import contextlib
+import random
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mm_gym import SceneError
+from mm_gym.records import ACCELERATION_UNITS, LARGEST, MOST_BYTES, UNITS, read_record, resample
+
+G = 9.80665
+TITLE = ["PEER NGA STRONG MOTION DATABASE RECORD", "El Centro 5/19/1940, ARRAY #9, 270"]
+QUANTITY = "ACCELERATION TIME SERIES IN UNITS OF G"
+COUNTS = [
+    "NPTS={n:7d}, DT={dt} SEC",
+    "NPTS=  {n}, DT=   {dt} SEC,",
+    "NPTS={n},DT={dt}SEC",
+    "npts = {n} , dt = {dt} sec",
+    "DT= {dt} SEC, NPTS= {n}",
+    "NPTS= {n}, DT= {dt}",
+    "  {n}   {dt}  NPTS, DT",
+    "{n}, {dt}, NPTS,DT",
+]
+
+
+def peer(values, *, counts=COUNTS[0], dt=".0050", columns=5, form="{:15.7E}", newline="\n"):
+    """An AT2 file as PEER writes it."""
+    cells = [form.format(value) for value in values]
+    rows = ["".join(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    head = [*TITLE, QUANTITY, counts.format(n=len(cells), dt=dt)]
+    return newline.join([*head, *rows]) + newline
+
+
+def read(folder, content, name="motion.at2", unit="g", **options):
+    file = folder / name
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_record(file, unit=unit, **options)
+
+
+SAMPLES = [0.001, -0.0234567, 0.5, -1.25, 3e-7, 0.0, -0.1]
+
+
+@pytest.mark.parametrize("counts", COUNTS)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_peer_header_in_all_its_forms(tmp_path, counts, newline):
+    record = read(tmp_path, peer(SAMPLES, counts=counts, newline=newline))
+    assert record.time_step == 0.005
+    assert np.array_equal(record.values, np.array(SAMPLES) * G)
+    assert np.array_equal(record.times, 0.005 * np.arange(7))
+
+
+@pytest.mark.parametrize(
+    ("form", "columns"),
+    [("{:15.7E}", 5), ("{:16.7e}", 8), ("{:+.7E}", 7), ("{:.7f},", 3), ("{:.7E} ", 1)],
+)
+def test_peer_samples_in_any_columns(tmp_path, form, columns):
+    record = read(tmp_path, peer(SAMPLES, form=form, columns=columns))
+    assert np.array_equal(record.values, np.array(SAMPLES) * G)
+
+
+def test_numbers_as_fortran_writes_them(tmp_path):
+    rows = "-.1234E-02-.3456E-03 .5D-1\n1.d+0 -2.E0+3. -.0"
+    content = "\n".join([*TITLE, QUANTITY, "NPTS= 7, DT= .5D-2 SEC", rows, ""])
+    record = read(tmp_path, content)
+    assert record.values.tolist() == [x * G for x in (-0.001234, -3.456e-4, 0.05, 1, -2, 3, -0.0)]
+    assert record.time_step == 0.005
+
+
+def test_format_is_told_by_content_where_the_name_does_not(tmp_path):
+    assert len(read(tmp_path, peer(SAMPLES), "motion.txt").values) == 7
+
+
+def test_strange_letters_in_a_station_name_do_no_harm(tmp_path):
+    content = peer(SAMPLES).encode().replace(b"El Centro", "Düzce".encode("latin-1"))
+    assert len(read(tmp_path, content).values) == 7
+
+
+@pytest.mark.parametrize("mark", [",", ";", ", ", "\t", "  ", " ; "])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("start", ["", "\ufeff", "time [s],a\n", "# 3 4 5\n\nt\na\n"])
+def test_columns_of_time_and_sample(tmp_path, mark, newline, start):
+    lines = [f"0.0{mark}1.5", "", f"0.01{mark}-2.5e-1  # peak", f"0.03{mark}.5", "# end"]
+    content = start.replace("\n", newline) + newline.join(lines)
+    record = read(tmp_path, content, "motion.csv", unit="m/s^2")
+    assert record.times.tolist() == [0.0, 0.01, 0.03]
+    assert record.values.tolist() == [1.5, -0.25, 0.5]
+    assert record.time_step == 0.01
+
+
+def test_one_column_with_a_time_step(tmp_path):
+    record = read(tmp_path, "acc\n1\n2\n-3\n", "motion.csv", unit="kN", time_step=0.02)
+    assert record.times.tolist() == [0.0, 0.02, 0.04]
+    assert record.values.tolist() == [1000.0, 2000.0, -3000.0]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_units(tmp_path, unit):
+    record = read(tmp_path, "0 1\n1 2\n", "motion.csv", unit=unit)
+    assert record.values.tolist() == [UNITS[unit], 2.0 * UNITS[unit]]
+
+
+def test_units_agree_with_one_another():
+    assert ACCELERATION_UNITS["ft/s^2"] == pytest.approx(12.0 * ACCELERATION_UNITS["in/s^2"])
+    assert ACCELERATION_UNITS["g"] / ACCELERATION_UNITS["gal"] == pytest.approx(980.665)
+
+
+def test_record_cannot_be_changed(tmp_path):
+    record = read(tmp_path, peer(SAMPLES))
+    with pytest.raises(ValueError, match="read-only"):
+        record.values[0] = 1.0
+
+
+GOOD = peer(SAMPLES)
+HEAD = "\n".join([*TITLE, QUANTITY])
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            GOOD.replace("NPTS=      7", "NPTS= 8"),
+            ":6: got 7 samples; allowed: NPTS = 8, as line 4",
+        ),
+        (
+            GOOD.replace("NPTS=      7", "NPTS= 6"),
+            ":6: got 7 samples; allowed: NPTS = 6, as line 4",
+        ),
+        (GOOD + "\n\n0.5\n\n", ":9: got 8 samples; allowed: NPTS = 7"),
+        (GOOD.replace("NPTS=      7", "NPTS= -7"), ":4: NPTS: got '-7'; allowed: an integer"),
+        (GOOD.replace("NPTS=      7", "NPTS= seven"), ":4: NPTS: got 'seven'; allowed: an integer"),
+        (GOOD.replace("NPTS=      7", "NPTS= 7.5"), ":4: NPTS: got '7.5'; allowed: an integer"),
+        (GOOD.replace("NPTS=      7,", "NPTS"), ":4: NPTS is missing; allowed: NPTS= (number"),
+        (GOOD.replace("NPTS=      7,", ""), ":4: NPTS is missing; allowed: NPTS= (number"),
+        (GOOD.replace("DT=.0050 SEC", ""), ":4: DT is missing; allowed: NPTS= (number of samples)"),
+        (GOOD.replace("DT=.0050", "DT="), ":4: DT: got 'SEC'; allowed: a number from 1e-09 to"),
+        (GOOD.replace("DT=.0050", "DT=0.00"), ":4: DT: got '0.00'; allowed: a number from 1e-09"),
+        (GOOD.replace("DT=.0050", "DT=-.005"), ":4: DT: got '-.005'; allowed: a number from 1e-09"),
+        (GOOD.replace("DT=.0050", "DT=nan"), ":4: DT: got 'nan'; allowed: a number from 1e-09 to"),
+        (GOOD.replace(".0050 SEC", "5 MSEC"), ":4: DT: got the unit 'MSEC'; allowed: SEC"),
+        (GOOD.replace("0.0000000E+00", "0.00x0000E+00"), ":6: got '0.00x0000E+00'; allowed: a num"),
+        (GOOD.replace("0.0000000E+00", "          nan"), ":6: got 'nan'; allowed: a number of mag"),
+        (GOOD.replace("0.0000000E+00", "     Infinity"), ":6: got 'Infinity'; allowed: a number "),
+        (GOOD.replace("0.0000000E+00", "         1E99"), ":6: got '1E99'; allowed: a number of ma"),
+        (GOOD.replace("0.0000000E+00", "        1E999"), ":6: got '1E999'; allowed: a number of m"),
+        (GOOD.replace("0.0000000E+00", "    1_000.000"), ":6: got '1_000.000'; allowed: a number"),
+        (GOOD.replace("0.0000000E+00", "      1.5-105"), ":6: got '1.5-105'; allowed: a number of"),
+        (GOOD.replace("0.0000000E+00", "0.1E-010.2E-1"), ":6: got '0.1E-010.2E-1'; allowed: a num"),
+        (GOOD.replace("0.0000000E+00", "          \u0663.0"), ":6: got '\u0663.0'; allowed: a num"),
+        (GOOD.replace("0.0000000E+00", "          ***"), ":6: got '***'; allowed: a number of ma"),
+        (GOOD.replace("ACCELERATION", "VELOCITY"), ":3: states a velocity; allowed: an accelerat"),
+        (GOOD.replace("ACCELERATION", "DISPLACEMENT"), ":3: states a displacement; allowed: an a"),
+        (
+            GOOD.replace("UNITS OF G", "UNITS OF CM/S/S"),
+            ":3: states units of CM/S/S; got unit = 'g",
+        ),
+        (HEAD + "\n", ":4: ends within the header; allowed: 4 lines, then samples"),
+        (HEAD + "\nNPTS= 7, DT= .005 SEC", ":4: ends within the header; allowed: 4 lines"),
+        (HEAD + "\nNPTS= 7, DT= .005 SEC\n", ":4: got 0 samples; allowed: NPTS = 7, as line 4"),
+        (HEAD + "\nNPTS= 1, DT= .005 SEC\n.5", ": got one sample; allowed: two at least"),
+        ("", ": empty"),
+        (" \r\n\t\n", ": empty"),
+        (b"\x00\x01\x02", r":1: got the character '\x00'; allowed: text"),
+        (GOOD.encode("utf-16"), r"allowed: text"),
+        (b"PEER\n\x7fELF", r":2: got the character '\x7f'; allowed: text"),
+    ],
+)
+def test_peer_file_that_is_wrong_is_refused_on_its_line(tmp_path, content, words):
+    with pytest.raises(SceneError) as caught:
+        read(tmp_path, content)
+    assert str(caught.value).startswith(str(tmp_path / "motion.at2"))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            "0 1\n0.1 2\n0.1 3\n",
+            ":3: time: got 0.10000000000000001; allowed: at least 1e-09 s more",
+        ),
+        ("0 1\n\n# x\n0.2 2\n0.1 3\n", "more than 0.20000000000000001 on line 4"),
+        ("-1 1\n0 2\n", ":1: time: got -1; allowed: at least 0 s"),
+        ("0 1\n1e-10 2\n", ":2: time: got "),
+        ("t a\n0.0x 1\n1 2\n", ":2: got '0.0x'; allowed: a number"),
+        ("nan nan\n1 2\n", ":1: got 'nan'; allowed: a number"),
+        ("run 7\n0 1\n1 2\n", ":1: got 'run'; allowed: a number"),
+        ("0,1\n1,2,\n", ":2: got 3 columns; allowed: one or two"),
+        ("0,1\n1\n", ":2: got 1 columns; allowed: one or two"),
+        ("0,1,2\n1,2,3\n", ":1: got 3 columns; allowed: one or two"),
+        ("0,1\n1;2\n", ":2: got 1 columns; allowed"),
+        ("0,1\n1,2 3\n", ":2: got '2 3'; allowed: a number"),
+        # As many numbers as cells, in the wrong places.
+        ("0,1\n1,\n2 3,4\n", ":2: got ''; allowed: a number"),
+        ("0;1\n1;2,5\n", ":2: got '2,5'; allowed: a number"),
+        ("0,1\n1,0x10\n", ":2: got '0x10'; allowed: a number"),
+        ("0,1\n1,-1-2.5\n", ":2: got '-1-2.5'; allowed: a number"),
+        ("0,1\n1,1e13\n", ":2: got '1e13'; allowed: a number of magnitude at most 1e+12"),
+        ("1\n2\n", ":1: one column states no times; set time_step"),
+        ("time, a\n# none\n", ": holds no samples"),
+        ("0 1\n", ": got one sample; allowed: two at least"),
+    ],
+)
+def test_columns_that_are_wrong_are_refused_on_their_line(tmp_path, content, words):
+    with pytest.raises(SceneError) as caught:
+        read(tmp_path, content, "motion.csv", unit="N")
+    assert words in str(caught.value)
+
+
+def test_options_are_checked(tmp_path):
+    with pytest.raises(SceneError, match=r"unit: got 'm/s2'; did you mean 'm/s\^2'\?; allowed: "):
+        read(tmp_path, GOOD, unit="m/s2")
+    with pytest.raises(SceneError, match=r":3: states units of G; got unit = 'N'"):
+        read(tmp_path, GOOD, unit="N")
+    with pytest.raises(SceneError, match=r"states NPTS and DT; time_step has no effect"):
+        read(tmp_path, GOOD, time_step=0.1)
+    with pytest.raises(SceneError, match=r"states times; time_step has no effect"):
+        read(tmp_path, "0 1\n1 2\n", "motion.csv", time_step=0.1)
+    with pytest.raises(SceneError, match=r"time_step: got nan; allowed: 1e-09 to"):
+        read(tmp_path, "1\n2\n", "motion.csv", time_step=float("nan"))
+
+
+def test_file_that_cannot_be_read(tmp_path):
+    (tmp_path / "el_centro.at2").touch()
+    with pytest.raises(SceneError, match=r"no such file; did you mean 'el_centro\.at2'\?"):
+        read_record(tmp_path / "elcentro.at2", unit="g")
+    with pytest.raises(SceneError, match=r"no such file$"):
+        read_record(tmp_path / "nowhere" / "x.at2", unit="g")
+    with pytest.raises(SceneError, match=r"cannot be read: not a file"):
+        read_record(tmp_path, unit="g")
+    with pytest.raises(SceneError, match=r"cannot be read: not a file"):
+        read_record("/dev/zero", unit="g")
+    with pytest.raises(SceneError, match=r"cannot be read"):
+        read_record("a\0b", unit="g")
+    with (tmp_path / "large.csv").open("wb") as stream:
+        stream.truncate(MOST_BYTES + 1)
+    with pytest.raises(SceneError, match=r"bytes; allowed: at most"):
+        read_record(tmp_path / "large.csv", unit="g")
+
+
+finite = st.floats(-LARGEST, LARGEST, allow_subnormal=False)
+
+
+@given(values=st.lists(finite, min_size=2, max_size=40), data=st.data())
+def test_what_is_written_is_read(tmp_path_factory, values, data):
+    newline = data.draw(st.sampled_from(["\n", "\r\n"]))
+    text = peer(
+        values,
+        counts=data.draw(st.sampled_from(COUNTS)),
+        columns=data.draw(st.integers(1, 12)),
+        form=f"{{:{data.draw(st.integers(26, 30))}.17E}}",
+        newline=newline,
+    )
+    *head, body = text.split(newline, 4)
+    letter = data.draw(st.sampled_from("EeDd"))
+    text = newline.join([*head, body.replace("E", letter)])
+    record = read(tmp_path_factory.mktemp("motion"), text)
+    assert np.array_equal(record.values, np.array(values) * G)
+
+
+@given(
+    values=st.lists(st.tuples(st.floats(1e-8, 1e6), finite), min_size=2, max_size=40),
+    mark=st.sampled_from([",", ";", " ", "\t"]),
+)
+def test_what_is_written_in_columns_is_read(tmp_path_factory, values, mark):
+    times = np.cumsum([spacing for spacing, _ in values])
+    samples = [sample for _, sample in values]
+    lines = [f"{t!r}{mark}{x!r}" for t, x in zip(times.tolist(), samples, strict=True)]
+    record = read(tmp_path_factory.mktemp("motion"), "\n".join(lines), "motion.csv", unit="N")
+    assert np.array_equal(record.times, times)
+    assert np.array_equal(record.values, samples)
+
+
+def test_samples_on_the_grid_are_kept_to_the_last_bit(tmp_path):
+    values = np.random.default_rng(1).normal(size=2000)
+    record = read(tmp_path, peer(values, form="{:26.17E}", dt="0.005"))
+    for parts in (1, 2, 3, 5, 7, 10):
+        fine = resample(record, 0.005 / parts)
+        assert len(fine) == 1999 * parts + 2
+        assert np.array_equal(fine[:-1:parts], record.values)
+        assert fine[-1] == 0.0
+    assert np.array_equal(resample(record, 0.01)[:-1], record.values[::2])
+    quick = resample(record, 0.001, scale=-2.0, time_scale=0.2)
+    assert np.array_equal(quick[:-1], -2.0 * record.values)
+    slow = resample(record, 0.01, time_scale=2.0)
+    assert np.array_equal(slow[:-1], record.values)
+
+
+def test_between_the_samples_the_motion_is_linear(tmp_path):
+    record = read(tmp_path, "0.5 1\n1.0 3\n3.0 -1\n", "motion.csv", unit="N")
+    assert resample(record, 0.25).tolist() == [
+        *[0, 0, 1, 2],
+        *[3, 2.5, 2, 1.5, 1, 0.5, 0, -0.5],
+        *[-1, 0],
+    ]
+    # Zero before the file's first instant and after its last.
+    assert resample(record, 2.0).tolist() == [0.0, 1.0, 0.0]
+    assert resample(record, 10.0).tolist() == [0.0, 0.0]
+
+
+def test_resampling_agrees_with_interpolation_anywhere(tmp_path):
+    rng = np.random.default_rng(2)
+    times, values = np.cumsum(rng.uniform(0.001, 0.1, 500)), rng.normal(size=500)
+    lines = [f"{t!r} {x!r}" for t, x in zip(times.tolist(), values.tolist(), strict=True)]
+    record = read(tmp_path, "\n".join(lines), "motion.csv", unit="N")
+    samples = resample(record, 0.0137, scale=3.0, time_scale=1.7)
+    grid = 0.0137 * np.arange(len(samples))
+    expected = np.interp(grid, 1.7 * times, 3.0 * values, left=0.0, right=0.0)
+    # Slopes of up to 6 / 0.0017 s, times the rounding of instants of up to 43 s, are 2.5e-11.
+    np.testing.assert_allclose(samples, expected, atol=2.5e-11, rtol=0.0)
+
+
+def test_resampling_has_limits(tmp_path):
+    record = read(tmp_path, "0 1\n1 2\n", "motion.csv", unit="N")
+    with pytest.raises(SceneError, match=r"the record lasts 1e\+08 steps of 1e-08 s; allowed: 1e"):
+        resample(record, 1e-8)
+    with pytest.raises(SceneError, match="steps of 1 s; allowed"):
+        resample(record, 1.0, time_scale=1e308)
+    with pytest.raises(SceneError, match=r"scale: got 1e\+308, which takes the record beyond the"):
+        resample(record, 0.1, scale=1e308)
+
+
+SEEDS = [
+    ("motion.at2", peer(SAMPLES * 3).encode()),
+    ("motion.at2", peer(SAMPLES * 3, form="{:+.7E}", newline="\r\n").encode()),
+    ("motion.csv", b"time,a\n" + b"".join(b"%d,%d.5\n" % (i, -i) for i in range(12))),
+    ("motion.csv", b"".join(b"%d \t-.%dD-2 # x\n" % (i, i) for i in range(12))),
+]
+PIECES = [
+    *[b"\n", b"\r", b",", b";", b" ", b"#", b"-", b"E", b".", b"nan", b"inf", b"1e999", b"\x00"],
+    *[b"\xff", b"NPTS", b"DT=", b"=", b"9" * 400, b"\xe2\x80\xa8", b"\xef\xbb\xbf", b"1_0", b"0x1"],
+]
+
+
+def mutated(chance, content):
+    """The content with some bytes or lines changed, removed, doubled or swapped."""
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        lines = content.split(b"\n")
+        i, j = chance.randrange(len(lines)), chance.randrange(len(lines))
+        at = chance.randrange(len(content) + 1)
+        kind = chance.randrange(7)
+        if kind == 0:
+            lines[i], lines[j] = lines[j], lines[i]
+        elif kind == 1:
+            del lines[i]
+        elif kind == 2:
+            lines.insert(i, lines[j])
+        if kind < 3:
+            content = b"\n".join(lines)
+        elif kind == 3:
+            content = content[:at] + chance.choice(PIECES) + content[at:]
+        elif kind == 4:
+            content = content[:at] + chance.choice(PIECES) + content[at + 1 :]
+        elif kind == 5:
+            content = content[:at] + bytes([chance.randrange(256)]) + content[at + 1 :]
+        else:
+            content = content[:at] + content[at + chance.randrange(1, 30) :]
+    return content
+
+
+@pytest.mark.parametrize("count", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_mutated_file_is_read_or_refused(tmp_path, count):
+    accepted, slowest, messages = 0, 0.0, []
+    for i in range(count):
+        chance = random.Random(i)  # noqa: S311 - not cryptography
+        name, content = chance.choice(SEEDS)
+        content = mutated(chance, content)
+        start = time.perf_counter()
+        try:
+            record = read(tmp_path, content, name)
+        except SceneError as error:
+            messages.append(str(error))
+        else:
+            accepted += 1
+            assert len(record.times) == len(record.values) >= 2, content
+            assert np.all(np.isfinite(record.values)), content
+            assert np.all(np.diff(record.times) > 0.0), content
+        slowest = max(slowest, time.perf_counter() - start)
+    assert 0.1 * count < accepted < 0.9 * count, "the mutations are too tame or too wild"
+    assert all(message and "\n" not in message for message in messages)
+    assert slowest < 5.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *[piece * 10**5 for piece in (b"1", b"1.", b"-", b"1e", b" ", b"1-", b"\xff")],
+        *[b"NPTS= " * 10**5, b"DT=" + b" " * 10**5, b"NPTS" + b"=1" * 10**5, b"UNITS " * 10**5],
+    ],
+)
+def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
+    start = time.perf_counter()
+    for number in range(6):
+        lines = GOOD.encode().split(b"\n")
+        lines[number] = line
+        for name in ("motion.at2", "motion.csv"):
+            with contextlib.suppress(SceneError):
+                read(tmp_path, b"\n".join(lines), name)
+    # A pattern that tries twice would take minutes; what is right takes a tenth of a second.
+    assert time.perf_counter() - start < 30.0
