@@ -29,6 +29,12 @@ if TYPE_CHECKING:
 CHUNK = 64
 """Points that one worker takes at a time."""
 
+TOO_LONG = (
+    "the motion is too slow to come to rest for its fastest rate: it takes more than 1,000,000 "
+    "intervals of a fraction of the carriage's period, or rates differ by more than 1e16"
+)
+"""What is wrong where the final stick cannot be followed to."""
+
 FIRST_STEPS, MOST_STEPS = 256, 1 << 20
 """Control steps that a nonlinear motion is followed at first, and at most."""
 
@@ -139,8 +145,7 @@ def _offsets(
         for size, status in zip(np.diff(ends, prepend=0), pool.map(work, ends), strict=True):
             report(int(size))
             if status > at.ENDED:
-                msg = f"the final stick was not reached: {at.MESSAGES[status]}"
-                raise SimulationError(msg)
+                raise SimulationError(TOO_LONG)
     return offsets
 
 

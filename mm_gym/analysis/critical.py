@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 TIGHTEST = np.float64(1e-15)
 """Tolerance of the logarithm of the velocity: a few units of round-off."""
 
-STEEPEST = 2.0**-40
-"""Smallest reference velocity looked at, relative to the fastest slip without friction."""
+STEEPEST = 2.0**-20
+"""Smallest reference velocity looked at, relative to the fastest slip without friction: by then
+the sphere is as good as locked, and slips or not whatever v_r is."""
 
 
 def critical_reference_velocity(scene: Scene) -> float:
@@ -72,7 +73,7 @@ def _peak(row: NDArray[np.float64], damping: float) -> float:
     lane[at.C] = damping
     peak, status = cast("tuple[float, int]", fastest_slip(lane))
     if status > at.ENDED:
-        msg = f"critical_reference_velocity: {at.MESSAGES[status]}"
+        msg = "critical_reference_velocity: the motion is too slow to fade for its fastest rate"
         raise SimulationError(msg)
     return peak
 

@@ -11,7 +11,9 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
 
 BLOCK_PHASE = 0.5
-MOST_INTERVALS = 50_000_000
+MOST_INTERVALS = 1_000_000
+"""Intervals tried before giving up: some 0.2 s."""
+
 RESOLVED = 2.0**-56
 """Share of the peak that an interval not searched further may hide."""
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mm_gym import Scene, SceneError, simulate
+from mm_gym import Scene, SceneError, SimulationError, simulate
 from mm_gym.analysis import asymptotic_offset, bifurcation, critical_reference_velocity
 from mm_gym.reference import Oracle
 
@@ -90,6 +90,13 @@ def test_a_vanishing_cubic_stiffness_meets_the_linear_asymptote():
 def test_what_never_settles_is_refused_by_name(scene, field):
     with pytest.raises(SceneError, match=field):
         asymptotic_offset(scene)
+
+
+def test_a_final_stick_out_of_reach_is_refused_at_once():
+    changes = {"carriage.mass": 74.0, "carriage.stiffness": 2e6, "carriage.damping": 4e-5}
+    changes |= {"sphere.mass": 1e-4, "interface.normal_force": None, VELOCITY: 3e-3}
+    with pytest.raises(SimulationError, match="too slow to come to rest"):
+        asymptotic_offset(FRICTION.replace(**changes))
 
 
 def test_critical_velocity_equals_the_golden_one():
