@@ -50,12 +50,15 @@ class Oracle:
         For `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
     max_step
         Longest step [s]: SciPy sees an event only if its sign differs between two steps.
+    most_evaluations
+        Evaluations of the forces from one event to the next beyond which it gives up.
     """
 
     scene: Scene
     method: str = "DOP853"
     rtol: float = 1e-13
     max_step: float = np.inf
+    most_evaluations: int = 100_000_000
 
     def solve(
         self,
@@ -129,7 +132,7 @@ class Oracle:
         solution = cast(
             "Solution",
             solve_ivp(
-                field,
+                self._counted(field),
                 (start, end),
                 state,
                 self.method,
@@ -143,6 +146,19 @@ class Oracle:
             msg = f"reference: {solution.message}"
             raise SimulationError(msg)
         return solution
+
+    def _counted(self, field: Callable[..., State]) -> Callable[..., State]:
+        count = 0
+
+        def counted(t: float, y: State) -> State:
+            nonlocal count
+            count += 1
+            if count > self.most_evaluations:
+                msg = f"reference: gave up after {self.most_evaluations} evaluations"
+                raise SimulationError(msg)
+            return field(t, y)
+
+        return counted
 
     def _regime(self, state: State) -> int:
         interface = self.scene.interface
