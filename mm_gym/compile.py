@@ -28,6 +28,7 @@ interface.
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -81,7 +82,7 @@ def compile_scene(scene: Scene) -> Plant:
         method=method,
         reasons=(*reasons, *why),
         support=support,
-        model=method.model(support),
+        model=method.constants(support),
         task=task_array(scene),
         template=template,
         draws=draws,
@@ -90,8 +91,10 @@ def compile_scene(scene: Scene) -> Plant:
         ),
         channels=scene.sensors.channels,
         history=scene.sensors.history,
+        delay=scene.sensors.delay,
         steps=scene.control.steps,
-        digest=scene.digest,
+        time_step=scene.control.time_step,
+        digest=_digest(scene, support),
     )
 
 
@@ -118,13 +121,15 @@ def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]
     ]
     moves = tuple(_moves(name, support) for name in moving)
     friction = _slips(support)
+    if support.sampled:
+        moves = (*moves, f"excitation besides harmonics, in {support.substeps} substeps")
     if _is_nonlinear(support):
         return taylor_method(scene.solver.tolerance, _name(support)), (
             *_nonlinearities(support),
             *_friction(support),
         )
     if friction:
-        return (SWITCHED_SERIES if moving else SWITCHED), (
+        return (SWITCHED_SERIES if moving or support.terms else SWITCHED), (
             *_friction(support),
             *(moves or (FIXED,)),
         )
@@ -249,6 +254,13 @@ def _moves(name: str, support: Support) -> str:
     return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
 
 
+def _digest(scene: Scene, support: Support) -> str:
+    """Return what identifies the scene with the content of its records."""
+    if not any(part.kind == "record" for part in scene.excitation):
+        return scene.digest
+    return hashlib.sha256(scene.digest.encode() + support.sources.tobytes()).hexdigest()[:16]
+
+
 def _refuse_unsupported(scene: Scene, support: Support) -> None:
     """Raise `CompileError` for what no plant covers."""
     low, high = support.low, support.high
@@ -265,6 +277,7 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
         raise CompileError(msg)
     if low[at.M1] == 0.0:
         _refuse_massless(support)
+        _refuse_infinite(scene)
     furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
     if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
         msg = (
@@ -287,6 +300,19 @@ def _refuse_massless(support: Support) -> None:
         reason = "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
     if reason:
         msg = f"carriage.mass: 0 {reason}; a small mass has no such limit"
+        raise CompileError(msg)
+
+
+def _refuse_infinite(scene: Scene) -> None:
+    """Raise `CompileError` for what would move a carriage without mass infinitely fast."""
+    blows = [
+        f"excitation.{k}"
+        for k, part in enumerate(scene.excitation)
+        if part.kind == "impulse" and part.target == "force"
+    ]
+    shown = ["sensors.channels"] if "carriage_acceleration" in scene.sensors.channels else []
+    for name in (*blows, *shown):
+        msg = f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"
         raise CompileError(msg)
 
 

@@ -1,6 +1,6 @@
 """Energy and what changes it: eqs 9 to 12 of docs/model.md.
 
-All integrals are of the motion from each control step's start.
+All integrals are of the motion from each substep's start.
 
 Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator
 (`kernels.power`), so a stiff interface, a kink of friction or a step of many periods costs no
@@ -23,32 +23,12 @@ from mm_gym.kernels import power, power_series
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.plant import Plant
+    from mm_gym.substeps import Place, Substeps
 
     Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What a simulation remembers of its control steps.
-
-    Attributes
-    ----------
-    plant
-        What was simulated.
-    states, applied
-        (steps + 1, 4) and (steps, 2): the states at the control steps, and force [N] and stretch
-        [-] held between.
-    index, part
-        (n,) control step that each instant of the trajectory lies in, and the time [s] since its
-        start.
-    """
-
-    plant: Plant
-    states: Array
-    applied: Array
-    index: NDArray[np.intp]
-    part: Array
+CONTROL, CHANGE, DISSIPATED, DISTURBANCE = range(4)
+"""Columns of the work of each kind; CHANGE is that of changing the stretch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,50 +87,70 @@ def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
     return p[at.K0] * offset**2 * (1.0 + 2.0 / (stretch * (stretch**2 - shortened)))
 
 
-def work_of(record: Record, parameters: Array, state: Array, energy: Array) -> Work:
+def work_of(substeps: Substeps, place: Place, state: Array, energy: Array) -> Work:
     """Add up the work of every kind until each instant of a trajectory."""
-    steps = int(record.index.max())
-    applied = record.applied[:steps]
+    steps, step = int(place.row.max()), substeps.plant.support.time_step
     per_step = np.zeros((steps, 4))
-    per_step[:, 0] = applied[:, 0] * np.diff(record.states[: steps + 1, 0])
-    # An instant between two steps shows the later stretch, so the change belongs to it.
-    changes = np.zeros(steps + 1)
-    inner = min(steps + 1, len(record.applied))
-    offset = record.states[1:inner, 1] - record.states[1:inner, 0]
-    new, old = record.applied[1:inner, 1], record.applied[: inner - 1, 1]
-    changes[1:inner] = spring_energy(parameters, offset, new) - spring_energy(
-        parameters, offset, old
-    )
-    dt = record.plant.time_step
-    per_step[:, 2:] = _integrals(record, parameters, np.arange(steps), dt)
-    until = np.vstack([np.zeros((1, 4)), np.cumsum(per_step, axis=0)])
-    until[:, 1] = np.cumsum(changes)
-    passed = np.concatenate([[0.0], np.cumsum(np.abs(per_step).sum(axis=1))]) + np.cumsum(
-        np.abs(changes)
-    )
-    totals, throughput = until[record.index], passed[record.index]  # copies
-    for i in np.flatnonzero(record.part):
-        n = int(record.index[i])
-        part = np.zeros(4)
-        part[0] = record.applied[n, 0] * (state[i, 0] - record.states[n, 0])
-        part[2:] = _integrals(record, parameters, np.array([n]), float(record.part[i]))[0]
+    run = substeps.states[1 : steps + 1, 0] - substeps.starts[:steps, 0]
+    per_step[:, CONTROL] = substeps.applied[:steps, 0] * run
+    per_step[:, DISSIPATED:] = _integrals(substeps, np.arange(steps), step)
+    jumps = _jumps(substeps, steps)
+    totals, throughput = _until(per_step)[place.row], _until(np.abs(per_step))[place.row]
+    totals += np.cumsum(jumps, axis=0)[place.row]
+    throughput += np.cumsum(np.abs(jumps), axis=0)[place.row]
+    on_grid = place.part == 0.0  # there the state is the one before the blow
+    totals[on_grid, DISTURBANCE] -= jumps[place.row[on_grid], DISTURBANCE]
+    for i in np.flatnonzero(place.part):
+        n, part = int(place.row[i]), np.zeros(4)
+        part[CONTROL] = substeps.applied[n, 0] * (state[i, 0] - substeps.starts[n, 0])
+        part[DISSIPATED:] = _integrals(substeps, np.array([n]), float(place.part[i]))[0]
         totals[i] += part
-        throughput[i] += np.abs(part).sum()
+        throughput[i] += np.abs(part)
     totals -= totals[0].copy()
-    throughput += energy[0] - throughput[0]
-    return Work(totals[:, 0], totals[:, 1], totals[:, 3], totals[:, 2], throughput)
+    scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
+    control, change, dissipated, disturbance = totals.T
+    return Work(control, change, disturbance, dissipated, scale)
 
 
-def _integrals(record: Record, p: Array, rows: NDArray[np.intp], duration: float) -> Array:
-    """Return energies (k, 2), dissipated and disturbing, over the beginnings of k control steps."""
-    work, model = np.zeros((len(rows), 2)), record.plant.model
+def _until(per_step: Array) -> Array:
+    """Return the sums (steps + 1, 4) until the start of each step."""
+    return np.vstack([np.zeros((1, 4)), np.cumsum(per_step, axis=0)])
+
+
+def _jumps(substeps: Substeps, steps: int) -> Array:
+    """Return the energies (steps + 1, 4) that come in at the start of each step.
+
+    An instant between two steps shows the later stretch, so the change belongs to it.
+    """
+    jumps, p = np.zeros((steps + 1, 4)), substeps.parameters
+    inner = slice(1, min(steps, substeps.last) + 1)
+    offset = substeps.states[inner, 1] - substeps.states[inner, 0]
+    new, old = substeps.applied[inner, 1], substeps.applied[: inner.stop - 1, 1]
+    jumps[inner, CHANGE] = spring_energy(p, offset, new) - spring_energy(p, offset, old)
+    if substeps.plant.support.sampled:
+        first = slice(inner.stop)
+        after, before = substeps.starts[first], substeps.states[first]
+        blow = after[:, 2:] ** 2 - before[:, 2:] ** 2
+        jumps[first, DISTURBANCE] = 0.5 * blow @ p[[at.M1, at.M2]]
+    return jumps
+
+
+def _integrals(substeps: Substeps, rows: NDArray[np.intp], duration: float) -> Array:
+    """Return energies (k, 2), dissipated and disturbing, over the beginnings of k substeps."""
+    work, model, p = np.zeros((len(rows), 2)), substeps.plant.model, substeps.parameters
     nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
     integrate = power_series.step_integrals if nonlinear else power.step_integrals
-    tones, ground = int(model[at.TONE_COUNT]), int(model[at.GROUND])
-    states, applied = record.states[rows], record.applied[rows]
-    times = record.plant.time_step * rows.astype(np.float64)
-    status = cast("int", integrate(p, tones, ground, states, applied, times, duration, work))
-    if status > at.ENDED:
-        msg = f"work: {at.MESSAGES[status]}"
+    status = integrate(
+        p,
+        model,
+        substeps.starts[rows],
+        substeps.applied[rows],
+        substeps.jets[rows],
+        substeps.plant.support.time_step * rows.astype(np.float64),
+        duration,
+        work,
+    )
+    if cast("int", status) > at.ENDED:
+        msg = f"work: {at.MESSAGES[cast('int', status)]}"
         raise SimulationError(msg)
     return work

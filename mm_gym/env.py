@@ -110,7 +110,7 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         column = self._lanes.values[:, 0]
         self._state, self._applied = column[:4], column[self._lanes.applied_rows]
         self._reward = column[at.REWARD : at.REWARD + 1]
-        self._frame = self._lanes.frames[:, 0]
+        self._frame = self._lanes.observed[:, 0]
         self._advance = self._lanes.advance_some
         self._seeded = False
         self._running = False

@@ -16,6 +16,7 @@ from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import lanes as kernels
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.random import seed_streams
+from mm_gym.kernels.sources import begin_sources
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -47,8 +48,9 @@ class Lanes:
         (rows, count) float64, see `mm_gym.kernels.layout`.
     streams
         (2, count) uint64: key and counter of each lane's random numbers.
-    frames
-        (history * channels, count) float32: the observed history, oldest frame first.
+    frames, observed
+        ((history + delay) * channels, count) float32: the history, oldest frame first, and its rows
+        that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
     advance_some
@@ -68,9 +70,11 @@ class Lanes:
             plant.template
         ):  # the other pages need no memory until they are used
             self._values[row] = plant.template[row]
-        self._frames = rows_of(plant.history * len(plant.channels), count, np.float32)
+        frames = (plant.history + plant.delay) * len(plant.channels)
+        self._frames = rows_of(frames, count, np.float32)
         self._ends = rows_of(2, count, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
+        self.observed = self.frames[: plant.history * len(plant.channels)]
         self.terminated, self.truncated = self._ends[:, :count]
         self.streams = np.zeros((2, count), np.uint64)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
@@ -81,6 +85,7 @@ class Lanes:
             self._values,
             self._frames,
             self._ends,
+            self.streams,
         )
         # Whole blocks for each thread, so that none works on the cache lines of another.
         length = at.BLOCK * ceil(count / (at.BLOCK * threads))
@@ -113,7 +118,12 @@ class Lanes:
         kernels.draw(plant.template, plant.draws, self._values, self.streams, mask)
         for row, value in (fixed or {}).items():
             self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        kernels.begin(plant.model, plant.task, self._values, self._frames, mask)
+        kernels.begin(plant.model, plant.task, self._values, mask)
+        if plant.support.sampled:
+            begin_sources(plant.model, self._values, self.streams, mask)
+        kernels.begin_history(
+            plant.model, plant.task, self._values, self._frames, self.streams, mask
+        )
 
     def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.

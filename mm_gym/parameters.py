@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.sources import prepare_filter
 from mm_gym.scene import GRAVITY, bounds
+from mm_gym.sources import sources_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,9 +44,7 @@ ROWS: dict[str, int] = {
     "springs.stretch": at.STRETCH,
     "springs.rest_length": at.L0,
 }
-"""Row of each field of a lane; those of the excitation follow from their index."""
-
-TONE_FIELDS = {"amplitude": at.AMPLITUDE, "frequency": at.FREQUENCY, "phase": at.PHASE}
+"""Row of each field of a lane; `mm_gym.sources` has those of the excitation."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,12 @@ class Support:
     ground
         For each harmonic, whether it shakes the ground.
     time_step
-        Control step [s].
+        What one propagation advances by [s]: a substep.
+    substeps
+        Of a control step.
+    jets, terms, sources
+        Row of the first jet, its terms, and the description of all excitation but the harmonics,
+        see `mm_gym.kernels.sources`.
     """
 
     start_low: NDArray[np.float64]
@@ -71,6 +77,21 @@ class Support:
     names: dict[str, int]
     ground: tuple[bool, ...]
     time_step: float
+    substeps: int
+    jets: int
+    terms: int
+    sources: NDArray[np.float64]
+
+    @property
+    def frequencies(self) -> NDArray[np.float64]:
+        """Highest frequency of each harmonic [rad/s]."""
+        first = at.TONES + at.FREQUENCY
+        return self.high[first : first + at.TONE_ROWS * len(self.ground) : at.TONE_ROWS]
+
+    @property
+    def sampled(self) -> bool:
+        """Whether there is excitation besides harmonics."""
+        return bool(self.sources[0] > 0.0)
 
     def fixed(self, row: int) -> bool:
         """Tell whether a row has one value only."""
@@ -88,58 +109,65 @@ class Support:
 
 
 def support_of(scene: Scene) -> Support:
-    """Collect the values that randomisation, initial ranges and actuation can reach."""
-    values = _fields(scene)
-    rows = {name: _row(name) for name in values}
-    size = at.TONES + at.TONE_ROWS * len(scene.excitation)
-    low, high = np.zeros(size), np.zeros(size)
+    """Collect the values that randomisation, initial ranges and actuation can reach.
+
+    Raises
+    ------
+    SceneError
+        If a record cannot be read.
+    CompileError
+        If the excitation divides a control step too finely.
+    """
+    values, sources = _fields(scene), sources_of(scene)
+    rows = {name: ROWS[name] for name in values}
+    low, high = np.zeros(sources.size), np.zeros(sources.size)
     low[at.STRETCH] = high[at.STRETCH] = (
         1.0  # without springs: any stretch that the spring law allows
     )
-    for name, value in values.items():
-        low[rows[name]], high[rows[name]] = bounds(value)
+    own = [(rows[name], value) for name, value in values.items()]
+    for row, value in [*own, *sources.values.items()]:
+        low[row], high[row] = bounds(value)
     if scene.springs.kind == "none":
         low[at.STRETCH] = high[at.STRETCH] = (
             1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
         )
+    time_step = scene.control.time_step / sources.substeps
+    for row, passes_velocity, drawn in sources.filters:
+        for lane in () if drawn else (low, high):
+            prepare_filter(lane[:, None], row, passes_velocity, time_step, 0)
     start_low, start_high = low.copy(), high.copy()
     if scene.actuation.stretch is not None:
         low[at.STRETCH], high[at.STRETCH] = (
             scene.actuation.stretch.minimum,
             scene.actuation.stretch.maximum,
         )
+    tones = (part for part in scene.excitation if isinstance(part, Harmonic))
     return Support(
         start_low=start_low,
         start_high=start_high,
         low=low,
         high=high,
-        names=rows,
-        ground=tuple(tone.target == "ground" for tone in scene.excitation),
-        time_step=scene.control.time_step,
-    )
-
-
-def _row(name: str) -> int:
-    part, *middle, field = name.split(".")
-    return (
-        at.TONES + at.TONE_ROWS * int(middle[0]) + TONE_FIELDS[field]
-        if part == "excitation"
-        else ROWS[name]
+        names=rows | sources.rows,
+        ground=tuple(tone.target == "ground" for tone in tones),
+        time_step=time_step,
+        substeps=sources.substeps,
+        jets=sources.jets,
+        terms=sources.terms,
+        sources=sources.description,
     )
 
 
 def _fields(scene: Scene) -> dict[str, NumberOrRange]:
-    """Return dotted name -> value or range of every numeric field that a lane holds."""
+    """Return dotted name -> value or range of every number of a lane but the excitation's."""
     values: dict[str, NumberOrRange] = {}
     for part in ("carriage", "sphere", "interface", "springs", "initial"):
         for field, value in getattr(scene, part):
             if isinstance(value, float | tuple):
                 values[f"{part}.{field}"] = value
-    for index, tone in enumerate(scene.excitation):
-        values |= {f"excitation.{index}.{field}": getattr(tone, field) for field in TONE_FIELDS}
     if scene.interface.kind == "dry_friction" and scene.interface.normal_force is None:
         values["interface.normal_force"] = scene.sphere.mass * GRAVITY
     if scene.actuation.stretch is not None and "springs.stretch" in values:
         values.setdefault("initial.stretch", values["springs.stretch"])
         del values["springs.stretch"]  # one row, and the initial value rules it
-    return values | scene.randomization
+    drawn = scene.randomization.items()
+    return values | {name: value for name, value in drawn if name in ROWS}

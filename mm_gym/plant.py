@@ -41,10 +41,10 @@ class Plant:
         (rows,) the start of every lane, and (n, 3) rows to draw, each with its low and high.
     actuators
         Names of the action's columns, in order: "force" [N], "stretch" [-].
-    history, channels
-        Frames observed, and the names of the channels of each.
-    steps
-        Control steps of an episode.
+    history, delay, channels
+        Frames observed, control steps by which they are late, and the names of the channels.
+    steps, time_step
+        Control steps of an episode, and their length [s].
     """
 
     method: Method
@@ -57,13 +57,10 @@ class Plant:
     actuators: tuple[str, ...]
     channels: tuple[str, ...]
     history: int
+    delay: int
     steps: int
+    time_step: float
     digest: str
-
-    @property
-    def time_step(self) -> float:
-        """Control step [s]."""
-        return self.support.time_step
 
     def linear(
         self, stretch: float | None = None
@@ -114,7 +111,7 @@ class Plant:
         return middle
 
     def at_time_step(self, time_step: float) -> Plant:
-        """Return the same plant with another step, for samples between control steps."""
+        """Return the same plant with a substep of another length, for samples in between."""
         return _at_time_step(self, time_step)
 
     def explain(self) -> str:
@@ -134,7 +131,7 @@ class Plant:
 @lru_cache(maxsize=4096)
 def _at_time_step(plant: Plant, time_step: float) -> Plant:
     support = replace(plant.support, time_step=time_step)
-    return replace(plant, support=support, model=plant.method.model(support))
+    return replace(plant, support=support, model=plant.method.constants(support))
 
 
 def linear_system(row: NDArray[np.float64]) -> StateSpace:

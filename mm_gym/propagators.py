@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,18 +22,39 @@ def transition(system: StateSpace, time: float) -> NDArray[np.float64]:
     return exponential(generator, time)[:4]
 
 
-def response_to_tone(
-    system: StateSpace, frequency: float, *, ground: bool, time: float
-) -> NDArray[np.float64]:
-    """Return what cos and sin of the phase at the step's start add to the state at its end, (2, 4).
+class Exosystem(NamedTuple):
+    """An excitation p = output . z with z' = matrix z, as arrays of `Decimal`."""
 
-    The excitation sin(w t + phase) is the second state of the exosystem
-    z' = [[0, -w], [w, 0]] z, z = (cos, sin).
+    matrix: NDArray[np.object_]
+    output: NDArray[np.object_]
+
+
+def tone(frequency: float) -> Exosystem:
+    """Return the exosystem of sin(w t + phase): z = (cos, sin)."""
+    w, zero = Decimal(frequency), Decimal(0)
+    return Exosystem(np.array([[zero, -w], [w, zero]]), np.array([zero, Decimal(1)]))
+
+
+def jet(terms: int, time: float) -> Exosystem:
+    """Return the exosystem of a polynomial in t / time: z its coefficients about the present."""
+    matrix = np.full((terms, terms), Decimal(0))
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+        for n in range(terms - 1):
+            matrix[n, n + 1] = Decimal(n + 1) / Decimal(time)
+    return Exosystem(matrix, np.array([Decimal(n == 0) for n in range(terms)]))
+
+
+def response(
+    system: StateSpace, source: Exosystem, *, ground: bool, time: float
+) -> NDArray[np.float64]:
+    """Return what each state of an exosystem at the step's start adds to the state at its end.
+
+    (n, 4), for a force on the carriage or an acceleration of the ground.
     """
-    generator = np.full((6, 6), Decimal(0))
-    generator[:4, :4] = system.a
-    generator[:4, 5] = system.ground if ground else system.force
-    generator[4, 5], generator[5, 4] = -Decimal(frequency), Decimal(frequency)
+    size = len(source.output)
+    generator = np.full((4 + size, 4 + size), Decimal(0))
+    generator[:4, :4], generator[4:, 4:] = system.a, source.matrix
+    generator[:4, 4:] = np.outer(system.ground if ground else system.force, source.output)
     return exponential(generator, time)[:4, 4:].T
 
 
@@ -42,35 +63,35 @@ def massless_transition(p: Values, time: float) -> NDArray[np.float64]:
 
     The velocity v1 at the step's start has no influence.
     """
-    return _massless(p, time, Decimal(0), ground=False)[:, :5].astype(np.float64)
+    return _massless(p, tone(0.0), time, ground=False)[:, :5].astype(np.float64)
 
 
-def massless_response_to_tone(
-    p: Values, frequency: float, *, ground: bool, time: float
+def massless_response(
+    p: Values, source: Exosystem, *, ground: bool, time: float
 ) -> NDArray[np.float64]:
-    """Return the same as `response_to_tone` for a carriage without mass."""
-    return _massless(p, time, Decimal(frequency), ground=ground)[:, 5:].T.astype(np.float64)
+    """Return the same as `response` for a carriage without mass."""
+    return _massless(p, source, time, ground=ground)[:, 5:].T.astype(np.float64)
 
 
-def _massless(p: Values, time: float, frequency: Decimal, *, ground: bool) -> NDArray[np.object_]:
+def _massless(p: Values, source: Exosystem, time: float, *, ground: bool) -> NDArray[np.object_]:
     """Return x1, x2, v1, v2 at the step's end against what there is at its start.
 
-    That is (x1, x2, v1, v2, held force, cos, sin).
+    That is (x1, x2, v1, v2, held force, exosystem's states).
 
     Without inertia the forces on the carriage balance:
     (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
     """
     m2, k1, c, d, k2 = (p[name] for name in ("m2", "k1", "c", "d", "k2"))
-    zero = Decimal(0)
+    zero, size = Decimal(0), 4 + len(source.output)
+    push, shake = (zero * source.output, source.output)[:: 1 if ground else -1]
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        push = zero if ground else 1 / (c + d)
-        v1 = np.array([-(k1 + k2), k2, c, Decimal(1), zero, zero]) / (c + d)
-        v1[5] = push
-        generator = np.full((6, 6), zero)
+        v1 = np.concatenate([np.array([-(k1 + k2), k2, c, Decimal(1)]), push]) / (c + d)
+        generator = np.full((size, size), zero)
         generator[0], generator[1, 2] = v1, Decimal(1)
-        generator[2] = (np.array([k2, -k2, -c, zero, zero, zero]) + c * v1) / m2
-        generator[2, 5] -= 1 if ground else 0
-        generator[4, 5], generator[5, 4] = -frequency, frequency
+        generator[2] = c * v1 / m2
+        generator[2, :3] += np.array([k2, -k2, -c]) / m2
+        generator[2, 4:] -= shake
+        generator[4:, 4:] = source.matrix
     step = ladder(generator, time, 0)[0]
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         rows = np.array([step[0], step[1], v1 @ step, step[2]])

@@ -50,6 +50,9 @@ class Oracle:
         For `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
     max_step
         Longest step [s]: SciPy sees an event only if its sign differs between two steps.
+    disturbance
+        Force [N] or acceleration [m/s^2] at a time [s], for the targets "force" and "ground"; by
+        default the scene's harmonics.
     most_evaluations
         Evaluations of the forces from one event to the next beyond which it gives up.
     """
@@ -58,6 +61,7 @@ class Oracle:
     method: str = "DOP853"
     rtol: float = 1e-13
     max_step: float = np.inf
+    disturbance: Callable[[float, str], float] | None = None
     most_evaluations: int = 100_000_000
 
     def solve(
@@ -221,8 +225,16 @@ class Oracle:
         return springs.stiffness * springs.rest_length * ((one - one**-2) - (other - other**-2))
 
     def _excitation(self, time: float, target: str) -> float:
-        tones = [tone for tone in self.scene.excitation if tone.target == target]
-        return sum(tone.amplitude * np.sin(tone.frequency * time + tone.phase) for tone in tones)
+        if self.disturbance is not None:
+            return self.disturbance(time, target)
+        total = 0.0
+        for tone in self.scene.excitation:
+            if tone.kind != "harmonic":
+                msg = f"reference: give the disturbance; {tone.kind} is not known here"
+                raise SimulationError(msg)
+            if tone.target == target:
+                total += tone.amplitude * np.sin(tone.frequency * time + tone.phase)
+        return total
 
     def _field(self, regime: int, force: float, stretch: float) -> Callable[..., State]:
         carriage, m2 = self.scene.carriage, self.scene.sphere.mass

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mm_gym.dotted import put
 from mm_gym.errors import SceneError, suggest
+from mm_gym.excitation import FIXED_FIELDS, Excitation, NonNegative, NumberOrRange, Positive, Range
 from mm_gym.validation import Part, listed
 
 if TYPE_CHECKING:
@@ -17,10 +18,6 @@ if TYPE_CHECKING:
 GRAVITY = 9.81
 """Standard acceleration of the paper [m/s^2]; the default normal force is sphere.mass * GRAVITY."""
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Range = Annotated[tuple[float, float], BeforeValidator(listed)]
-NumberOrRange = float | Range
 Weight = Annotated[float, Field(ge=0, le=1e12)]
 Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
 
@@ -113,20 +110,6 @@ class FiniteStretch(Part):
     """l0 [m]"""
 
 
-class Harmonic(Part):
-    """amplitude * sin(frequency * t + phase)."""
-
-    kind: Literal["harmonic"] = "harmonic"
-    target: Literal["force", "ground"] = "force"
-    """a force on the carriage, or the acceleration of the ground"""
-    amplitude: float
-    """[N] or [m/s^2]"""
-    frequency: NonNegative
-    """[rad/s]"""
-    phase: float = 0.0
-    """[rad]"""
-
-
 class Initial(Part):
     """The state at the start of an episode: numbers, or [low, high] to draw from uniformly."""
 
@@ -142,34 +125,47 @@ class Initial(Part):
     """lambda [-] of an actuated stretch; by default springs.stretch"""
 
 
-class ForceActuator(Part):
-    """A control force on the carriage; action 1 is +limit."""
+class Actuator(Part):
+    """What moves, holding still over each control step: exactly what an action asks for, or less.
+
+    With a lag the actuator goes 1 - exp(-time_step / lag) of the way to its command in a control
+    step; then the rate limit holds, then the limits.
+    """
+
+    rate_limit: Positive | None = None
+    """[N/s] or [1/s]"""
+    lag: NonNegative = 0.0
+    """time constant [s] of a first-order lag; 0 for none"""
+    command: Literal["position", "rate"] = "position"
+    """what an action in [-1, 1] means: a value within the limits, or a share of rate_limit"""
+
+    @model_validator(mode="after")
+    def _rate_is_limited(self) -> Self:
+        if self.command == "rate" and self.rate_limit is None:
+            msg = "rate_limit: missing; command = 'rate' needs it"
+            raise ValueError(msg)
+        return self
+
+
+class ForceActuator(Actuator):
+    """A control force on the carriage [N]; action 1 is +limit."""
 
     limit: Positive = 4.0
     """[N]"""
-    rate_limit: Positive | None = None
-    """[N/s]"""
 
 
-class StretchActuator(Part):
-    """The pre-stretch of the springs, held over each control step."""
+class StretchActuator(Actuator):
+    """The pre-stretch of the springs [-]."""
 
     minimum: Annotated[float, Field(ge=1)] = 1.0
     """[-]"""
     maximum: Annotated[float, Field(gt=1)] = 3.0
     """[-]"""
-    rate_limit: Positive | None = None
-    """[1/s]"""
-    command: Literal["position", "rate"] = "position"
-    """what an action in [-1, 1] means: a stretch in [minimum, maximum], or a share of rate_limit"""
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _minimum_below_maximum(self) -> Self:
         if self.minimum >= self.maximum:
             msg = f"minimum: got {self.minimum}; allowed: less than maximum = {self.maximum}"
-            raise ValueError(msg)
-        if self.command == "rate" and self.rate_limit is None:
-            msg = "rate_limit: missing; command = 'rate' needs it"
             raise ValueError(msg)
         return self
 
@@ -189,11 +185,16 @@ Channel = Literal[
     "sphere_velocity",
     "slip_velocity",
     "stretch",
+    "carriage_acceleration",
+    "sphere_acceleration",
+    "spring_force",
+    "disturbance_force",
+    "ground_acceleration",
 ]
 
 
 class Sensors(Part):
-    """What the agent sees: channels of the last `history` control steps, oldest first."""
+    """What the agent sees: channels of `history` control steps, oldest first."""
 
     channels: Annotated[tuple[Channel, ...], BeforeValidator(listed), Field(min_length=1)] = (
         "carriage_displacement",
@@ -201,14 +202,24 @@ class Sensors(Part):
         "carriage_velocity",
         "sphere_velocity",
     )
+    """accelerations are absolute; the forces are those of the sphere's springs on the carriage and
+    of the disturbance"""
+    noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
+    """standard deviation of a channel's Gaussian noise, in its SI unit"""
+    delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    """control steps by which the newest frame is late"""
     history: Annotated[int, Field(ge=1, le=1000)] = 1
     """frames observed"""
 
     @model_validator(mode="after")
-    def _no_duplicates(self) -> Self:
+    def _consistent(self) -> Self:
         for channel in self.channels:
             if self.channels.count(channel) > 1:
                 msg = f"channels: {channel!r} is listed more than once"
+                raise ValueError(msg)
+        for channel in self.noise:
+            if channel not in self.channels:
+                msg = f"noise.{channel}: has no effect; the channel is not among sensors.channels"
                 raise ValueError(msg)
         return self
 
@@ -273,7 +284,7 @@ class Scene(Part):
     sphere: Sphere = Sphere()
     interface: Interface = Viscous()
     springs: Springs = NoSprings()
-    excitation: Annotated[tuple[Harmonic, ...], BeforeValidator(listed)] = ()
+    excitation: Annotated[tuple[Excitation, ...], BeforeValidator(listed)] = ()
     initial: Initial = Initial()
     actuation: Actuation = Actuation()
     sensors: Sensors = Sensors()
@@ -382,12 +393,12 @@ class Scene(Part):
             "interface": self.interface,
             "springs": self.springs,
         }
-        parts |= {f"excitation.{index}": tone for index, tone in enumerate(self.excitation)}
+        parts |= {f"excitation.{index}": part for index, part in enumerate(self.excitation)}
         return [
             f"{prefix}.{field}"
             for prefix, part in parts.items()
             for field, value in part
-            if isinstance(value, float)
+            if isinstance(value, float) and field not in FIXED_FIELDS
         ]
 
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compile import compile_scene
-from mm_gym.energy import Record
 from mm_gym.errors import ActionError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.plant import Plant
+from mm_gym.substeps import Place, Substeps, blank, locate, phase, tone_rows
 from mm_gym.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
 
 MOST_STEPS = 100_000_000
-"""Control steps of one simulation; its memory is 48 bytes each."""
+"""Control steps of one simulation; its memory is 80 bytes for each substep, and more with
+excitation besides harmonics."""
 
 
 def simulate(
@@ -72,16 +73,15 @@ def simulate(
     lanes.seed(0 if seed is None else index(seed))
     lanes.restart()
     start = lanes.values[:, 0].copy()
-    states, applied = np.empty((steps + 1, 4)), np.empty((steps, 2))
-    states[0] = start[:4]
+    substeps = blank(plant, start, steps)
     if callable(action):
-        _follow_policy(lanes, action, states, applied)
+        _follow_policy(lanes, action, substeps)
     else:
-        _run(lanes, _commands(plant, action, steps, start), states[1:], applied)
-    state, indices, parts = _sample(plant, start, instants, states, applied)
+        _run(lanes, _commands(plant, action, steps, start), substeps, 0)
+    place = locate(substeps, instants)
+    state = _sample(substeps, place)
     _check_finite(instants, state)
-    last = applied[-1:] if steps else start[[at.FORCE, at.STRETCH]][None]
-    held = np.vstack([applied, last])[indices]
+    held = substeps.applied[np.minimum(place.row, substeps.last)]
     return Trajectory(
         time=instants,
         state=state,
@@ -89,7 +89,8 @@ def simulate(
         applied=held,
         actuators=plant.actuators,
         parameters=start,
-        record=Record(plant, states, applied, indices, parts),
+        substeps=substeps,
+        place=place,
     )
 
 
@@ -171,55 +172,48 @@ def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> 
         raise SimulationError(msg)
 
 
-def _run(
-    lanes: Lanes,
-    commands: NDArray[np.float64],
-    states: NDArray[np.float64],
-    applied: NDArray[np.float64],
-) -> None:
-    plant = lanes.plant
-    lanes.raise_for(
-        plant.method.entries.run(plant.model, plant.task, lanes.values, commands, states, applied)
+def _run(lanes: Lanes, commands: NDArray[np.float64], substeps: Substeps, first: int) -> None:
+    """Simulate control steps, writing them down from a substep on."""
+    plant, last = lanes.plant, first + len(commands) * lanes.plant.support.substeps
+    status = plant.method.entries.run(
+        plant.model,
+        plant.task,
+        lanes.values,
+        lanes.streams,
+        commands,
+        substeps.starts[first:last],
+        substeps.states[first + 1 : last + 1],
+        substeps.applied[first:last],
+        substeps.jets[first:last],
     )
+    lanes.raise_for(status)
 
 
-def _follow_policy(
-    lanes: Lanes, policy: Policy, states: NDArray[np.float64], applied: NDArray[np.float64]
-) -> None:
-    plant = lanes.plant
-    for n in range(len(applied)):
-        asked = policy(n * plant.time_step, states[n].copy())
-        wanted = _numbers("action", asked, ActionError)
-        command = _commands(plant, wanted, 1, lanes.values[:, 0])
-        _run(lanes, command, states[n + 1 : n + 2], applied[n : n + 1])
+def _follow_policy(lanes: Lanes, policy: Policy, substeps: Substeps) -> None:
+    plant, many = lanes.plant, lanes.plant.support.substeps
+    for first in range(0, len(substeps.starts), many):
+        time = first // many * plant.time_step
+        wanted = _numbers("action", policy(time, substeps.states[first].copy()), ActionError)
+        _run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), substeps, first)
 
 
-def _sample(
-    plant: Plant,
-    start: NDArray[np.float64],
-    instants: NDArray[np.float64],
-    states: NDArray[np.float64],
-    applied: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """Return the states at the instants, and the control step that each lies in.
-
-    The third array is the time [s] since that step's start.
-    """
-    phase = instants / plant.time_step
-    nearest = np.round(phase)
-    on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)
-    indices = np.where(on_grid, nearest, np.floor(phase)).astype(np.intp)
-    parts = np.where(on_grid, 0.0, instants - indices * plant.time_step)
-    sampled = states[indices]
-    for i in np.flatnonzero(~on_grid):
-        n = indices[i]
-        part = plant.at_time_step(float(parts[i]))
-        lane = Lanes(part, 1)
-        lane.values[:, 0] = start
-        lane.values[:4, 0], lane.values[[at.FORCE, at.STRETCH], 0] = states[n], applied[n]
-        for tone in range(at.TONES, len(start), at.TONE_ROWS):
-            angle = start[tone + at.PHASE] + start[tone + at.FREQUENCY] * (n * plant.time_step)
-            lane.values[tone + at.COSINE, 0] = np.cos(angle)
-            lane.values[tone + at.SINE, 0] = np.sin(angle)
-        _run(lane, applied[n : n + 1].copy(), sampled[i : i + 1], np.empty((1, 2)))
-    return sampled, indices, parts
+def _sample(substeps: Substeps, place: Place) -> NDArray[np.float64]:
+    """Return the states at the instants."""
+    plant = substeps.plant
+    sampled = substeps.states[place.row]
+    for i in np.flatnonzero(place.part):
+        n, part = int(place.row[i]), float(place.part[i])
+        shorter = plant.at_time_step(part)
+        lane = Lanes(shorter, 1)
+        values = lane.values
+        values[:, 0] = substeps.parameters
+        values[:4, 0], values[[at.FORCE, at.STRETCH], 0] = substeps.starts[n], substeps.applied[n]
+        terms = plant.support.terms
+        jets = substeps.jets[n] * np.tile((part / plant.support.time_step) ** np.arange(terms), 2)
+        values[plant.support.jets : plant.support.jets + 2 * terms, 0] = jets
+        for tone in tone_rows(plant):
+            angle = phase(substeps, tone, n)
+            values[tone + at.COSINE, 0], values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+        lane.raise_for(plant.method.entries.propagate(shorter.model, values, 0, 1))
+        sampled[i] = values[:4, 0]
+    return sampled

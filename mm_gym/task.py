@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -21,29 +22,42 @@ CODES = {name: code for code, name in enumerate(get_args(Channel))}
 def task_array(scene: Scene) -> NDArray[np.float64]:
     """Return actuators, objective and channels in the slots of `mm_gym.kernels.layout`."""
     channels = scene.sensors.channels
-    task = np.zeros(at.CHANNELS + 3 * len(channels))
+    task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))
     _actuators(scene, task)
     _objective(scene, task)
     task[at.CHANNEL_COUNT] = len(channels)
     for k, channel in enumerate(channels):
-        slot = at.CHANNELS + 3 * k
-        task[slot : slot + 3] = CODES[channel], *_scale_and_zero(scene, channel)
+        slot = at.CHANNELS + at.CHANNEL_SIZE * k
+        scale, zero = _scale_and_zero(scene, channel)
+        noise = scene.sensors.noise.get(channel, 0.0)
+        task[slot : slot + at.CHANNEL_SIZE] = CODES[channel], scale, zero, noise * scale
+    task[at.IS_DERIVED] = any(CODES[channel] >= at.DERIVED_CHANNELS for channel in channels)
+    task[at.IS_NOISY] = any(noise > 0.0 for noise in scene.sensors.noise.values())
     return task
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
     force, stretch, step = scene.actuation.force, scene.actuation.stretch, scene.control.time_step
     task[at.FORCE_RATE] = task[at.STRETCH_RATE] = np.inf
+    task[at.FORCE_SHARE] = task[at.STRETCH_SHARE] = 1.0
     if force is not None:
         task[at.HAS_FORCE], task[at.FORCE_LIMIT] = 1.0, force.limit
         if force.rate_limit is not None:
             task[at.FORCE_RATE] = force.rate_limit * step
+        task[at.FORCE_IS_RATE] = force.command == "rate"
+        task[at.FORCE_SHARE] = _share(force.lag, step)
     if stretch is not None:
         task[at.HAS_STRETCH] = 1.0
         task[at.STRETCH_LOW], task[at.STRETCH_HIGH] = stretch.minimum, stretch.maximum
         task[at.STRETCH_IS_RATE] = stretch.command == "rate"
         if stretch.rate_limit is not None:
             task[at.STRETCH_RATE] = stretch.rate_limit * step
+        task[at.STRETCH_SHARE] = _share(stretch.lag, step)
+
+
+def _share(lag: float, step: float) -> float:
+    """Return the share of the way to its command that an actuator goes in a control step."""
+    return 1.0 if lag == 0.0 else -math.expm1(-step / lag)
 
 
 def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
@@ -70,8 +84,12 @@ def _scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
         return 2.0 / (actuator.maximum - actuator.minimum), 0.5 * (
             actuator.maximum + actuator.minimum
         )
-    if channel == "sphere_offset":
-        return 1.0 / objective.stroke_scale, 0.0
-    if channel.endswith("velocity"):
-        return 1.0 / objective.velocity_scale, 0.0
-    return 1.0 / objective.displacement_scale, 0.0
+    displacement, velocity = objective.displacement_scale, objective.velocity_scale
+    scales = {
+        "displacement": displacement,
+        "offset": objective.stroke_scale,
+        "velocity": velocity,
+        "acceleration": velocity**2 / displacement,
+        "force": scene.carriage.stiffness * displacement,
+    }
+    return 1.0 / scales[channel.rpartition("_")[2]], 0.0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from math import tau
 
+from mm_gym.excitation import Harmonic
 from mm_gym.scene import (
     Actuation,
     Control,
     ForceActuator,
-    Harmonic,
     Initial,
     Objective,
     Scene,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mm_gym.drawing import draw_trajectory, save, style
 from mm_gym.energy import mechanical_energy, work_of
 from mm_gym.files import write_csv
+from mm_gym.substeps import excitation
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from mm_gym.energy import Record, Work
+    from mm_gym.energy import Work
+    from mm_gym.substeps import Place, Substeps
 
 UNITS = {"force": "N", "stretch": "-"}
 
@@ -40,8 +42,8 @@ class Trajectory:
         Names of the action's columns.
     parameters
         (rows,): the lane's parameters as they were drawn.
-    record
-        The control steps behind the instants, from which `work` is computed.
+    substeps, place
+        What is behind the instants, from which `work` is computed, and where they lie.
     """
 
     time: NDArray[np.float64]
@@ -50,7 +52,13 @@ class Trajectory:
     applied: NDArray[np.float64]
     actuators: tuple[str, ...]
     parameters: NDArray[np.float64]
-    record: Record
+    substeps: Substeps
+    place: Place
+
+    @cached_property
+    def excitation(self) -> NDArray[np.float64]:
+        """Disturbing force [N] and acceleration of the ground [m/s^2], (n, 2)."""
+        return excitation(self.substeps, self.place)
 
     @cached_property
     def energy(self) -> NDArray[np.float64]:
@@ -68,7 +76,7 @@ class Trajectory:
         The integrals are of the exact motion from the start of each control step. With a method of
         finite order the balance therefore shows its error.
         """
-        return work_of(self.record, self.parameters, self.state, self.energy)
+        return work_of(self.substeps, self.place, self.state, self.energy)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write time, state and action as columns with units; all digits are kept."""

@@ -197,7 +197,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         mask = self._finished.copy()
         observations = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(mask):
-            observations[i] = self._lanes.frames[:, i].copy()
+            observations[i] = self._lanes.observed[:, i].copy()
         zeroed = {
             name: np.where(mask[:, None], value, 0.0)
             for name, value in self._info().items()
@@ -212,7 +212,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         }
 
     def _observations(self) -> NDArray[np.float32]:
-        frames = self._lanes.frames
+        frames = self._lanes.observed
         return (frames.copy() if self._copy else frames).T
 
     def _info(self) -> dict[str, Any]:

@@ -34,16 +34,16 @@ def final_offset(p):
     k2 = ladder.stiffness_of(p[at.K0], p[at.STRETCH])
     m1, m2, vr = ladder.carriage_mass(p), p[at.M2], p[at.VR]
     step = BLOCK_PHASE / math.sqrt(p[at.K1] * p[at.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))
-    depth = max(ladder.FINEST, ladder.halvings(ladder.fastest_rate(p, k2, 0) * step))
+    depth = max(ladder.FINEST, ladder.halvings(ladder.fastest_rate(p, k2, 0, 0, 1.0) * step))
     if depth > ladder.DEEPEST:
         return math.nan, at.TOO_MANY_EVENTS
     rungs = np.zeros((2, depth + 1, ladder.TONES, ladder.TONES))
     rows, bounds = np.empty((2, 2, ladder.TONES)), np.empty((2, 2))
     for regime in range(2):
-        a = ladder.generator(p, k2, 0, 0, regime == 1)
+        a = ladder.generator(p, k2, 0, 0, 0, 1.0, regime == 1)
         ladder.climb(a, step, rungs[regime])
         ladder.slip_rows(a, rows[regime])
-    z, y = ladder.start(p, p[:4], 0.0, 0, 0.0), np.empty(ladder.TONES)
+    z, y = ladder.start(p, p[:4], 0.0, 0, 0.0, p[:0]), np.empty(ladder.TONES)
     position, rung, end = 0, 0, 1 << depth
     for _ in range(MOST_INTERVALS):
         if position == 0 and rung == 0:
@@ -54,7 +54,7 @@ def final_offset(p):
                 ), at.OK
             for regime in range(2):
                 bounds[regime, 0], bounds[regime, 1] = ladder.bound_motion(
-                    p, k2, z, 0, 0, step, regime == 1
+                    p, k2, z, 0, 0, 0, 1.0, step, regime == 1
                 )
         if not ladder.attempt(vr, rungs, rows, bounds, z, y, rung, step):
             rung += 1

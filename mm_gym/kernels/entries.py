@@ -1,12 +1,14 @@
-"""The two entries that Python calls, built for one method's ``propagate``."""
+"""The entries that Python calls, built for one method's ``propagate``."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.lanes import approach, command, finite, observe, rotate, score, width_of
+from mm_gym.kernels.sources import excite, excited
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,52 +19,75 @@ class Entries(NamedTuple):
 
     advance: Callable[..., int]
     run: Callable[..., int]
+    propagate: Callable[..., int]
 
 
 def build(propagate: Callable[..., object]) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``."""
 
     @borrowing_kernel
-    def advance(constants, lanes, frames, ends, actions, first, last):
+    def advance(constants, lanes, frames, ends, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, without resets; return the status.
 
         The constants are those of the task, then those of the model: a call costs by its arguments.
         """
-        task, model = constants, constants[at.CHANNELS + 3 * int(constants[at.CHANNEL_COUNT]) :]
+        task = constants
+        model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
         if not finite(actions, width_of(task), first, last):
             return at.NOT_FINITE
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
             command(task, lanes, actions, start, stop)
-            status = max(status, propagate(model, lanes, start, stop))
-            rotate(model, lanes, start, stop)
+            for substep in range(int(model[at.SUBSTEPS])):
+                if excited(model):
+                    excite(model, lanes, streams, substep, start, stop)
+                status = max(status, propagate(model, lanes, start, stop))
+                rotate(model, lanes, start, stop)
             if score(task, lanes, ends, start, stop):
                 status = max(status, at.ENDED)
-            observe(task, lanes, frames, start, stop)
+            if task[at.IS_DERIVED] > 0.0:
+                derive(model, lanes, start, stop)
+            observe(task, lanes, frames, streams, start, stop)
         return status
 
     @borrowing_kernel
-    def run(model, task, lanes, commands, states, applied):
-        """Simulate lane 0, a row of commands [N, -] a step; write what was reached and applied."""
-        force_limit, force_rate = task[at.FORCE_LIMIT], task[at.FORCE_RATE]
-        low, high, stretch_rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
+    def run(model, task, lanes, streams, commands, starts, states, applied, jets):
+        """Simulate lane 0, a row of commands [N, -] a control step.
+
+        Write for each substep what it starts from, reaches, applies and is excited by.
+        """
+        terms, first = int(model[at.TERMS]), int(model[at.JETS])
         for n in range(commands.shape[0]):
-            if task[at.HAS_FORCE] > 0.0:
-                lanes[at.FORCE, 0] = approach(
-                    lanes[at.FORCE, 0], commands[n, 0], force_rate, -force_limit, force_limit
-                )
-            if task[at.HAS_STRETCH] > 0.0:
-                lanes[at.STRETCH, 0] = approach(
-                    lanes[at.STRETCH, 0], commands[n, 1], stretch_rate, low, high
-                )
-            applied[n, 0], applied[n, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
-            status = propagate(model, lanes, 0, 1)
-            if status > at.ENDED:
-                return status
-            rotate(model, lanes, 0, 1)
-            for row in range(4):
-                states[n, row] = lanes[row, 0]
+            steer(task, lanes, commands[n, 0], commands[n, 1])
+            for substep in range(int(model[at.SUBSTEPS])):
+                k = n * int(model[at.SUBSTEPS]) + substep
+                if excited(model):
+                    excite(model, lanes, streams, substep, 0, 1)
+                applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
+                for row in range(2 * terms):
+                    jets[k, row] = lanes[first + row, 0]
+                for row in range(4):
+                    starts[k, row] = lanes[row, 0]
+                status = propagate(model, lanes, 0, 1)
+                if status > at.ENDED:
+                    return status
+                rotate(model, lanes, 0, 1)
+                for row in range(4):
+                    states[k, row] = lanes[row, 0]
+            lanes[at.STEP, 0] += 1.0
         return at.OK
 
-    return Entries(advance, run)
+    return Entries(advance, run, propagate)
+
+
+@borrowing_kernel
+def steer(task, lanes, force, stretch):
+    """Let the actuators of lane 0 go towards a force [N] and a stretch."""
+    if task[at.HAS_FORCE] > 0.0:
+        limit, rate, share = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.FORCE_SHARE]
+        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], force, share, rate, -limit, limit)
+    if task[at.HAS_STRETCH] > 0.0:
+        low, high = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+        rate, share = task[at.STRETCH_RATE], task[at.STRETCH_SHARE]
+        lanes[at.STRETCH, 0] = approach(lanes[at.STRETCH, 0], stretch, share, rate, low, high)

@@ -8,6 +8,7 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.sources import jet_value
 from mm_gym.kernels.taylor import M1, M2, SIZE, coefficients, interface_and_springs, outer_forces
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
@@ -62,7 +63,9 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
 def _field(model, lanes, i, p, y, elapsed, finite, slope):
     """Write the time derivative of the state."""
     x1, offset, v1, v2 = y[0], y[1] - y[0], y[2], y[3]
-    force = ground = 0.0
+    terms, part = int(model[at.TERMS]), elapsed / model[at.TIME_STEP]
+    force = jet_value(lanes, int(model[at.JETS]), terms, part, i)
+    ground = jet_value(lanes, int(model[at.JETS]) + terms, terms, part, i)
     for j in range(int(model[at.TONE_COUNT])):
         tone = at.TONES + at.TONE_ROWS * j
         turn = lanes[tone + at.FREQUENCY, i] * elapsed

@@ -12,6 +12,7 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.sources import add_jets
 
 NONE = 2.0
 """What `first_exit` returns where there is no exit."""
@@ -54,14 +55,13 @@ def coefficients(lanes, i):
 
 
 @kernel
-def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
+def walk(p, model, lanes, i, z, regime, elapsed, duration, degree):
     """Advance z = (x1, x2, v1, v2, w) of lane i through an interval.
 
     Parameters
     ----------
-    p, tones, ground
-        Coefficients of the lane; the number of tones, and the bits that say which of them shake the
-        ground.
+    p, model
+        Coefficients of the lane; the model, for what excites it.
     regime
         Direction of slip, or 0 for stick, at its start.
     elapsed, duration
@@ -78,8 +78,7 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
     vr, w = p[_VR], z[4]
     upper, lower = vr - w, vr + w  # how far w is below v_r and above -v_r
     for _ in range(MOST_CHANGES):
-        if tones > 0:
-            excite(c, _WIDTH, lanes, i, tones, ground, elapsed, duration, degree)
+        excite(c, _WIDTH, model, lanes, i, elapsed, duration, degree)
         _expand(c, p, z, regime, duration, degree)
         if regime == 0.0:
             up, down = first_exit(c, _W, degree, upper, -1.0), first_exit(c, _W, degree, lower, 1.0)
@@ -99,13 +98,18 @@ def walk(p, lanes, i, z, tones, ground, regime, elapsed, duration, degree):
 
 
 @kernel
-def excite(c, width, lanes, i, tones, ground, elapsed, duration, degree):
+def excite(c, width, model, lanes, i, elapsed, duration, degree):
     """Write the series of the carriage's force (row 6) and of the ground's acceleration (row 7).
 
-    Rows are `width` apart. For each tone p'' = -w**2 p.
+    Rows are `width` apart; the interval begins at `elapsed` [s] of the substep. For each tone
+    p'' = -w**2 p.
     """
+    tones, ground = int(model[at.TONE_COUNT]), int(model[at.GROUND])
+    if tones == 0 and model[at.TERMS] == 0.0:
+        return
     for n in range(degree + 1):
         c[6 * width + n] = c[7 * width + n] = 0.0
+    add_jets(c, 6 * width, 7 * width, model, lanes, i, elapsed, duration, degree)
     for j in range(tones):
         tone = at.TONES + at.TONE_ROWS * j
         frequency, scale = lanes[tone + at.FREQUENCY, i], lanes[tone + at.AMPLITUDE, i]
@@ -237,8 +241,7 @@ DEGREE = at.MODEL_OWN
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one control step on the series alone: their parameters may differ."""
-    status, degree, ground = at.OK, int(model[DEGREE]), int(model[at.GROUND])
-    tones = int(model[at.TONE_COUNT])
+    status, degree, tones = at.OK, int(model[DEGREE]), int(model[at.TONE_COUNT])
     z = np.empty(5)
     for i in range(first, last):
         p = coefficients(lanes, i)
@@ -249,7 +252,7 @@ def propagate(model, lanes, first, last):
         pieces = max(1.0, math.ceil(_fastest_rate(p, lanes, i, tones) * model[at.TIME_STEP]))
         piece = model[at.TIME_STEP] / pieces
         for k in range(pieces):
-            outcome, regime = walk(p, lanes, i, z, tones, ground, regime, k * piece, piece, degree)
+            outcome, regime = walk(p, model, lanes, i, z, regime, k * piece, piece, degree)
             status = max(status, outcome)
         for row in range(4):
             lanes[row, i] = z[row]

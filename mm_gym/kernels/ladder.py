@@ -28,7 +28,8 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
 
-# Entries of z. TONES: amplitude times cosine, and times sine, of each tone.
+# Entries of z. TONES: amplitude times cosine, and times sine, of each tone; then the jets of force
+# and ground acceleration, coefficients of (t / h)^n.
 X, OFFSET, COMMON, SLIP, SIGN, FORCE, TONES = 0, 1, 2, 3, 4, 5, 6
 
 SMALLEST_PHASE = 2.0**-6
@@ -78,12 +79,18 @@ def row_times(row, z):
 
 
 @kernel
-def generator(p, k2, tones, ground, in_slip):
+def size_of(tones, terms):
+    """Return the number of entries of z."""
+    return TONES + 2 * tones + 2 * terms
+
+
+@kernel
+def generator(p, k2, tones, ground, terms, h, in_slip):
     """Return A (n, n) of z' = A z in one regime."""
     m1, m2, k1, d, vr = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
     total, inverse = m1 + m2, 1.0 / m1 + 1.0 / m2
     share = m2 / total  # v1 = V - share w
-    a = np.zeros((TONES + 2 * tones, TONES + 2 * tones))
+    a = np.zeros((size_of(tones, terms), size_of(tones, terms)))
     a[X, COMMON], a[X, SLIP], a[OFFSET, SLIP] = 1.0, -share, 1.0
     a[COMMON, X], a[COMMON, COMMON], a[COMMON, SLIP] = -k1 / total, -d / total, d * share / total
     a[SLIP, X], a[SLIP, OFFSET], a[SLIP, COMMON] = k1 / m1, -k2 * inverse, d / m1
@@ -101,11 +108,16 @@ def generator(p, k2, tones, ground, in_slip):
             a[COMMON, sine] = -1.0
         else:
             a[COMMON, sine], a[SLIP, sine] = 1.0 / total, -1.0 / m1
+    if terms > 0:
+        jets = TONES + 2 * tones
+        a[COMMON, jets], a[SLIP, jets], a[COMMON, jets + terms] = 1.0 / total, -1.0 / m1, -1.0
+        for n in range(terms - 1):
+            a[jets + n, jets + n + 1] = a[jets + terms + n, jets + terms + n + 1] = (n + 1.0) / h
     return a
 
 
 @kernel
-def fastest_rate(p, k2, tones):
+def fastest_rate(p, k2, tones, terms, h):
     """Return a bound of the rates of both regimes; see `mm_gym.methods.base.fastest_rate`."""
     m1 = carriage_mass(p)
     inverse = 1.0 / m1 + 1.0 / p[at.M2]
@@ -113,7 +125,7 @@ def fastest_rate(p, k2, tones):
     rate = math.sqrt(p[at.K1] * p[at.ALPHA] / m1) + math.sqrt(k2 * inverse) + damping
     for j in range(tones):
         rate = max(rate, p[at.TONES + at.TONE_ROWS * j + at.FREQUENCY])
-    return rate
+    return max(rate, terms / h)
 
 
 @kernel
@@ -226,9 +238,9 @@ def slip_rows(a, rows):
 
 
 @kernel
-def start(p, state, force, tones, time):
-    """Return z at a time [s] of the excitation; the regime follows from the slip velocity."""
-    z = np.zeros(TONES + 2 * tones)
+def start(p, state, force, tones, time, jets):
+    """Return z at a time [s] of the tones; the regime follows from the slip velocity."""
+    z = np.zeros(TONES + 2 * tones + jets.shape[0])
     m1, m2 = carriage_mass(p), p[at.M2]
     x1, x2, v1, v2 = state[0], state[1], state[2], state[3]
     w, vr = v2 - v1, p[at.VR]
@@ -242,6 +254,8 @@ def start(p, state, force, tones, time):
         angle = p[tone + at.PHASE] + p[tone + at.FREQUENCY] * time
         z[TONES + 2 * j] = p[tone + at.AMPLITUDE] * math.cos(angle)
         z[TONES + 2 * j + 1] = p[tone + at.AMPLITUDE] * math.sin(angle)
+    for n in range(jets.shape[0]):
+        z[TONES + 2 * tones + n] = jets[n]
     return z
 
 
@@ -255,7 +269,7 @@ def energy_root(p, k2, z):
 
 
 @kernel
-def bound_motion(p, k2, z, tones, ground, duration, in_slip):
+def bound_motion(p, k2, z, tones, ground, terms, h, duration, in_slip):
     """Return bounds of |g'| and |g''| over a duration, where w' = -rate w + g (+ constant in slip).
 
     The root of twice the energy grows at most by the force over the root of the mass it moves; it
@@ -272,6 +286,12 @@ def bound_motion(p, k2, z, tones, ground, duration, in_slip):
             shake, shake1 = shake + size, shake1 + size * w
         else:
             force, force1, force2 = force + size, force1 + size * w, force2 + size * w * w
+    for n in range(terms):
+        push = abs(z[TONES + 2 * tones + n])
+        size = abs(z[TONES + 2 * tones + terms + n])
+        shake, shake1 = shake + size, shake1 + size * n / h
+        force, force1 = force + push, force1 + push * n / h
+        force2 += push * n * (n - 1.0) / (h * h)
     s = energy_root(p, k2, z) + duration * (force / math.sqrt(m1) + shake * math.sqrt(total))
     x, v1, v, w = s / math.sqrt(k1), s / math.sqrt(m1), s / math.sqrt(total), s / math.sqrt(reduced)
     dv = (d * v1 + k1 * x + force) / total + shake

@@ -12,8 +12,9 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, span
+from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.random import uniform
+from mm_gym.kernels.random import next_episode, normals, uniform
 
 
 @borrowing_kernel
@@ -53,38 +54,70 @@ def command(task, lanes, actions, first, last):
 
 @borrowing_kernel
 def push(task, lanes, actions, first, last):
-    """Apply a force [N], within its limit and rate limit, and begin the rewards with its cost."""
+    """Apply a force [N] and begin the rewards with its cost."""
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
-    if rate == np.inf:
+    share = task[at.FORCE_SHARE]
+    if task[at.FORCE_IS_RATE] > 0.0:
+        integrate(lanes, at.FORCE_ASKED, actions, rate, -limit, limit, first, last)
+        for i in span(first, last):
+            a, present, wanted = (
+                clip(actions[i], -1.0, 1.0),
+                lanes[at.FORCE, i],
+                lanes[at.FORCE_ASKED, i],
+            )
+            lanes[at.FORCE, i] = approach(present, wanted, share, rate, -limit, limit)
+            lanes[at.REWARD, i] = 0.0 - weight * a * a
+    elif rate == np.inf and share == 1.0:
         for i in span(first, last):
             a = clip(actions[i], -1.0, 1.0)
             lanes[at.FORCE, i] = limit * a
             lanes[at.REWARD, i] = 0.0 - weight * a * a
     else:
         for i in span(first, last):
-            a = clip(actions[i], -1.0, 1.0)
-            lanes[at.FORCE, i] = approach(lanes[at.FORCE, i], limit * a, rate, -limit, limit)
+            a, present = clip(actions[i], -1.0, 1.0), lanes[at.FORCE, i]
+            lanes[at.FORCE, i] = approach(present, limit * a, share, rate, -limit, limit)
             lanes[at.REWARD, i] = 0.0 - weight * a * a
 
 
 @borrowing_kernel
 def tune(task, lanes, actions, start, first, last):
-    """Set the stretch [-], commanded as a level or a rate, within its limits; add its cost."""
+    """Set the stretch [-] within its limits; add its cost."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
-    is_rate, weight = task[at.STRETCH_IS_RATE] > 0.0, task[at.WEIGHT_EFFORT]
-    middle, gain = 0.5 * (high + low), rate if is_rate else 0.5 * (high - low)
+    share, weight = task[at.STRETCH_SHARE], task[at.WEIGHT_EFFORT]
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
     asked = actions[start:]
-    for i in span(first, last):
-        a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
-        wanted = (present if is_rate else middle) + gain * a
-        lanes[at.STRETCH, i] = approach(present, wanted, rate, low, high)
-        lanes[at.REWARD, i] -= weight * a * a
+    if task[at.STRETCH_IS_RATE] > 0.0:
+        integrate(lanes, at.STRETCH_ASKED, asked, rate, low, high, first, last)
+        for i in span(first, last):
+            a, present, wanted = (
+                clip(asked[i], -1.0, 1.0),
+                lanes[at.STRETCH, i],
+                lanes[at.STRETCH_ASKED, i],
+            )
+            lanes[at.STRETCH, i] = approach(present, wanted, share, rate, low, high)
+            lanes[at.REWARD, i] -= weight * a * a
+    else:
+        for i in span(first, last):
+            a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
+            lanes[at.STRETCH, i] = approach(present, middle + half * a, share, rate, low, high)
+            lanes[at.REWARD, i] -= weight * a * a
 
 
 @borrowing_kernel
-def approach(present, wanted, rate, low, high):
-    """Return what an actuator reaches in a control step: as near to wanted as its limits allow."""
-    return clip(clip(wanted, present - rate, present + rate), low, high)
+def integrate(lanes, row, actions, rate, low, high, first, last):
+    """Add up what a rate commands, within the actuator's limits."""
+    for i in span(first, last):
+        lanes[row, i] = clip(lanes[row, i] + rate * clip(actions[i], -1.0, 1.0), low, high)
+
+
+@borrowing_kernel
+def approach(present, wanted, share, rate, low, high):
+    """Return what an actuator reaches in a control step, as near to wanted as it can.
+
+    Its lag lets it go a share of the way; then the rate limit and the limits hold.
+    """
+    aim = wanted if share == 1.0 else fma(share, wanted - present, present)
+    return clip(clip(aim, present - rate, present + rate), low, high)
 
 
 @borrowing_kernel
@@ -123,24 +156,45 @@ def clear(rows, row, first, last):
 
 
 @borrowing_kernel
-def observe(task, lanes, frames, first, last):
+def observe(task, lanes, frames, streams, first, last):
     """Append the newest frame of every channel to the history, the oldest frame falling off."""
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
     for row in range(newest):
         for i in span(first, last):
             frames[row, i] = frames[row + channels, i]
-    for k in range(channels):
-        slot = at.CHANNELS + 3 * k
-        scale = task[slot + 1]
-        shift = -task[slot + 2] * scale
-        plus, minus = channel_rows(int(task[slot]))
+    show(task, lanes, frames, newest, first, last)
+    if task[at.IS_NOISY] > 0.0:
+        blur(task, frames, newest, streams, first, last)
+
+
+@borrowing_kernel
+def show(task, lanes, frames, newest, first, last):
+    """Write the channels, scaled."""
+    for k in range(int(task[at.CHANNEL_COUNT])):
+        slot = at.CHANNELS + at.CHANNEL_SIZE * k
+        scale = task[slot + at.SCALE]
+        shift = -task[slot + at.ZERO] * scale
+        plus, minus = channel_rows(int(task[slot + at.CODE]))
         if minus >= 0:
             for i in span(first, last):
                 frames[newest + k, i] = bounded(fma(lanes[plus, i] - lanes[minus, i], scale, shift))
         else:
             for i in span(first, last):
                 frames[newest + k, i] = bounded(fma(lanes[plus, i], scale, shift))
+
+
+@borrowing_kernel
+def blur(task, frames, newest, streams, first, last):
+    """Add the sensors' noise to the newest frame."""
+    channels = int(task[at.CHANNEL_COUNT])
+    for i in range(first, last):
+        for k in range(0, channels, 2):
+            pair = normals(streams, i)
+            for side in range(min(2, channels - k)):
+                spread = task[at.CHANNELS + at.CHANNEL_SIZE * (k + side) + at.NOISE]
+                row = newest + k + side
+                frames[row, i] = bounded(frames[row, i] + spread * pair[side])
 
 
 @borrowing_kernel
@@ -164,7 +218,9 @@ def channel_rows(code):
         return at.V2, -1
     if code == at.SLIP_VELOCITY:
         return at.V2, at.V1
-    return at.STRETCH, -1
+    if code == at.STRETCH_CHANNEL:
+        return at.STRETCH, -1
+    return at.CARRIAGE_ACCELERATION + code - at.DERIVED_CHANNELS, -1
 
 
 @borrowing_kernel
@@ -187,9 +243,11 @@ def draw(template, draws, lanes, streams, mask):
     while first < mask.shape[0]:
         last = run_end(mask, first)
         if mask[first]:
-            for row in range(at.M1):
-                if row != at.REWARD:  # what the last step earned outlives an autoreset
-                    fill(lanes, row, template[row], first, last)
+            for i in range(first, last):
+                next_episode(streams, i)
+            for row in range(at.STRETCH + 1):
+                fill(lanes, row, template[row], first, last)
+            fill(lanes, at.STEP, 0.0, first, last)
             for j in range(draws.shape[0]):
                 draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
         first = last
@@ -210,28 +268,51 @@ def draw_row(lanes, row, low, high, streams, first, last):
 
 
 @borrowing_kernel
-def begin(model, task, lanes, frames, mask):
-    """Complete drawn lanes: absolute positions, phases, and a history filled with the first frame.
+def begin(model, task, lanes, mask):
+    """Complete drawn lanes: absolute positions, phases, and what rate commands start from.
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
-    tones, history = int(model[at.TONE_COUNT]), frames.shape[0] // int(task[at.CHANNEL_COUNT])
     first = 0
     while first < mask.shape[0]:
         last = run_end(mask, first)
         if mask[first]:
             for i in span(first, last):
                 lanes[at.X2, i] += lanes[at.X1, i]
-            for j in range(tones):
+            if task[at.FORCE_IS_RATE] > 0.0:
+                copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, last)
+            if task[at.STRETCH_IS_RATE] > 0.0:
+                copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, last)
+            for j in range(int(model[at.TONE_COUNT])):
                 begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
-            for _ in range(history):
-                observe(task, lanes, frames, first, last)
+        first = last
+
+
+@borrowing_kernel
+def copy_row(lanes, source, target, first, last):
+    """Copy a row's lanes."""
+    for i in span(first, last):
+        lanes[target, i] = lanes[source, i]
+
+
+@borrowing_kernel
+def begin_history(model, task, lanes, frames, streams, mask):
+    """Fill the history of the lanes of the mask with their first frame."""
+    channels, first = int(task[at.CHANNEL_COUNT]), 0
+    while first < mask.shape[0]:
+        last = run_end(mask, first)
+        if mask[first]:
+            if task[at.IS_DERIVED] > 0.0:
+                derive(model, lanes, first, last)
+            observe(task, lanes, frames, streams, first, last)
+            for row in range(frames.shape[0] - channels - 1, -1, -1):
+                copy_row(frames, row + channels, row, first, last)
         first = last
 
 
 @borrowing_kernel
 def begin_tone(lanes, tone, time_step, first, last):
-    """Write cosine and sine of a tone's phase, and of its turn in one control step."""
+    """Write cosine and sine of a tone's phase, and of its turn in one substep."""
     for i in span(first, last):
         phase, turn = lanes[tone + at.PHASE, i], lanes[tone + at.FREQUENCY, i] * time_step
         lanes[tone + at.COSINE, i] = math.cos(phase)
@@ -242,7 +323,7 @@ def begin_tone(lanes, tone, time_step, first, last):
 
 @borrowing_kernel
 def rotate(model, lanes, first, last):
-    """Advance the phase of every tone by one control step."""
+    """Advance the phase of every tone by one substep."""
     for j in range(int(model[at.TONE_COUNT])):
         tone = at.TONES + at.TONE_ROWS * j
         for i in span(first, last):

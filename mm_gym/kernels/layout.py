@@ -43,38 +43,54 @@ Few enough to stay in the first-level cache, many enough to fill the vector unit
 X1, X2, V1, V2 = 0, 1, 2, 3
 FORCE, STRETCH = 4, 5
 REWARD, STEP = 6, 7
+FORCE_ASKED, STRETCH_ASKED = 8, 9  # what a rate commanded adds up to
+
+# Rows of what follows from the state, written only if a channel shows them.
+CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 10, 11, 12
+DISTURBANCE, GROUND_ACCELERATION = 13, 14
 
 # Rows of the flags that say how a control step ended.
 TERMINATED, TRUNCATED = 0, 1
 
 # Rows of the physical parameters, which randomisation may draw for each episode.
-M1, M2, K1, D, ALPHA, BETA = 8, 9, 10, 11, 12, 13
-C, MU1, MU2, VR, CHI, FN = 14, 15, 16, 17, 18, 19
-K0, L0 = 20, 21
+M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
+C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
+K0, L0 = 27, 28
 
 # Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
-# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one control
-# step.
-TONES = 22
+# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one substep.
+TONES = 29
 TONE_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 
+# Behind the tones come the jets: what all other sources of force, then of ground acceleration, do
+# in the present substep h, as coefficients of (t / h)^n; then each source's own rows.
+
 # Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
-TIME_STEP, TONE_COUNT, GROUND = 0, 1, 2  # GROUND: bit j set if tone j shakes the ground
-MODEL_OWN = 3
+TIME_STEP, TONE_COUNT, GROUND = 0, 1, 2  # of a substep; bit j of GROUND: tone j shakes the ground
+SUBSTEPS = 3  # substeps in a control step
+JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no other sources
+SOURCES = 6  # slot where the sources are described
+MODEL_OWN = 7
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
-HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE, STRETCH_IS_RATE = 3, 4, 5, 6, 7
-WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 8, 9, 10, 11
-DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 12, 13, 14
-CHANNEL_COUNT = 15
-CHANNELS = 16  # then, per channel: its code, its scale, its zero
+FORCE_IS_RATE, FORCE_SHARE = 3, 4  # SHARE: of the way to its command that a lag lets it go
+HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
+STRETCH_IS_RATE, STRETCH_SHARE = 9, 10
+WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
+DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
+IS_DERIVED, IS_NOISY = 18, 19  # whether a channel shows what follows from the state; has noise
+CHANNEL_COUNT = 20
+CHANNELS = 21  # then, per channel, CHANNEL_SIZE slots
+CHANNEL_SIZE = 4
+CODE, SCALE, ZERO, NOISE = 0, 1, 2, 3  # noise: standard deviation, scaled
 
 # Codes of the observation channels.
 CARRIAGE_DISPLACEMENT, SPHERE_DISPLACEMENT, SPHERE_OFFSET = 0, 1, 2
 CARRIAGE_VELOCITY, SPHERE_VELOCITY, SLIP_VELOCITY = 3, 4, 5
 STRETCH_CHANNEL = 6
+DERIVED_CHANNELS = 7  # this one and the following show rows from CARRIAGE_ACCELERATION on
 
 OBSERVATION_BOUND = 1e6
 """Scaled observations are clipped to this magnitude, so that the observation space is bounded."""

@@ -7,7 +7,7 @@ from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel
 
 # Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4
-# to its sine.
+# to its sine, then 4 to each term of both jets.
 TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
 
@@ -36,6 +36,14 @@ def propagate(model, lanes, first, last):
             reached = lanes[row, first:last]
             for i in range(last - first):
                 reached[i] += amplitudes[i] * (on_cosine * cosines[i] + on_sine * sines[i])
+    terms, jets = int(model[at.TERMS]), int(model[at.JETS])
+    responses = RESPONSES + 8 * int(model[at.TONE_COUNT])
+    for n in range(2 * terms):
+        coefficients = lanes[jets + n, first:last]
+        for row in range(4):
+            on_term, reached = model[responses + 4 * n + row], lanes[row, first:last]
+            for i in range(last - first):
+                reached[i] += on_term * coefficients[i]
     return at.OK
 
 

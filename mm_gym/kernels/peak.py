@@ -25,22 +25,22 @@ def fastest_slip(p):
     k2 = ladder.stiffness_of(p[at.K0], p[at.STRETCH])
     m1, m2 = ladder.carriage_mass(p), p[at.M2]
     step = BLOCK_PHASE / math.sqrt(p[at.K1] * p[at.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))
-    depth = max(ladder.FINEST, ladder.halvings(ladder.fastest_rate(p, k2, 0) * step))
+    depth = max(ladder.FINEST, ladder.halvings(ladder.fastest_rate(p, k2, 0, 0, 1.0) * step))
     if depth > ladder.DEEPEST:
         return math.nan, at.TOO_MANY_EVENTS
-    a = ladder.generator(p, k2, 0, 0, False)
+    a = ladder.generator(p, k2, 0, 0, 0, 1.0, False)
     rungs, rows = np.zeros((depth + 1, *a.shape)), np.empty((2, a.shape[0]))
     ladder.climb(a, step, rungs)
     ladder.slip_rows(a, rows)
     rate = -rows[0, ladder.SLIP]
-    z, y = ladder.start(p, p[:4], 0.0, 0, 0.0), np.empty(a.shape[0])
+    z, y = ladder.start(p, p[:4], 0.0, 0, 0.0, p[:0]), np.empty(a.shape[0])
     best, position, rung = abs(z[ladder.SLIP]), 0, 0
     bound = 0.0
     for _ in range(MOST_INTERVALS):
         if position == 0 and rung == 0:
             if _is_past(p, k2, z, rate, best):
                 return best, at.OK
-            bound = ladder.bound_motion(p, k2, z, 0, 0, step, False)[1]
+            bound = ladder.bound_motion(p, k2, z, 0, 0, 0, 1.0, step, False)[1]
         w, h = z[ladder.SLIP], step * 0.5**rung
         after = w + ladder.row_times(rungs[rung, ladder.SLIP], z)
         second = abs(ladder.row_times(rows[1], z))

@@ -15,14 +15,14 @@ MOST_INTERVALS = 1 << 24
 
 
 @kernel
-def step_integrals(p, tones, ground, states, applied, times, step, work):
+def step_integrals(p, model, states, applied, jets, times, duration, work):
     """Write energies (steps, 2) [J], dissipated and disturbing, of each step from its own start.
 
-    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
-    times (steps,) [s].
+    p (rows,) as `layout` has them, states (steps, 4), applied (steps, 2) and jets (steps, 2 terms)
+    at the steps' starts, times (steps,) [s].
     """
-    n = ladder.TONES + 2 * tones
-    friction = p[at.VR] > 0.0
+    tones, terms, h = int(model[at.TONE_COUNT]), int(model[at.TERMS]), model[at.TIME_STEP]
+    n, friction = ladder.size_of(tones, terms), p[at.VR] > 0.0
     regimes = 2 if friction else 1
     rungs, forms = np.zeros((regimes, 1, n, n)), np.zeros((regimes, 2, 1, n, n))
     rows, y = np.zeros((regimes, 2, n)), np.empty(n)
@@ -31,30 +31,18 @@ def step_integrals(p, tones, ground, states, applied, times, step, work):
         stiffness = ladder.stiffness_of(p[at.K0], applied[i, 1])
         if stiffness != k2:
             k2 = stiffness
-            depth = ladder.halvings(ladder.fastest_rate(p, k2, tones) * step)
+            depth = ladder.halvings(ladder.fastest_rate(p, k2, tones, terms, h) * duration)
             if friction:
                 depth = max(depth, ladder.FINEST)
                 if depth > ladder.DEEPEST:
                     return at.TOO_MANY_EVENTS
-            rungs, forms = (
-                np.zeros((regimes, depth + 1, n, n)),
-                np.zeros((regimes, 2, depth + 1, n, n)),
-            )
-            for regime in range(regimes):
-                _prepare(
-                    p,
-                    k2,
-                    tones,
-                    ground,
-                    step,
-                    regime == 1,
-                    rungs[regime],
-                    forms[regime],
-                    rows[regime],
-                )
-        z = ladder.start(p, states[i], applied[i, 0], tones, times[i])
+            rungs = np.zeros((regimes, depth + 1, n, n))
+            forms = np.zeros((regimes, 2, depth + 1, n, n))
+            for k in range(regimes):
+                _prepare(p, k2, model, duration, k == 1, rungs[k], forms[k], rows[k])
+        z = ladder.start(p, states[i], applied[i, 0], tones, times[i], jets[i])
         if friction:
-            status = _walk(p, k2, tones, ground, step, rungs, forms, rows, z, y, work[i])
+            status = _walk(p, k2, model, duration, rungs, forms, rows, z, y, work[i])
             if status != at.OK:
                 return status
         else:
@@ -64,19 +52,20 @@ def step_integrals(p, tones, ground, states, applied, times, step, work):
 
 
 @kernel
-def _prepare(p, k2, tones, ground, step, in_slip, rungs, forms, rows):
+def _prepare(p, k2, model, duration, in_slip, rungs, forms, rows):
     """Write one regime's rungs, its integrals of both powers, and its slip rows."""
-    a = ladder.generator(p, k2, tones, ground, in_slip)
-    ladder.climb(a, step, rungs)
+    tones, ground, terms = int(model[at.TONE_COUNT]), int(model[at.GROUND]), int(model[at.TERMS])
+    a = ladder.generator(p, k2, tones, ground, terms, model[at.TIME_STEP], in_slip)
+    ladder.climb(a, duration, rungs)
     ladder.slip_rows(a, rows)
     weights = np.zeros((2, a.shape[0], a.shape[0]))
-    _weigh(p, tones, ground, in_slip, weights)
+    _weigh(p, tones, ground, terms, in_slip, weights)
     for quantity in range(2):
-        ladder.climb_forms(a, weights[quantity], step, rungs, forms[quantity])
+        ladder.climb_forms(a, weights[quantity], duration, rungs, forms[quantity])
 
 
 @kernel
-def _weigh(p, tones, ground, in_slip, weights):
+def _weigh(p, tones, ground, terms, in_slip, weights):
     """Write the quadratic forms of both powers: d v1^2 + f w, and p v1 - a_g (m1 v1 + m2 v2)."""
     n = weights.shape[1]
     m1, m2, vr = ladder.carriage_mass(p), p[at.M2], p[at.VR] if in_slip else 0.0
@@ -97,6 +86,11 @@ def _weigh(p, tones, ground, in_slip, weights):
             _add_outer(weights[DISTURBANCE], -(m1 + m2), push, common)
         else:
             _add_outer(weights[DISTURBANCE], 1.0, push, v1)
+    if terms > 0:
+        push, shake = np.zeros(n), np.zeros(n)
+        push[ladder.TONES + 2 * tones] = shake[ladder.TONES + 2 * tones + terms] = 1.0
+        _add_outer(weights[DISTURBANCE], 1.0, push, v1)
+        _add_outer(weights[DISTURBANCE], -(m1 + m2), shake, common)
 
 
 @kernel
@@ -108,13 +102,14 @@ def _add_outer(weight, factor, a, b):
 
 
 @kernel
-def _walk(p, k2, tones, ground, step, rungs, forms, rows, z, y, work):
+def _walk(p, k2, model, duration, rungs, forms, rows, z, y, work):
     """Add up both powers over one step, interval by interval between the regimes' changes."""
-    depth = rungs.shape[1] - 1
+    tones, ground, terms = int(model[at.TONE_COUNT]), int(model[at.GROUND]), int(model[at.TERMS])
+    depth, h = rungs.shape[1] - 1, model[at.TIME_STEP]
     bounds, before = np.empty((2, 2)), np.empty(z.shape[0])
     for regime in range(2):
         bounds[regime, 0], bounds[regime, 1] = ladder.bound_motion(
-            p, k2, z, tones, ground, step, regime == 1
+            p, k2, z, tones, ground, terms, h, duration, regime == 1
         )
     position, rung, end = 0, 0, 1 << depth
     work[0] = work[1] = 0.0
@@ -122,7 +117,7 @@ def _walk(p, k2, tones, ground, step, rungs, forms, rows, z, y, work):
         regime = 0 if z[ladder.SIGN] == 0.0 else 1
         for k in range(z.shape[0]):
             before[k] = z[k]
-        if not ladder.attempt(p[at.VR], rungs, rows, bounds, z, y, rung, step):
+        if not ladder.attempt(p[at.VR], rungs, rows, bounds, z, y, rung, duration):
             rung += 1
             continue
         for quantity in range(2):

@@ -30,31 +30,33 @@ _SQUARE, _SHORTENED, _POWER, _SCALED, _LINK, _END = (_WIDTH * k for k in range(8
 
 
 @kernel
-def step_integrals(p, tones, ground, states, applied, times, step, work):
+def step_integrals(p, model, states, applied, jets, times, duration, work):
     """Write energies (steps, 2) [J], dissipated and disturbing, of each step from its own start.
 
-    p (rows,) as `layout` has them, states (steps, 4) and applied (steps, 2) at the steps' starts,
-    times (steps,) [s].
+    p (rows,) as `layout` has them, states (steps, 4), applied (steps, 2) and jets (steps, 2 terms)
+    at the steps' starts, times (steps,) [s].
     """
     lane, c, z = np.empty((p.shape[0], 1)), np.zeros(_END), np.empty(4)
     for i in range(states.shape[0]):
         for row in range(p.shape[0]):
             lane[row, 0] = p[row]
         lane[at.FORCE, 0], lane[at.STRETCH, 0] = applied[i, 0], applied[i, 1]
-        for j in range(tones):
+        for n in range(jets.shape[1]):
+            lane[int(model[at.JETS]) + n, 0] = jets[i, n]
+        for j in range(int(model[at.TONE_COUNT])):
             tone = at.TONES + at.TONE_ROWS * j
             angle = p[tone + at.PHASE] + p[tone + at.FREQUENCY] * times[i]
             lane[tone + at.COSINE, 0], lane[tone + at.SINE, 0] = math.cos(angle), math.sin(angle)
         z[0], z[1] = states[i, 0], states[i, 1] - states[i, 0]
         z[2], z[3] = states[i, 2], states[i, 3] - states[i, 2]
-        status = _walk(lane, c, z, tones, ground, step, work[i])
+        status = _walk(model, lane, c, z, duration, work[i])
         if status != at.OK:
             return status
     return at.OK
 
 
 @kernel
-def _walk(lane, c, z, tones, ground, duration, work):
+def _walk(model, lane, c, z, duration, work):
     """Add up both powers over one step, series by series."""
     vr = lane[at.VR, 0] if lane[at.VR, 0] > 0.0 else np.inf
     regime = sign_of(vr, z[3])
@@ -62,7 +64,7 @@ def _walk(lane, c, z, tones, ground, duration, work):
     elapsed, unit = 0.0, duration
     work[0] = work[1] = 0.0
     for _ in range(MOST_SERIES):
-        excite(c, _WIDTH, lane, 0, tones, ground, elapsed, unit, ORDER)
+        excite(c, _WIDTH, model, lane, 0, elapsed, unit, ORDER)
         if not _expand(c, lane, z, regime, unit):
             return at.COLLAPSED
         remaining = (duration - elapsed) / unit

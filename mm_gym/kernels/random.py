@@ -7,11 +7,17 @@ restored exactly, and lanes do not share anything.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mm_gym.kernels.jit import borrowing_kernel
 
 KEY, COUNT = 0, 1  # rows of the streams array
+
+EPISODE = 32
+"""Bits of the counter that count the draws of one episode; those above count the episodes. So an
+episode's numbers do not depend on how long the last one was."""
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
@@ -42,3 +48,25 @@ def uniform(streams, i):
     streams[COUNT, i] += np.uint64(1)
     bits = mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN)
     return np.float64(bits >> np.uint64(11)) * 2.0**-53
+
+
+@borrowing_kernel
+def next_episode(streams, i):
+    """Move lane i to the numbers of its next episode."""
+    episode = (streams[COUNT, i] >> np.uint64(EPISODE)) + np.uint64(1)
+    streams[COUNT, i] = episode << np.uint64(EPISODE)
+
+
+@borrowing_kernel
+def normals(streams, i):
+    """Return two independent numbers of the standard normal law (Marsaglia's polar method).
+
+    The rejection keeps the compiler from vectorising the logarithm, which would then round
+    differently in a lone lane.
+    """
+    while True:
+        x, y = 2.0 * uniform(streams, i) - 1.0, 2.0 * uniform(streams, i) - 1.0
+        square = x * x + y * y
+        if 0.0 < square < 1.0:
+            scale = math.sqrt(-2.0 * math.log(square) / square)
+            return scale * x, scale * y

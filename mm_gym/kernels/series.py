@@ -48,13 +48,14 @@ def propagate(model, lanes, first, last):
     """Advance m x'' = forces by one control step; force and stretch are held over it."""
     scratch, drive = np.empty(_ROWS), np.empty(_DRIVE_ROWS)
     tones = np.empty((int(model[at.TONE_COUNT]), _TONE_ROWS))
+    jets = np.empty((2 * int(model[at.TERMS]), WIDTH))
     for start in range(first, last, WIDTH):
-        _propagate(model, lanes, scratch, drive, tones, start, min(WIDTH, last - start))
+        _propagate(model, lanes, scratch, drive, tones, jets, start, min(WIDTH, last - start))
     return at.OK
 
 
 @borrowing_kernel
-def _propagate(model, lanes, scratch, drive, tones, first, count):
+def _propagate(model, lanes, scratch, drive, tones, jets, first, count):
     substeps, ground = int(model[SUBSTEPS]), int(model[at.GROUND])
     highest = ORDERS * math.ceil(model[DEGREE] / ORDERS)
     h = model[at.TIME_STEP] / substeps
@@ -63,14 +64,16 @@ def _propagate(model, lanes, scratch, drive, tones, first, count):
     _rest(drive, count)
     for j in range(tones.shape[0]):
         _load_tone(lanes, tones[j], j, (ground >> j) & 1, h, first, count)
+    _load_jets(model, lanes, jets, substeps, first, count)
     for _ in range(substeps):
         _copy(scratch[_X1:], scratch[_Y1:], count)
         for order in range(highest, 0, -ORDERS):
-            _excite(scratch, drive, tones, ground, order, count)
+            _excite(scratch, drive, tones, jets, ground, order, count)
             _sum(scratch, drive, h, order, count)
         _copy(scratch[_Y1:], scratch[_X1:], count)
         for j in range(tones.shape[0]):
             _continue_tone(tones[j], count)
+        _continue_jets(jets, count)
     for row in range(4):
         reached = lanes[row, first : first + count]
         for i in range(count):
@@ -119,6 +122,44 @@ def _continue_tone(tone, count):
 
 
 @borrowing_kernel
+def _load_jets(model, lanes, jets, substeps, first, count):
+    """Copy both jets as coefficients of (t / h)^n, h the series' own substep."""
+    terms, row = int(model[at.TERMS]), int(model[at.JETS])
+    m1 = lanes[at.M1, first:]
+    for k in range(2 * terms):
+        coefficients, scale = lanes[row + k, first:], float(substeps) ** -(k % terms)
+        for i in range(count):
+            jets[k, i] = coefficients[i] * (scale / m1[i] if k < terms else -scale)
+
+
+@borrowing_kernel
+def _continue_jets(jets, count):
+    """Shift both jets to the next substep, (t + 1)^n, by Horner's scheme."""
+    terms = jets.shape[0] // 2
+    for first in range(0, 2 * terms, max(terms, 1)):
+        for start in range(terms - 1):
+            for n in range(first + terms - 2, first + start - 1, -1):
+                for i in range(count):
+                    jets[n, i] += jets[n + 1, i]
+
+
+@borrowing_kernel
+def _add_jets(jets, drive, order, count):
+    """Add both jets to the drive of the next orders.
+
+    Horner's scheme takes (h^n / n!) p^(n) at order m by n! m! / (m + n)!.
+    """
+    terms = jets.shape[0] // 2
+    for k in range(ORDERS):
+        weight = 1.0
+        for n in range(terms):
+            for i in range(count):
+                drive[WIDTH * k + i] += weight * jets[n, i]
+                drive[_SPHERE + WIDTH * k + i] += weight * jets[terms + n, i]
+            weight *= (n + 1.0) / (order - k + n + 1.0)
+
+
+@borrowing_kernel
 def _copy(source, target, count):
     """Copy four rows."""
     for i in range(count):
@@ -127,16 +168,18 @@ def _copy(source, target, count):
 
 
 @borrowing_kernel
-def _excite(scratch, drive, tones, ground, order, count):
-    """Write the drive of the next orders: the held force and all tones."""
-    if tones.shape[0] == 0:
+def _excite(scratch, drive, tones, jets, ground, order, count):
+    """Write the drive of the next orders: the held force, all tones and both jets."""
+    if tones.shape[0] + jets.shape[0] == 0:
         return
+    shaken = ground + jets.shape[0] > 0
     _hold(scratch, drive, count)
-    if ground > 0:
+    if shaken:
         _rest(drive, count)
     for j in range(tones.shape[0]):
         _add_tone(tones[j], drive[_SPHERE:] if (ground >> j) & 1 else drive, order, count)
-    if ground > 0:
+    _add_jets(jets, drive, order, count)
+    if shaken:
         _shake(drive, count)
 
 

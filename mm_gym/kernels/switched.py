@@ -128,7 +128,6 @@ def _propagate_lane(model, lanes, i):
 def _propagate_by_intervals(model, lanes, i):
     """Walk through the control step on the ladder; on the series where the regime may change."""
     last_rung, size, degree = int(model[LAST_RUNG]), int(model[RUNG_SIZE]), int(model[DEGREE])
-    tones, ground = int(model[at.TONE_COUNT]), int(model[at.GROUND])
     z, vr = _inputs(model, lanes, i), model[VR]
     unit = model[at.TIME_STEP] / (1 << last_rung)
     position, end, rung = 0, 1 << last_rung, 0  # in units of the last rung's time
@@ -145,16 +144,7 @@ def _propagate_by_intervals(model, lanes, i):
             continue
         else:
             status, z[5] = walk(
-                coefficients(lanes, i),
-                lanes,
-                i,
-                z,
-                tones,
-                ground,
-                z[5],
-                position * unit,
-                unit,
-                degree,
+                coefficients(lanes, i), model, lanes, i, z, z[5], position * unit, unit, degree
             )
             if status != at.OK:
                 return status

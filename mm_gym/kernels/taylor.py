@@ -89,8 +89,7 @@ def outer_forces(c, x1, v1):
 @kernel
 def _propagate_lane(model, lanes, i, c):
     """Advance one lane, series by series."""
-    order, tones, ground = int(model[ORDER]), int(model[at.TONE_COUNT]), int(model[at.GROUND])
-    log_tolerance, duration = model[LOG_TOLERANCE], model[at.TIME_STEP]
+    order, log_tolerance, duration = int(model[ORDER]), model[LOG_TOLERANCE], model[at.TIME_STEP]
     cubic, finite, friction, vr = (
         model[IS_CUBIC] > 0.0,
         model[IS_FINITE] > 0.0,
@@ -107,8 +106,7 @@ def _propagate_lane(model, lanes, i, c):
         duration  # the series' unit of time: about the length of a step, so that no term overflows
     )
     for _ in range(MOST_STEPS):
-        if tones > 0:
-            excite(c, WIDTH, lanes, i, tones, ground, elapsed, unit, order)
+        excite(c, WIDTH, model, lanes, i, elapsed, unit, order)
         if not _expand(c, cubic, finite, friction, regime, unit, order):
             return at.COLLAPSED
         remaining = (duration - elapsed) / unit

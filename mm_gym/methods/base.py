@@ -57,6 +57,12 @@ class Method:
     entries: Entries
     options: tuple[str, ...] = ()
 
+    def constants(self, support: Support) -> NDArray[np.float64]:
+        """Return the model array, the sources' description at its end."""
+        model = self.model(support)
+        model[at.SOURCES] = len(model)
+        return np.concatenate([model, support.sources])
+
 
 @contextmanager
 def refuse_overflow(support: Support) -> Generator[None]:
@@ -73,7 +79,8 @@ def refuse_overflow(support: Support) -> Generator[None]:
 def header(support: Support, own: int) -> NDArray[np.float64]:
     """Return a model array with the slots that every method shares, and `own` slots more."""
     model = np.zeros(at.MODEL_OWN + own)
-    model[at.TIME_STEP] = support.time_step
+    model[at.TIME_STEP], model[at.SUBSTEPS] = support.time_step, support.substeps
+    model[at.JETS], model[at.TERMS] = support.jets, support.terms
     model[at.TONE_COUNT] = len(support.ground)
     model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
     return model
@@ -107,8 +114,8 @@ def fastest_rate(support: Support, damping: float | None = None) -> float:
     low, high = support.low, support.high
     c = high[at.C] if damping is None else damping
     dissipation = (c + high[at.D]) / low[at.M1] + c / low[at.M2]
-    tones = high[at.TONES + at.FREQUENCY :: at.TONE_ROWS]
-    return float(max(fastest_oscillation(support) + dissipation, tones.max(initial=0.0)))
+    tones = support.frequencies.max(initial=0.0)
+    return float(max(fastest_oscillation(support) + dissipation, tones))
 
 
 def degree(phase: float) -> int:

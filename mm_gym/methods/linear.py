@@ -4,31 +4,47 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import linear
 from mm_gym.kernels.entries import build
 from mm_gym.methods.base import Method, header, refuse_overflow
 from mm_gym.plant import linear_system
-from mm_gym.propagators import response_to_tone, transition
+from mm_gym.propagators import jet, response, tone, transition
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.parameters import Support
+    from mm_gym.propagators import Exosystem
 
 
 def _model(support: Support) -> NDArray[np.float64]:
-    model = header(support, 20 + 8 * len(support.ground))
-    system = linear_system(support.low)
+    system, time = linear_system(support.low), support.time_step
     with refuse_overflow(support):
-        model[linear.TRANSITION : linear.RESPONSES] = transition(system, support.time_step).ravel()
-        for j, ground in enumerate(support.ground):
-            frequency = float(support.low[at.TONES + at.TONE_ROWS * j + at.FREQUENCY])
-            response = response_to_tone(system, frequency, ground=ground, time=support.time_step)
-            first = linear.RESPONSES + 8 * j
-            model[first : first + 8] = response.ravel()
-    return model
+        return linear_model(
+            support,
+            transition(system, time),
+            lambda source, ground: response(system, source, ground=ground, time=time),
+        )
+
+
+def linear_model(
+    support: Support,
+    transition: NDArray[np.float64],
+    respond: Callable[[Exosystem, bool], NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return the constants of `kernels.linear`: transition, responses to tones and to jets."""
+    parts = [header(support, 0), transition.ravel()]
+    for j, ground in enumerate(support.ground):
+        parts.append(respond(tone(float(support.frequencies[j])), ground).ravel())
+    if support.terms:
+        source = jet(support.terms, support.time_step)
+        parts += [respond(source, ground).ravel() for ground in (False, True)]
+    return np.concatenate(parts)
 
 
 LINEAR = Method(
@@ -36,12 +52,14 @@ LINEAR = Method(
     plant="linear",
     how=(
         "transition matrix, computed once in decimal arithmetic and rounded once; "
-        "harmonic excitation as an exosystem"
+        "excitation as an exosystem"
     ),
     order="exact for a held force",
     bound="round-off: 1e-12 of the trajectory's scale",
     cost=lambda model: (
-        f"one 4 x 5 product, and 8 products for each of {int(model[at.TONE_COUNT])} harmonics"
+        f"one 4 x 5 product, 8 products for each of {int(model[at.TONE_COUNT])} harmonics, and "
+        f"{8 * int(model[at.TERMS])} for all other excitation, in each of "
+        f"{int(model[at.SUBSTEPS])} substeps"
     ),
     model=_model,
     entries=build(linear.propagate),

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels import linear
-from mm_gym.methods.base import Method, header, refuse_overflow
-from mm_gym.methods.linear import LINEAR
+from mm_gym.methods.base import Method, refuse_overflow
+from mm_gym.methods.linear import LINEAR, linear_model
 from mm_gym.plant import values_of
-from mm_gym.propagators import massless_response_to_tone, massless_transition
+from mm_gym.propagators import massless_response, massless_transition
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,16 +17,13 @@ if TYPE_CHECKING:
 
 
 def _model(support: Support) -> NDArray[np.float64]:
-    model = header(support, 20 + 8 * len(support.ground))
     values, time = values_of(support.low), support.time_step
     with refuse_overflow(support):
-        model[linear.TRANSITION : linear.RESPONSES] = massless_transition(values, time).ravel()
-        for j, ground in enumerate(support.ground):
-            frequency = float(support.low[at.TONES + at.TONE_ROWS * j + at.FREQUENCY])
-            first = linear.RESPONSES + 8 * j
-            response = massless_response_to_tone(values, frequency, ground=ground, time=time)
-            model[first : first + 8] = response.ravel()
-    return model
+        return linear_model(
+            support,
+            massless_transition(values, time),
+            lambda source, ground: massless_response(values, source, ground=ground, time=time),
+        )
 
 
 MASSLESS = Method(

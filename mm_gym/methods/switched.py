@@ -58,9 +58,7 @@ def _model(support: Support) -> NDArray[np.float64]:
         offset = mu2 * normal - chi * vr
     phase = fastest_rate(support, max(float(stick), float(chi))) * support.time_step
     _refuse_long_step(support, phase, LONGEST_DECAY, "the shortest time constant of the friction")
-    oscillation = max(
-        fastest_oscillation(support), low[at.TONES + at.FREQUENCY :: at.TONE_ROWS].max(initial=0.0)
-    )
+    oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
     _refuse_long_step(
         support, oscillation * support.time_step, LONGEST_OSCILLATION, "1 / the fastest frequency"
     )
@@ -131,7 +129,7 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
         generator[2, 4] = force / values["m1"]
         for j, ground in enumerate(support.ground):
             k = STATE_INPUTS + 2 * j
-            frequency = Decimal(float(support.low[at.TONES + at.TONE_ROWS * j + at.FREQUENCY]))
+            frequency = Decimal(float(support.frequencies[j]))
             generator[:4, k + 1] = system.ground if ground else system.force
             generator[k, k + 1], generator[k + 1, k] = -frequency, frequency
     return generator

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
+from mm_gym.excitation import Harmonic
 from mm_gym.reference import Oracle
 from mm_gym.scene import (
     Carriage,
     Control,
     DryFriction,
     FiniteStretch,
-    Harmonic,
     Initial,
     NoInterface,
     SmallOnLarge,

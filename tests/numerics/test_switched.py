@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from mm_gym import Scene, compile_scene, simulate
+from mm_gym.excitation import Harmonic
 from mm_gym.kernels.friction import NONE, first_exit
 from mm_gym.reference import Oracle
-from mm_gym.scene import Control, DryFriction, Harmonic, Initial, SmallOnLarge
+from mm_gym.scene import Control, DryFriction, Initial, SmallOnLarge
 
 from .conftest import assert_lanes_equal_single, error
 

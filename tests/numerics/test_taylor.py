@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
+from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.reference import Oracle
@@ -17,7 +18,6 @@ from mm_gym.scene import (
     Control,
     DryFriction,
     FiniteStretch,
-    Harmonic,
     Initial,
     SmallOnLarge,
 )

@@ -51,7 +51,7 @@ FINDINGS = [
     ({"randomization": {"initial.stretch": [1, 2]}}, "randomization.initial.stretch: not a number"),
     # missing
     ({"interface": {k: DRY[k] for k in list(DRY)[:-1]}}, "interface.reference_velocity: missing"),
-    ({"excitation": [{"amplitude": 1.0}]}, "excitation.0.frequency: missing"),
+    ({"excitation": [{"kind": "harmonic", "amplitude": 1.0}]}, "excitation.0.frequency: missing"),
     ({"springs": {"kind": "finite_stretch"}}, "springs.rest_length: missing"),
     # wrong types: strict, so that neither "yes" nor True becomes 1
     ({"carriage": {"mass": "0.1"}}, "carriage.mass: got '0.1'; allowed: a number"),

@@ -23,8 +23,8 @@ BASES = [
     Scene(springs={"kind": "small_on_large"}, randomization={"sphere.mass": (0.1, 2)}).model_dump(),
     Scene(
         excitation=[
-            {"amplitude": 1.0, "frequency": 50.0, "target": "ground"},
-            {"amplitude": 1.0, "frequency": 30.0},
+            {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0, "target": "ground"},
+            {"kind": "harmonic", "amplitude": 1.0, "frequency": 30.0},
         ]
     ).model_dump(),
 ]

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from mm_gym import Scene, SceneError
-from mm_gym.scene import ForceActuator, Harmonic, SmallOnLarge
+from mm_gym.excitation import Harmonic
+from mm_gym.scene import ForceActuator, SmallOnLarge
 from mm_gym.tasks import TASKS
 
 SCENES = {"the default": Scene(), **TASKS}
@@ -74,7 +75,7 @@ def test_replace_leaves_the_original_as_it_was():
 
 
 def test_replace_reaches_lists_dictionaries_and_parts_just_set():
-    scene = Scene(excitation=[{"amplitude": 1.0, "frequency": 50.0}]).replace(
+    scene = Scene(excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]).replace(
         **{
             "excitation.0.phase": 0.5,
             "randomization.sphere.mass": (0.1, 0.2),
@@ -111,7 +112,7 @@ def test_replace_validates_anew():
 def test_randomization_takes_any_number_of_the_scene():
     scene = Scene(
         springs={"kind": "small_on_large"},
-        excitation=[{"amplitude": 1.0, "frequency": 50.0}],
+        excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}],
     )
     names = [
         "carriage.mass",

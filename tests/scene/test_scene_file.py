@@ -34,7 +34,7 @@ def test_file_holds_what_differs_from_the_defaults(tmp_path):
             "carriage.mass": 0.2,
             "carriage.stiffness": 300.0,
             "interface.damping": 1e-3,
-            "excitation": [{"amplitude": 1.0, "frequency": 50.0}],
+            "excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}],
             "initial.sphere_offset": [-0.01, 0.01],
             "randomization.excitation.0.phase": [0.0, 6.28],
         }
