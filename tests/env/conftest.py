@@ -1,5 +1,7 @@
 """Scenes whose episodes end often, and how to compare environments to the last bit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,54 @@ ENDING = {
         }
     ),
 }
+MOTION = Path(__file__).parents[1] / "data" / "motion.csv"
+ENDING["everything"] = PRE_STRETCH.replace(
+    excitation=[
+        {"kind": "harmonic", "amplitude": 0.5, "frequency": 50.0},
+        {"kind": "impulse", "size": [-0.02, 0.02], "rate": 20.0},
+        {
+            "kind": "sweep",
+            "amplitude": 0.5,
+            "start_frequency": 20.0,
+            "end_frequency": 70.0,
+            "duration": 0.1,
+        },
+        {"kind": "noise", "rms": 0.5, "low_frequency": 40.0, "high_frequency": 80.0, "rise": 0.05},
+        {"kind": "kanai_tajimi", "rms": 1.0, "ground_frequency": 60.0},
+        {"kind": "record", "file": str(MOTION)},
+    ],
+    randomization={
+        "excitation.0.frequency": [44.0, 71.0],
+        "excitation.3.high_frequency": [70.0, 90.0],
+        "excitation.4.rms": [0.5, 2.0],
+        "excitation.5.time_scale": [0.5, 2.0],
+        "excitation.5.start": [0.0, 0.2],
+        "interface.damping": [0.05, 0.2],
+    },
+    actuation={
+        "force": {"limit": 1.0, "rate_limit": 20.0, "lag": 0.02, "command": "rate"},
+        "stretch": {"minimum": 1.0, "maximum": 3.0, "rate_limit": 4.0, "lag": 0.015},
+    },
+    sensors={
+        "channels": [
+            "carriage_displacement",
+            "sphere_offset",
+            "carriage_acceleration",
+            "sphere_acceleration",
+            "spring_force",
+            "disturbance_force",
+            "ground_acceleration",
+        ],
+        "noise": {"carriage_displacement": 1e-4, "ground_acceleration": 0.1},
+        "delay": 2,
+        "history": 3,
+    },
+    **{
+        "control.steps": 31,
+        "objective.displacement_limit": 0.009,
+        "objective.rail_half_length": 0.02,
+    },
+)
 
 
 @pytest.fixture(params=list(ENDING))

@@ -7,7 +7,7 @@ from mm_gym import MovingMassEnv, Scene, simulate
 
 BOTH = Scene(
     springs={"kind": "small_on_large", "stretch": 2.0},
-    excitation=[{"amplitude": 1.0, "frequency": 50.0}],
+    excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}],
     initial={"carriage_displacement": [-0.01, 0.01]},
     actuation={
         "force": {"limit": 3.0, "rate_limit": 120.0},
