@@ -36,6 +36,29 @@ def _compiled_fma(x, y, z) -> Callable[..., float]:  # noqa: ARG001 - numba asks
     return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 
+@intrinsic
+def _prefer_widest_vectors(_context):
+    def build(context, builder, _signature, _arguments):
+        # llvmlite knows some attributes only, LLVM any in quotes.
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.none(), build
+
+
+def prefer_widest_vectors() -> None:
+    """Ask for vectors of 512 bits in the kernel that calls this, where the processor has them.
+
+    Compilers settle for 256, lest a few wide instructions slow the whole program down. Worth it
+    where arithmetic, not memory, takes the time.
+    """
+
+
+@overload(prefer_widest_vectors, inline="always")
+def _compiled_prefer_widest_vectors() -> Callable[..., None]:
+    return lambda: _prefer_widest_vectors()  # noqa: PLW0108 - numba wants a plain function
+
+
 @kernel
 def clip(value, low, high):
     """Return the value limited to [low, high]."""

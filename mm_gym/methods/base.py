@@ -87,12 +87,12 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
 
 
 def fastest_oscillation(support: Support) -> float:
-    """Return a bound of the undamped frequencies about rest [rad/s]; see `fastest_rate`."""
+    """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
     low, high = support.low, support.high
     k1 = high[at.K1] * high[at.ALPHA]
     # k2 falls with stretch and never exceeds 6 k0.
     k2 = 2.0 * high[at.K0] * (1.0 + 2.0 / low[at.STRETCH] ** 3) if high[at.K0] > 0.0 else 0.0
-    return float(np.sqrt((k1 + k2) / low[at.M1] + k2 / low[at.M2]))
+    return math.sqrt(_largest_eigenvalue(support, k1, k2))
 
 
 def fastest_rate(support: Support, damping: float | None = None) -> float:
@@ -101,8 +101,8 @@ def fastest_rate(support: Support, damping: float | None = None) -> float:
     The norm is the spectral one, in the energy norm.
 
     With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew
-    matrix of the undamped motion plus minus the scaled damping; the norm of each is at most its
-    trace.
+    matrix of the undamped motion minus the scaled damping; the norm of A is at most the sum of
+    theirs.
 
     Parameters
     ----------
@@ -111,19 +111,32 @@ def fastest_rate(support: Support, damping: float | None = None) -> float:
     damping
         Damping of the interface [N s/m]; by default the highest of the support.
     """
-    low, high = support.low, support.high
-    c = high[at.C] if damping is None else damping
-    dissipation = (c + high[at.D]) / low[at.M1] + c / low[at.M2]
+    high = support.high
+    c = float(high[at.C]) if damping is None else damping
+    dissipation = _largest_eigenvalue(support, high[at.D], c)
     tones = support.frequencies.max(initial=0.0)
     return float(max(fastest_oscillation(support) + dissipation, tones))
+
+
+def _largest_eigenvalue(support: Support, outer: float, inner: float) -> float:
+    """Return the largest eigenvalue of [[outer + inner, -inner], [-inner, inner]] v = s M v.
+
+    It rises with both coefficients and falls with the masses, so the least masses give the most.
+    """
+    m1, m2 = float(support.low[at.M1]), float(support.low[at.M2])
+    first, second = (outer + inner) / m1, inner / m2
+    both = inner / math.sqrt(m1) / math.sqrt(m2)
+    return float(0.5 * (first + second) + math.hypot(0.5 * (first - second), both))
 
 
 def degree(phase: float) -> int:
     """Return the least n for which Taylor's remainder is below round-off.
 
-    The remainder is at most phase**(n + 1) / (n + 1)! * exp(phase).
+    The remainder is at most its first term phase**(n + 1) / (n + 1)!, and each further one is
+    smaller by phase / (n + 2) or less. It is 2 at least: slow or free masses too move by t**2 / 2
+    under a held force.
     """
-    n = 1
-    while phase ** (n + 1) / math.factorial(n + 1) * math.exp(phase) > ROUND_OFF:
+    n = max(2, math.ceil(phase))
+    while phase ** (n + 1) / math.factorial(n + 1) > ROUND_OFF * (1.0 - phase / (n + 2)):
         n += 1
     return n

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import CompileError
+from mm_gym.kernels import layout as at
 from mm_gym.kernels import series
 from mm_gym.kernels.entries import build
 from mm_gym.methods.base import Method, degree, fastest_rate, header
@@ -24,7 +25,7 @@ MOST_SUBSTEPS = 1000
 
 
 def _model(support: Support) -> NDArray[np.float64]:
-    model = header(support, 2)
+    model = header(support, 3)
     phase = fastest_rate(support) * support.time_step
     substeps = max(1.0, np.ceil(phase / LONGEST_SUBSTEP))
     if not substeps <= MOST_SUBSTEPS:
@@ -37,6 +38,7 @@ def _model(support: Support) -> NDArray[np.float64]:
         raise CompileError(msg)
     model[series.SUBSTEPS] = substeps
     model[series.DEGREE] = degree(phase / substeps)
+    model[series.UNIFORM] = all(support.fixed(row) for row in range(at.M1, at.TONES))
     return model
 
 
