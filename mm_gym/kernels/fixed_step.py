@@ -9,7 +9,14 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.sources import jet_value
-from mm_gym.kernels.taylor import M1, M2, SIZE, coefficients, interface_and_springs, outer_forces
+from mm_gym.kernels.taylor import (
+    BY_M1,
+    BY_M2,
+    SIZE,
+    coefficients,
+    interface_and_springs,
+    outer_forces,
+)
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -79,8 +86,8 @@ def _field(model, lanes, i, p, y, elapsed, finite, slope):
             force += value
     inner = interface_and_springs(p, offset, v2 - v1, finite)
     slope[0], slope[1] = v1, v2
-    slope[2] = (inner - outer_forces(p, x1, v1) + force) / p[M1] - ground
-    slope[3] = -inner / p[M2] - ground
+    slope[2] = (inner - outer_forces(p, x1, v1) + force) * p[BY_M1] - ground
+    slope[3] = -inner * p[BY_M2] - ground
 
 
 @kernel

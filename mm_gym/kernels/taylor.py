@@ -11,16 +11,22 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma, span
 from mm_gym.kernels.friction import NONE, excite, first_exit, sign_of
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel, kernel
 
 # Slots of the model.
-ORDER, LOG_TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
+ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
+
+FEWEST = 8
+"""Lowest order of a series."""
 
 MOST_STEPS = 20_000
 """Series in one control step before giving up: some 0.01 s of work."""
 
 _LOG_ZERO = -1.0e5  # what stands for the logarithm of zero
+_ROUND_OFF = 2.0**-54
+_FLOOR = 20.0  # binary digits between the velocities down to which the smaller one is resolved
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
 # Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
@@ -30,11 +36,14 @@ _SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, _SHARE = (
     WIDTH * k for k in range(8, 15)
 )
 
+# Unsigned: an index that might be negative costs a comparison.
+_ONE, _SQUARES = np.uintp(1), np.uintp(_SQUARE)
+
 # Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over
 # many costs time.
 _STATE = WIDTH * 15
-M1, M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = range(
-    _STATE + 5, _STATE + 20
+BY_M1, BY_M2, _K1, _BETA, _D, _K2, _K0, _L0, _STRETCH, _U, _C, _CHI, _SLIP_FORCE, _VR, SIZE = (
+    _STATE + 5 + k for k in range(15)
 )
 
 
@@ -51,12 +60,13 @@ def propagate(model, lanes, first, last):
     return status
 
 
-@kernel
+@borrowing_kernel
 def coefficients(lanes, i, friction, c):
     """Write what the equations of lane i need."""
     mu1, mu2, vr = lanes[at.MU1, i], lanes[at.MU2, i], lanes[at.VR, i]
     normal, stretch, k0 = lanes[at.FN, i], lanes[at.STRETCH, i], lanes[at.K0, i]
-    c[M1], c[M2], c[_D], c[_C] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i], lanes[at.C, i]
+    c[BY_M1], c[BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
+    c[_D], c[_C] = lanes[at.D, i], lanes[at.C, i]
     c[_K1], c[_BETA] = lanes[at.K1, i] * lanes[at.ALPHA, i], lanes[at.K1, i] * lanes[at.BETA, i]
     c[_K0], c[_L0], c[_STRETCH], c[_U] = k0, lanes[at.L0, i], stretch, lanes[at.FORCE, i]
     # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
@@ -67,7 +77,7 @@ def coefficients(lanes, i, friction, c):
         c[_SLIP_FORCE] = mu2 * normal - c[_CHI] * vr
 
 
-@kernel
+@borrowing_kernel
 def interface_and_springs(c, offset, w, finite):
     """Return the force on the carriage from a viscous interface and the springs between the masses.
 
@@ -80,16 +90,16 @@ def interface_and_springs(c, offset, w, finite):
     return c[_C] * w + c[_K0] * c[_L0] * pair
 
 
-@kernel
+@borrowing_kernel
 def outer_forces(c, x1, v1):
     """Return the resistance of the carriage's spring and damper less the held force."""
     return (c[_K1] + c[_BETA] * x1 * x1) * x1 + c[_D] * v1 - c[_U]
 
 
-@kernel
+@borrowing_kernel
 def _propagate_lane(model, lanes, i, c):
     """Advance one lane, series by series."""
-    order, log_tolerance, duration = int(model[ORDER]), model[LOG_TOLERANCE], model[at.TIME_STEP]
+    most, tolerance, duration = int(model[ORDER]), model[TOLERANCE], model[at.TIME_STEP]
     cubic, finite, friction, vr = (
         model[IS_CUBIC] > 0.0,
         model[IS_FINITE] > 0.0,
@@ -106,13 +116,15 @@ def _propagate_lane(model, lanes, i, c):
         duration  # the series' unit of time: about the length of a step, so that no term overflows
     )
     for _ in range(MOST_STEPS):
-        excite(c, WIDTH, model, lanes, i, elapsed, unit, order)
-        if not _expand(c, cubic, finite, friction, regime, unit, order):
-            return at.COLLAPSED
+        excite(c, WIDTH, model, lanes, i, elapsed, unit, most)
         remaining = (duration - elapsed) / unit
         # Each series may use the share of the tolerance that it takes of the step: errors add up.
-        share = _log2(unit) - _log2(duration)
-        theta = min(_step(c, log_tolerance + share, order), remaining)
+        share = max(tolerance * unit / duration, _ROUND_OFF)
+        enough = share if remaining == 1.0 else -1.0
+        order = _expand(c, cubic, finite, friction, regime, unit, most, enough)
+        if order < FEWEST:
+            return at.COLLAPSED
+        theta = 1.0 if order < most else min(_step(c, _log2(share), order), remaining)
         direction = 0.0
         if friction:
             exit_at, direction = _exit(c, regime, upper, lower, theta, order)
@@ -134,7 +146,7 @@ def _propagate_lane(model, lanes, i, c):
     return at.TOO_MANY_SERIES
 
 
-@kernel
+@borrowing_kernel
 def _exit(series, regime, upper, lower, theta, order):
     """Return where in the step the regime ends, as a fraction of it, and at which boundary.
 
@@ -156,17 +168,15 @@ def _exit(series, regime, upper, lower, theta, order):
     return (up, 1.0) if up <= down else (down, -1.0)
 
 
-@kernel
-def _expand(c, cubic, finite, friction, regime, unit, order):
-    """Write the series of the state; False if a spring collapsed.
+@borrowing_kernel
+def _expand(c, cubic, finite, friction, regime, unit, most, enough):
+    """Write the series of the state; return its order, 0 if a spring collapsed.
 
-    Term n is the state's n-th derivative times unit**n / n!.
+    Term n is the state's n-th derivative times unit**n / n!. The order is the first at which the
+    last terms are below the tolerance `enough` of the velocities, at most `most`, and even: two
+    orders are worked out together, because positions follow from the velocities before them, so
+    that what depends on positions is known for both.
     """
-    by_m1, by_m2, k1, d, k2, beta = 1.0 / c[M1], 1.0 / c[M2], c[_K1], c[_D], c[_K2], c[_BETA]
-    damping = c[_C] if regime == 0.0 else c[_CHI]
-    held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
-    # What the velocities add is kept apart: each term waits for them, and for nothing else.
-    from_v1, from_v2, between = -(damping + d) * by_m1, damping * by_m1, damping * by_m2
     c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = (
         c[_STATE],
         c[_STATE + 1],
@@ -174,65 +184,107 @@ def _expand(c, cubic, finite, friction, regime, unit, order):
         c[_STATE + 3],
         c[_STATE + 4],
     )
-    for n in range(order):
-        x1, x2, v1, v2, step = c[_X1 + n], c[_X2 + n], c[_V1 + n], c[_V2 + n], unit * c[_SHARE + n]
-        inner = k2 * (x2 - x1) + slip
-        if finite:
-            if not _stretch(c, x2 - x1, n):
-                return False
-            inner = (
-                c[_K0] * (2.0 * (x2 - x1) + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
-                + slip
-            )
-        outer = k1 * x1 - c[_FORCE + n] - held
+    beta, damping = c[_BETA], c[_C] if regime == 0.0 else c[_CHI]
+    held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
+    for m in range(most // 2):
+        n = m + m
+        step, next_step = unit * c[_SHARE + n], unit * c[_SHARE + n + 1]
+        c[_X1 + n + 1], c[_X2 + n + 1] = step * c[_V1 + n], step * c[_V2 + n]
+        cube = next_cube = 0.0
         if cubic:
-            c[_SQUARE + n] = _square(c, n)
-            outer += beta * _product(c, n)
+            cube, next_cube = _cubes(c, m)
+        if finite and not (_stretch(c, n) and _stretch(c, n + 1)):
+            return 0
+        _accelerate(c, n, step, beta * cube - held, slip, damping, finite, friction)
+        _accelerate(c, n + 1, next_step, beta * next_cube, 0.0, damping, finite, friction)
         held = slip = 0.0
-        on1, on2 = (inner - outer) * by_m1 - c[_GROUND + n], -inner * by_m2 - c[_GROUND + n]
-        c[_X1 + n + 1], c[_X2 + n + 1] = step * v1, step * v2
-        if friction:
-            # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
-            w = c[_W + n]
-            c[_W + n + 1] = step * (
-                (outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2)
-            )
-            c[_V1 + n + 1] = step * ((damping * w - d * v1) * by_m1 + on1)
-            c[_V2 + n + 1] = step * (on2 - between * w)
-        else:
-            c[_V1 + n + 1] = step * ((from_v1 * v1 + from_v2 * v2) + on1)
-            c[_V2 + n + 1] = step * ((between * v1 - between * v2) + on2)
-    return True
+        c[_X1 + n + 2] = next_step * c[_V1 + n + 1]
+        c[_X2 + n + 2] = next_step * c[_V2 + n + 1]
+        if enough > 0.0 and n + 2 >= FEWEST and _is_enough(c, n + 2, enough):
+            return n + 2
+    return most
 
 
-@kernel
-def _square(c, n):
-    """Return term n of x1**2; its products come in equal pairs."""
-    half, total = (n + 1) // 2, 0.0
-    for j in range(half):
-        total += c[_X1 + j] * c[_X1 + n - j]
-    total += total
-    return total + c[_X1 + half] * c[_X1 + half] if n % 2 == 0 else total
+@borrowing_kernel
+def _is_enough(c, order, enough):
+    """Tell whether the last four terms of both velocities are below a tolerance of their scale.
+
+    Four, because symmetry lets the motion of a cubic spring skip three.
+    """
+    scale1 = max(abs(c[_V1]), abs(c[_V1 + 1]), abs(c[_V1 + 2]))
+    scale2 = max(abs(c[_V2]), abs(c[_V2 + 1]), abs(c[_V2 + 2]))
+    both, last1, last2 = 2.0**-_FLOOR * max(scale1, scale2), 0.0, 0.0
+    for n in range(order - 3, order + 1):
+        last1, last2 = max(last1, abs(c[_V1 + n])), max(last2, abs(c[_V2 + n]))
+    return last1 <= enough * max(scale1, both) and last2 <= enough * max(scale2, both)
 
 
-@kernel
-def _product(c, n):
-    """Return term n of x1**2 x1."""
-    total = 0.0
-    for j in range(n + 1):
-        total += c[_SQUARE + j] * c[_X1 + n - j]
-    return total
+@borrowing_kernel
+def _accelerate(c, n, step, resisting, slip, damping, finite, friction):
+    """Write term n + 1 of the velocities, given all that depends on positions."""
+    by_m1, by_m2, d = c[BY_M1], c[BY_M2], c[_D]
+    x1, v1, v2 = c[_X1 + n], c[_V1 + n], c[_V2 + n]
+    offset = c[_X2 + n] - x1
+    inner = c[_K2] * offset + slip
+    if finite:
+        inner = slip + c[_K0] * (2.0 * offset + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
+    outer = fma(c[_K1], x1, resisting - c[_FORCE + n])
+    on1 = fma(inner - outer, by_m1, -c[_GROUND + n])
+    on2 = fma(-inner, by_m2, -c[_GROUND + n])
+    if friction:
+        # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
+        w = c[_W + n]
+        c[_W + n + 1] = step * ((outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2))
+        c[_V1 + n + 1] = step * ((damping * w - d * v1) * by_m1 + on1)
+        c[_V2 + n + 1] = step * (on2 - damping * w * by_m2)
+    else:
+        # Each term waits for the velocities, and for nothing else: they come last.
+        c[_V1 + n + 1] = step * fma(-(damping + d) * by_m1, v1, fma(damping * by_m1, v2, on1))
+        c[_V2 + n + 1] = step * fma(damping * by_m2, v1 - v2, on2)
 
 
-@kernel
-def _stretch(c, offset, n):
+@borrowing_kernel
+def _cubes(c, m):
+    """Return terms 2 m and 2 m + 1 of x1**3, and write those of x1**2.
+
+    Products are summed from the middle outwards, because the newest terms are the last to be known;
+    those of the square come in equal pairs.
+    """
+    n = m + m
+    first, newest, next_newest = c[_X1], c[_X1 + n], c[_X1 + n + 1]
+    if m == 0:
+        square = c[_SQUARE] = first * first
+        c[_SQUARE + 1] = 2.0 * first * next_newest
+        return square * first, 3.0 * square * next_newest
+    middle, following, below = c[_X1 + m], c[_X1 + m + 1], c[_SQUARE + m]
+    square, next_square = 0.5 * middle * middle, middle * following
+    cube, next_cube = below * middle, below * following
+    other = next_other = 0.0
+    for j in span(1, m):
+        low, high = np.uintp(m) - j, np.uintp(m) + j
+        x, far, farther = c[low], c[high], c[high + _ONE]  # of x1: its row is the first
+        below, above = c[_SQUARES + low], c[_SQUARES + high]
+        square, next_square = fma(x, far, square), fma(x, farther, next_square)
+        cube, next_cube = fma(below, far, cube), fma(below, farther, next_cube)
+        other, next_other = fma(above, x, other), fma(above, c[low + _ONE], next_other)
+    square = 2.0 * fma(first, newest, square)
+    next_square = 2.0 * fma(first, next_newest, next_square)
+    c[_SQUARE + n], c[_SQUARE + n + 1] = square, next_square
+    below = c[_SQUARE]
+    cube = fma(below, newest, cube) + fma(square, first, other)
+    next_other = fma(next_square, first, fma(square, c[_X1 + 1], next_other))
+    return cube, fma(below, next_newest, next_cube) + next_other
+
+
+@borrowing_kernel
+def _stretch(c, n):
     """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
 
     From n l0 u_n = -sum (n + j) l_j u_(n-j).
     """
     for side in range(2):
         stretch, power = _LONG + side * WIDTH, _LONG_POWER + side * WIDTH
-        c[stretch + n] = (1.0 - 2.0 * side) * offset / c[_L0]
+        c[stretch + n] = (1.0 - 2.0 * side) * (c[_X2 + n] - c[_X1 + n]) / c[_L0]
         if n == 0:
             c[stretch] += c[_STRETCH]
             if not c[stretch] > 0.0:
@@ -246,57 +298,54 @@ def _stretch(c, offset, n):
     return True
 
 
-@kernel
+@borrowing_kernel
 def _log2(x):
     """Return log2 of a magnitude, at most 0.09 too small: its bits read as an integer."""
     return np.float64(abs(x)).view(np.int64) * 2.0**-52 - 1023.0 if x != 0.0 else _LOG_ZERO
 
 
-@kernel
+@borrowing_kernel
 def _exp2(y):
     """Return 2**y, at most 6 % too large."""
     return np.int64((min(max(y, -1000.0), 1000.0) + 1023.0) * 2.0**52).view(np.float64)
 
 
-@kernel
-def _step(series, log_tolerance, order):
+@borrowing_kernel
+def _step(c, log_tolerance, order):
     """Return the step at which the last two terms fall below the tolerance, in units of the series.
 
-    They are compared with the largest of the leading terms, because at rest or at a turning point
-    the first is zero.
+    Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that nothing
+    joins to the carriage must not hide the carriage's motion.
     """
+    both0 = max(_log2(c[_V1]), _log2(c[_V2])) - _FLOOR
+    both1 = max(_log2(c[_V1 + 1]), _log2(c[_V2 + 1])) - _FLOOR
+    both2 = max(_log2(c[_V1 + 2]), _log2(c[_V2 + 2])) - _FLOOR
     shortest = 1000.0
-    lead0, lead1, lead2 = _largest(series, 0), _largest(series, 1), _largest(series, 2)
-    for n in range(order - 1, order + 1):
-        last = _largest(series, n)
-        step = (log_tolerance + lead0 - last) / n
-        step = max(step, (log_tolerance + lead1 - last) / (n - 1))
-        step = max(step, (log_tolerance + lead2 - last) / (n - 2))
-        shortest = min(shortest, step if last > _LOG_ZERO else 1000.0)
+    for k in range(2):
+        row = _V1 + k * WIDTH
+        # Of the leading terms the largest counts: at rest or at a turning point the first is zero.
+        lead0 = log_tolerance + max(_log2(c[row]), both0)
+        lead1 = log_tolerance + max(_log2(c[row + 1]), both1)
+        lead2 = log_tolerance + max(_log2(c[row + 2]), both2)
+        for n in range(order - 1, order + 1):
+            last = _log2(c[row + n])
+            step = max((lead0 - last) / n, (lead1 - last) / (n - 1), (lead2 - last) / (n - 2))
+            shortest = min(shortest, step if last > _LOG_ZERO else 1000.0)
     return _SAFETY * _exp2(shortest)
 
 
-@kernel
-def _largest(series, n):
-    """Return the logarithm of term n of the velocities, the larger one."""
-    return _log2(max(abs(series[_V1 + n]), abs(series[_V2 + n])))
-
-
-@kernel
+@borrowing_kernel
 def _evaluate(c, friction, theta, order):
     """Advance the state by a time in units of the series; tell whether it is still finite."""
     x1 = x2 = v1 = v2 = w = 0.0
-    for k in range(order):
-        n = order - k
-        x1 = (x1 + c[_X1 + n]) * theta
-        x2 = (x2 + c[_X2 + n]) * theta
-        v1 = (v1 + c[_V1 + n]) * theta
-        v2 = (v2 + c[_V2 + n]) * theta
+    for n in range(order, 0, -1):
+        x1, x2 = fma(x1, theta, c[_X1 + n]), fma(x2, theta, c[_X2 + n])
+        v1, v2 = fma(v1, theta, c[_V1 + n]), fma(v2, theta, c[_V2 + n])
         if friction:
-            w = (w + c[_W + n]) * theta
-    c[_STATE] += x1
-    c[_STATE + 1] += x2
-    c[_STATE + 2] += v1
-    c[_STATE + 3] += v2
-    c[_STATE + 4] = c[_STATE + 4] + w if friction else c[_STATE + 3] - c[_STATE + 2]
+            w = fma(w, theta, c[_W + n])
+    c[_STATE] = fma(x1, theta, c[_STATE])
+    c[_STATE + 1] = fma(x2, theta, c[_STATE + 1])
+    c[_STATE + 2] = fma(v1, theta, c[_STATE + 2])
+    c[_STATE + 3] = fma(v2, theta, c[_STATE + 3])
+    c[_STATE + 4] = fma(w, theta, c[_STATE + 4]) if friction else c[_STATE + 3] - c[_STATE + 2]
     return abs(c[_STATE]) + abs(c[_STATE + 1]) + abs(c[_STATE + 2]) + abs(c[_STATE + 3]) < np.inf

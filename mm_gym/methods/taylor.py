@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 TIGHTEST = 1e-15
 """Smallest useful tolerance: below it round-off is larger than what is cut off."""
 
-EXTRA_ORDER = 5
-"""Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a step
-costs as much."""
+EXTRA_ORDER = 11
+"""Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a series
+costs as much. Measured."""
 
-SHARE = 0.125
-"""Share of the tolerance that one series may use: a control step takes several, and their errors
-add up."""
+SHARE = 0.5
+"""Share of the tolerance that the first series of a control step may use, not knowing whether
+another will follow; those that follow share as much."""
 
 RATE_PER_STEP = 2.0
 """Shortest time constants that one series spans at least, whatever the order."""
@@ -35,7 +35,7 @@ RATE_PER_STEP = 2.0
 
 def _order(tolerance: float) -> int:
     """Return the order at which a series costs least (after Jorba and Zou, 2005, eq. 11)."""
-    return math.ceil(-0.5 * math.log(max(tolerance, TIGHTEST))) + EXTRA_ORDER
+    return 2 * math.ceil(-0.25 * math.log(max(tolerance, TIGHTEST)) + 0.5 * EXTRA_ORDER)
 
 
 def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
@@ -52,7 +52,7 @@ def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
         )
         raise CompileError(msg)
     model[taylor.ORDER] = _order(tolerance)
-    model[taylor.LOG_TOLERANCE] = math.log2(SHARE * max(tolerance, TIGHTEST))
+    model[taylor.TOLERANCE] = SHARE * max(tolerance, TIGHTEST)
     model[taylor.HAS_FRICTION] = friction
     model[taylor.IS_CUBIC] = high[at.BETA] > 0.0
     model[taylor.IS_FINITE] = high[at.L0] > 0.0
