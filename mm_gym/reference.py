@@ -7,7 +7,7 @@ It shares no code with the kernels and is imported by tests and benchmarks only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
@@ -54,7 +54,7 @@ class Oracle:
         Force [N] or acceleration [m/s^2] at a time [s], for the targets "force" and "ground"; by
         default the scene's harmonics.
     most_evaluations
-        Evaluations of the forces from one event to the next beyond which it gives up.
+        Evaluations of the forces, over the oracle's life, beyond which it gives up.
     """
 
     scene: Scene
@@ -63,6 +63,7 @@ class Oracle:
     max_step: float = np.inf
     disturbance: Callable[[float, str], float] | None = None
     most_evaluations: int = 100_000_000
+    _spent: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
 
     def solve(
         self,
@@ -151,16 +152,13 @@ class Oracle:
             raise SimulationError(msg)
         return solution
 
-    def _counted(self, field: Callable[..., State]) -> Callable[..., State]:
-        count = 0
-
+    def _counted(self, forces: Callable[..., State]) -> Callable[..., State]:
         def counted(t: float, y: State) -> State:
-            nonlocal count
-            count += 1
-            if count > self.most_evaluations:
+            self._spent[0] += 1
+            if self._spent[0] > self.most_evaluations:
                 msg = f"reference: gave up after {self.most_evaluations} evaluations"
                 raise SimulationError(msg)
-            return field(t, y)
+            return forces(t, y)
 
         return counted
 

@@ -314,8 +314,8 @@ def _exp2(y):
 def _step(c, log_tolerance, order):
     """Return the step at which the last two terms fall below the tolerance, in units of the series.
 
-    Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that nothing
-    joins to the carriage must not hide the carriage's motion.
+    Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that
+    nothing joins to the carriage must not hide the carriage's motion.
     """
     both0 = max(_log2(c[_V1]), _log2(c[_V2])) - _FLOOR
     both1 = max(_log2(c[_V1 + 1]), _log2(c[_V2 + 1])) - _FLOOR

@@ -185,6 +185,13 @@ def _deviation(scene: Scene, trajectory: Trajectory, seed: int) -> float:
     return error(trajectory.state, want, np.array([positions, positions, velocities, velocities]))
 
 
+def _timed(scene: Scene, seed: int) -> tuple[float, Trajectory | None]:
+    """Return the processor time that a scene takes [s], and its trajectory unless refused."""
+    began = time.process_time()
+    _, trajectory = attempt(scene, seed)
+    return time.process_time() - began, trajectory
+
+
 def _sweep(seeds: range) -> list[str]:
     """Return what is wrong with the scenes of these seeds.
 
@@ -193,10 +200,10 @@ def _sweep(seeds: range) -> list[str]:
     wrong: list[str] = []
     for seed in seeds:
         scene = random_scene(np.random.default_rng(seed))
-        began = time.process_time()
-        _, trajectory = attempt(scene, seed)
-        elapsed = time.process_time() - began
-        if elapsed > 1.0 * scene.control.steps:
+        elapsed, trajectory = _timed(scene, seed)
+        if elapsed > 1.0:
+            elapsed, _ = _timed(scene, seed)  # the first scene of a kind compiles kernels
+        if elapsed > 1.0:
             wrong.append(f"{seed}: {elapsed:.1f} s")
         if trajectory is None:
             continue
