@@ -70,10 +70,22 @@ def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
     return _compiled(function, nrt=False)
 
 
-def _compiled(function: Callable[..., object], *, nrt: bool) -> Callable[..., object]:
+def inlined_kernel(function: Callable[..., object]) -> Callable[..., object]:
+    """Compile a borrowing kernel into its callers: a call of a dozen arguments has its cost."""
+    return _compiled(function, nrt=False, inline=True)
+
+
+def _compiled(
+    function: Callable[..., object], *, nrt: bool, inline: bool = False
+) -> Callable[..., object]:
     if numba.config.DISABLE_JIT:
         return function
-    dispatcher = numba.njit(nogil=True, error_model="numpy", _nrt=nrt)(function)
+    dispatcher = numba.njit(
+        nogil=True,
+        error_model="numpy",
+        _nrt=nrt,
+        forceinline=inline,
+    )(function)
     # What numba's own `cache=True` sets.
     dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001
     return dispatcher

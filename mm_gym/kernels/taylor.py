@@ -13,7 +13,7 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, span
 from mm_gym.kernels.friction import NONE, excite, first_exit, sign_of
-from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
@@ -177,35 +177,43 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
     orders are worked out together, because positions follow from the velocities before them, so
     that what depends on positions is known for both.
     """
-    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = (
-        c[_STATE],
-        c[_STATE + 1],
-        c[_STATE + 2],
-        c[_STATE + 3],
-        c[_STATE + 4],
-    )
-    beta, damping = c[_BETA], c[_C] if regime == 0.0 else c[_CHI]
+    x1, x2, v1, v2 = c[_STATE], c[_STATE + 1], c[_STATE + 2], c[_STATE + 3]
+    w = c[_STATE + 4]
+    # What a loop writes to the array it would read from it again: it keeps its own copies.
+    by_m1, by_m2, k1, d, k2, beta = c[BY_M1], c[BY_M2], c[_K1], c[_D], c[_K2], c[_BETA]
+    k2 = 0.0 if finite else k2
+    damping = c[_C] if regime == 0.0 else c[_CHI]
     held, slip = c[_U], (0.0 if regime == 0.0 else regime * c[_SLIP_FORCE])
+    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = x1, x2, v1, v2, w
     for m in range(most // 2):
         n = m + m
         step, next_step = unit * c[_SHARE + n], unit * c[_SHARE + n + 1]
-        c[_X1 + n + 1], c[_X2 + n + 1] = step * c[_V1 + n], step * c[_V2 + n]
+        next_x1, next_x2 = step * v1, step * v2
+        c[_X1 + n + 1], c[_X2 + n + 1] = next_x1, next_x2
         cube = next_cube = 0.0
         if cubic:
-            cube, next_cube = _cubes(c, m)
-        if finite and not (_stretch(c, n) and _stretch(c, n + 1)):
-            return 0
-        _accelerate(c, n, step, beta * cube - held, slip, damping, finite, friction)
-        _accelerate(c, n + 1, next_step, beta * next_cube, 0.0, damping, finite, friction)
+            cube, next_cube = _cubes(c, m, x1, next_x1)
+        pair, next_pair = k2 * (x2 - x1), k2 * (next_x2 - next_x1)
+        if finite:
+            if not (_stretch(c, n) and _stretch(c, n + 1)):
+                return 0
+            pair, next_pair = _pair(c, n), _pair(c, n + 1)
+        inner, outer = pair + slip, fma(k1, x1, fma(beta, cube, -held))
+        v1, v2, w = _accelerate(
+            c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction
+        )
+        x1, x2, outer = next_step * v1, next_step * v2, fma(k1, next_x1, beta * next_cube)
+        v1, v2, w = _accelerate(
+            c, n + 1, next_step, by_m1, by_m2, d, damping, next_pair, outer, v1, v2, w, friction
+        )
+        c[_X1 + n + 2], c[_X2 + n + 2] = x1, x2
         held = slip = 0.0
-        c[_X1 + n + 2] = next_step * c[_V1 + n + 1]
-        c[_X2 + n + 2] = next_step * c[_V2 + n + 1]
         if enough > 0.0 and n + 2 >= FEWEST and _is_enough(c, n + 2, enough):
             return n + 2
     return most
 
 
-@borrowing_kernel
+@inlined_kernel
 def _is_enough(c, order, enough):
     """Tell whether the last four terms of both velocities are below a tolerance of their scale.
 
@@ -219,39 +227,47 @@ def _is_enough(c, order, enough):
     return last1 <= enough * max(scale1, both) and last2 <= enough * max(scale2, both)
 
 
-@borrowing_kernel
-def _accelerate(c, n, step, resisting, slip, damping, finite, friction):
-    """Write term n + 1 of the velocities, given all that depends on positions."""
-    by_m1, by_m2, d = c[BY_M1], c[BY_M2], c[_D]
-    x1, v1, v2 = c[_X1 + n], c[_V1 + n], c[_V2 + n]
-    offset = c[_X2 + n] - x1
-    inner = c[_K2] * offset + slip
-    if finite:
-        inner = slip + c[_K0] * (2.0 * offset + c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
-    outer = fma(c[_K1], x1, resisting - c[_FORCE + n])
-    on1 = fma(inner - outer, by_m1, -c[_GROUND + n])
-    on2 = fma(-inner, by_m2, -c[_GROUND + n])
+@inlined_kernel
+def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction):
+    """Write and return term n + 1 of the velocities, given term n and the forces.
+
+    Those are what the springs between the masses, and the carriage's, add.
+    """
+    outer -= c[_FORCE + n]
     if friction:
         # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
-        w = c[_W + n]
-        c[_W + n + 1] = step * ((outer + d * v1) * by_m1 - (inner + damping * w) * (by_m1 + by_m2))
-        c[_V1 + n + 1] = step * ((damping * w - d * v1) * by_m1 + on1)
-        c[_V2 + n + 1] = step * (on2 - damping * w * by_m2)
+        creep, outer = damping * w, outer + d * v1
+        v1 = step * ((creep + inner - outer) * by_m1 - c[_GROUND + n])
+        v2 = step * (-(creep + inner) * by_m2 - c[_GROUND + n])
+        w = step * (outer * by_m1 - (inner + creep) * (by_m1 + by_m2))
+        c[_W + n + 1] = w
     else:
         # Each term waits for the velocities, and for nothing else: they come last.
-        c[_V1 + n + 1] = step * fma(-(damping + d) * by_m1, v1, fma(damping * by_m1, v2, on1))
-        c[_V2 + n + 1] = step * fma(damping * by_m2, v1 - v2, on2)
+        on1 = fma(inner - outer, by_m1, -c[_GROUND + n])
+        on2 = fma(-inner, by_m2, -c[_GROUND + n])
+        slip = v2 - v1
+        v1 = step * fma(-(damping + d) * by_m1, v1, fma(damping * by_m1, v2, on1))
+        v2 = step * fma(-damping * by_m2, slip, on2)
+    c[_V1 + n + 1], c[_V2 + n + 1] = v1, v2
+    return v1, v2, w
 
 
-@borrowing_kernel
-def _cubes(c, m):
-    """Return terms 2 m and 2 m + 1 of x1**3, and write those of x1**2.
+@inlined_kernel
+def _pair(c, n):
+    """Return term n of the force of the springs of finite stretch."""
+    offset = c[_X2 + n] - c[_X1 + n]
+    return c[_K0] * fma(2.0, offset, c[_L0] * (c[_SHORT_POWER + n] - c[_LONG_POWER + n]))
+
+
+@inlined_kernel
+def _cubes(c, m, newest, next_newest):
+    """Return terms 2 m and 2 m + 1 of x1**3, and write those of x1**2, given those of x1.
 
     Products are summed from the middle outwards, because the newest terms are the last to be known;
     those of the square come in equal pairs.
     """
     n = m + m
-    first, newest, next_newest = c[_X1], c[_X1 + n], c[_X1 + n + 1]
+    first = c[_X1]
     if m == 0:
         square = c[_SQUARE] = first * first
         c[_SQUARE + 1] = 2.0 * first * next_newest
@@ -317,21 +333,41 @@ def _step(c, log_tolerance, order):
     Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that
     nothing joins to the carriage must not hide the carriage's motion.
     """
-    both0 = max(_log2(c[_V1]), _log2(c[_V2])) - _FLOOR
-    both1 = max(_log2(c[_V1 + 1]), _log2(c[_V2 + 1])) - _FLOOR
-    both2 = max(_log2(c[_V1 + 2]), _log2(c[_V2 + 2])) - _FLOOR
+    one0, one1, one2 = _log2(c[_V1]), _log2(c[_V1 + 1]), _log2(c[_V1 + 2])
+    two0, two1, two2 = _log2(c[_V2]), _log2(c[_V2 + 1]), _log2(c[_V2 + 2])
+    step1 = _step_of(
+        c,
+        _V1,
+        log_tolerance + max(one0, two0 - _FLOOR),
+        log_tolerance + max(one1, two1 - _FLOOR),
+        log_tolerance + max(one2, two2 - _FLOOR),
+        order,
+    )
+    step2 = _step_of(
+        c,
+        _V2,
+        log_tolerance + max(two0, one0 - _FLOOR),
+        log_tolerance + max(two1, one1 - _FLOOR),
+        log_tolerance + max(two2, one2 - _FLOOR),
+        order,
+    )
+    return _SAFETY * _exp2(min(step1, step2))
+
+
+@inlined_kernel
+def _step_of(c, row, lead0, lead1, lead2, order):
+    """Return the logarithm of the step for one velocity, from what its last terms may reach.
+
+    Of the leading terms the one that allows most counts: at rest or at a turning point the first is
+    zero.
+    """
     shortest = 1000.0
-    for k in range(2):
-        row = _V1 + k * WIDTH
-        # Of the leading terms the largest counts: at rest or at a turning point the first is zero.
-        lead0 = log_tolerance + max(_log2(c[row]), both0)
-        lead1 = log_tolerance + max(_log2(c[row + 1]), both1)
-        lead2 = log_tolerance + max(_log2(c[row + 2]), both2)
-        for n in range(order - 1, order + 1):
-            last = _log2(c[row + n])
-            step = max((lead0 - last) / n, (lead1 - last) / (n - 1), (lead2 - last) / (n - 2))
-            shortest = min(shortest, step if last > _LOG_ZERO else 1000.0)
-    return _SAFETY * _exp2(shortest)
+    for n in range(order - 1, order + 1):
+        last = _log2(c[row + n])
+        first, second, third = c[_SHARE + n - 1], c[_SHARE + n - 2], c[_SHARE + n - 3]
+        step = max((lead0 - last) * first, (lead1 - last) * second, (lead2 - last) * third)
+        shortest = min(shortest, step if last > _LOG_ZERO else 1000.0)
+    return shortest
 
 
 @borrowing_kernel
