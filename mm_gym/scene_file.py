@@ -5,15 +5,24 @@ TOML has typed numbers and refuses duplicate keys.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError
+from mm_gym.files import read_bytes
 from mm_gym.scene import Scene
+from mm_gym.toml_lines import lines_of
 
 if TYPE_CHECKING:
     from os import PathLike
+
+MOST_BYTES = 2**16
+"""Size of a file; a scene takes one or two thousand."""
+
+LONGEST_LINE = 2**11
+"""Characters of a line; the parser's time grows with the square of a dotted key's length."""
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
@@ -23,22 +32,58 @@ def load_scene(path: str | PathLike[str]) -> Scene:
     ------
     SceneError
         If the file is missing or unreadable, is not TOML, or says something that is not allowed.
-        The message begins with the path and lists every finding.
+        The message lists every finding, each with the path and, where it is known, the line.
     """
     file = Path(path)
+    text = _read_text(file)
+    data = _parse(file, text)
     try:
-        data = tomllib.loads(file.read_text(encoding="utf-8"))
-        return Scene(**data)
-    except FileNotFoundError:
-        siblings = [other.name for other in file.parent.glob("*.toml")]
-        msg = f"{file}: no such file{suggest(file.name, siblings)}"
-        raise SceneError(msg) from None
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"{file}: cannot be read: {error}"
-        raise SceneError(msg) from error
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{file}: not valid TOML: {error}"
-        raise SceneError(msg) from error
+        return Scene.of(data)
     except SceneError as error:
-        msg = "\n".join(f"{file}: {line}" for line in str(error).splitlines())
+        raise SceneError(_with_lines(file, text, str(error))) from None
+
+
+def _read_text(file: Path) -> str:
+    content = read_bytes(file, most=MOST_BYTES)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        msg = f"{file}:{line}: got the byte {content[error.start]:#04x}; allowed: UTF-8"
         raise SceneError(msg) from None
+
+
+def _parse(file: Path, text: str) -> dict[str, object]:
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > LONGEST_LINE:
+            msg = f"{file}:{number}: got {len(line)} characters; allowed: at most {LONGEST_LINE}"
+            raise SceneError(msg)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        words = str(error)
+        place = re.search(r" \(at line (\d+), column (\d+)\)$", words)
+        if place:
+            msg = f"{file}:{place[1]}:{place[2]}: not valid TOML: {words[: place.start()]}"
+        else:
+            msg = f"{file}: not valid TOML: {words}"
+    except ValueError as error:  # an integer of more digits than Python reads
+        msg = f"{file}: not valid TOML: {error}"
+    except RecursionError:
+        msg = f"{file}: not valid TOML: nested too deeply"
+    raise SceneError(msg)
+
+
+def _with_lines(file: Path, text: str, findings: str) -> str:
+    """Begin each finding with its place in the file."""
+    lines = lines_of(text)
+    return "\n".join(
+        f"{file}{_place(finding, lines)}: {finding}" for finding in findings.splitlines()
+    )
+
+
+def _place(finding: str, lines: dict[str, int]) -> str:
+    """Return the line of the longest name that a finding begins with; what is missing has none."""
+    ends = [match.start() for match in re.finditer(r"[.:]", finding)]
+    numbers = [lines[finding[:end]] for end in ends if finding[:end] in lines]
+    return f":{numbers[-1]}" if numbers else ""

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mm_gym.errors import SceneError, suggest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from pydantic_core import ErrorDetails
 
@@ -82,7 +82,14 @@ def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
     allowed = (
         "a finite number or [low, high]" if finding["loc"][-1] == "float" else _allowed(finding)
     )
-    return f"got {reprlib.repr(got)}{nearest}; allowed: {allowed}"
+    return f"got {_shown(got)}{nearest}; allowed: {allowed}"
+
+
+def _shown(value: object) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python refuses to write integers of more than some thousand digits
+        return f"a number of type {type(value).__name__}"
 
 
 MISSING = {"missing": "missing", "union_tag_not_found": "'kind' is missing"}
@@ -128,7 +135,12 @@ def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, ty
             names.append(item)
         else:
             break
-    return ".".join(names), owner
+    return dotted_name(names), owner
+
+
+def dotted_name(names: Iterable[str]) -> str:
+    """Return names joined by dots, on one line whatever they hold."""
+    return ".".join(name if name and name.isprintable() else ascii(name) for name in names)
 
 
 def _tag(part: type[Part]) -> str | None:
