@@ -14,6 +14,7 @@ from gymnasium.error import DependencyNotInstalled
 from mm_gym.compile import compile_scene
 from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
 from mm_gym.scene_file import load_scene
+from mm_gym.schema import scene_schema
 from mm_gym.simulate import simulate
 
 if TYPE_CHECKING:
@@ -47,18 +48,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="command")
     for name, run, text in (
-        ("validate", _validate, "check a scene file"),
+        ("validate", _validate, "check scene files: print what is wrong, or that they are valid"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
-        ("simulate", _simulate, "simulate one episode without an agent"),
+        ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
     ):
         command = commands.add_parser(name, help=text, description=text)
-        command.add_argument("scene", metavar="SCENE.toml")
+        many = "+" if name == "validate" else None
+        command.add_argument("scene", metavar="SCENE.toml", nargs=many)
         command.set_defaults(run=run)
         if name == "simulate":
-            command.add_argument("--duration", type=float, metavar="SECONDS")
-            command.add_argument("--seed", type=int, default=0)
-            command.add_argument("--csv", metavar="FILE", help="write the trajectory")
-            command.add_argument("--plot", metavar="FILE", help="draw it as PNG")
+            _add_options(command)
+    text = "print the JSON schema of scene files, for editors"
+    command = commands.add_parser("schema", help=text, description=text)
+    command.set_defaults(run=_schema)
     text = "draw the paper's figures and compare its numbers"
     command = commands.add_parser("paper", help=text, description=text)
     command.add_argument("--figure", metavar="NAME", help="one figure only, such as fig10")
@@ -67,9 +69,41 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_options(simulate: argparse.ArgumentParser) -> None:
+    text = "time to simulate [s]; by default an episode"
+    simulate.add_argument("--duration", type=float, metavar="SECONDS", help=text)
+    text = "seed of what the scene draws; by default 0"
+    simulate.add_argument("--seed", type=_seed, default=0, metavar="N", help=text)
+    simulate.add_argument("--csv", metavar="FILE", help="write the trajectory")
+    simulate.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
+
+
+def _seed(text: str) -> int:
+    seed = int(text)
+    if seed < 0:
+        raise ValueError
+    return seed
+
+
+_seed.__name__ = "seed"  # argparse: invalid seed value
+
+
 def _validate(options: argparse.Namespace) -> None:
-    compile_scene(load_scene(options.scene))
-    print(f"{options.scene}: valid")
+    problems: list[str] = []
+    for scene in options.scene:
+        try:
+            compile_scene(load_scene(scene))
+            print(f"{scene}: valid")
+        except SceneError as error:
+            problems.append(str(error))
+        except CompileError as error:
+            problems.append(f"{scene}: {error}")
+    if problems:
+        raise SceneError("\n".join(problems))
+
+
+def _schema(options: argparse.Namespace) -> None:  # noqa: ARG001 - as the other commands
+    print(scene_schema(), end="")
 
 
 def _explain(options: argparse.Namespace) -> None:

@@ -124,7 +124,7 @@ def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, ty
         if owners:
             owner, annotation = owners[0], owners[0].model_fields[str(item)].annotation
             names.append(str(item))
-            present, keyed = list(_parts_of(annotation)), get_origin(annotation) is dict
+            present, keyed = list(parts_of(annotation)), get_origin(annotation) is dict
         elif isinstance(item, int) or keyed:
             names.append(str(item))
             keyed = False
@@ -148,8 +148,9 @@ def _tag(part: type[Part]) -> str | None:
     return None if field is None else field.default
 
 
-def _parts_of(annotation: object) -> Iterator[type[Part]]:
+def parts_of(annotation: object) -> Iterator[type[Part]]:
+    """Yield the parts that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, Part):
         yield annotation
     for argument in get_args(annotation):
-        yield from _parts_of(argument)
+        yield from parts_of(argument)
