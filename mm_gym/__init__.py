@@ -7,6 +7,7 @@ from mm_gym.errors import CompileError as CompileError
 from mm_gym.errors import SceneError as SceneError
 from mm_gym.errors import SimulationError as SimulationError
 from mm_gym.plant import Plant as Plant
+from mm_gym.precision import work_precision as work_precision
 from mm_gym.registration import register_envs
 from mm_gym.scene import Scene as Scene
 from mm_gym.scene_file import load_scene as load_scene

@@ -51,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
         ("validate", _validate, "check scene files: print what is wrong, or that they are valid"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
+        ("work-precision", _work_precision, "measure what each digit costs, and recommend"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         many = "+" if name == "validate" else None
@@ -58,6 +59,9 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run)
         if name == "simulate":
             _add_options(command)
+        if name == "work-precision":
+            command.add_argument("--out", metavar="DIR", help="write table (CSV) and figure (PNG)")
+            command.add_argument("--seed", type=_seed, default=0, metavar="N")
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
@@ -124,6 +128,17 @@ def _simulate(options: argparse.Namespace) -> None:
         trajectory.to_csv(options.csv)
     if options.plot:
         trajectory.plot(options.plot)
+
+
+def _work_precision(options: argparse.Namespace) -> None:
+    from mm_gym.precision import work_precision  # noqa: PLC0415 - it imports SciPy's integrators
+
+    result = work_precision(load_scene(options.scene), seed=options.seed)
+    print(f"{result.table()}\n\n{result.recommendations()}")
+    if options.out:
+        folder = Path(options.out)
+        result.to_csv(folder / "work_precision.csv")
+        result.plot(folder / "work_precision.png")
 
 
 def _paper(options: argparse.Namespace) -> None:

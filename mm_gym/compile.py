@@ -107,7 +107,8 @@ def _choose(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
     others = _others(scene, support, method)
     if asked not in others:
         allowed = ", ".join(repr(name) for name in ("auto", method.name, *others))
-        msg = f"solver.method: {asked!r} does not apply to this scene; allowed: {allowed}"
+        why = f"({'; '.join(reasons)})"
+        msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"
         raise CompileError(msg)
     return others[asked], (f"solver.method asks for it in place of {method.name!r}",)
 

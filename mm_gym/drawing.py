@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from io import BytesIO
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
@@ -20,12 +21,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from mm_gym.precision import WorkPrecision
     from mm_gym.trajectory import Trajectory
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, which colour-blind readers tell apart."""
 
 STYLES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
 
@@ -108,4 +111,24 @@ def draw_trajectory(trajectory: Trajectory) -> Figure:
     axes[-1].set(xlabel="time [s]", ylabel="energy [mJ]")
     figure.align_ylabels(axes)
     legend_below(figure, axes[0], 3)
+    return figure
+
+
+def draw_work_precision(result: WorkPrecision) -> Figure:
+    """Return the cost of a control step over its error, a curve per method."""
+    figure, (axes,) = panels(3.6, 1, 1)
+    methods = list(dict.fromkeys(one.method for one in result.settings))
+    for k, method in enumerate(methods):
+        own = [one for one in result.settings if one.method == method and isfinite(one.error)]
+        # What is below the oracle's own error lies on its edge.
+        errors = [max(one.error, result.resolution) for one in own]
+        look = {"color": COLOURS[k], "marker": MARKERS[k], "linestyle": STYLES[k % len(STYLES)]}
+        look |= {"label": method, "markersize": 4.0}
+        if method == result.auto:
+            look |= {"label": f"{method} (auto)", "markersize": 7.0, "zorder": 3.0, "color": "k"}
+        axes.plot(errors, [1e6 * one.seconds for one in own], **look)
+    axes.axvspan(0.1 * result.resolution, result.resolution, color="0.9", label="oracle's error")
+    axes.set(xscale="log", yscale="log", xlim=(1.0, 0.3 * result.resolution))
+    axes.set(xlabel="error of a control step [-]", ylabel="cost of a control step [µs]")
+    legend_below(figure, axes, len(methods) + 1)
     return figure

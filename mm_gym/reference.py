@@ -2,7 +2,8 @@
 
 Dry friction is integrated from event to event.
 
-It shares no code with the kernels and is imported by tests and benchmarks only.
+It shares no code with the kernels. Tests, benchmarks and `mm_gym.work_precision` measure against
+it.
 """
 
 from __future__ import annotations
@@ -72,8 +73,9 @@ class Oracle:
         forces: ArrayLike | None = None,
         stretches: ArrayLike | None = None,
         start: ArrayLike | None = None,
+        begin: float = 0.0,
     ) -> State:
-        """Return the states (n, 4) at increasing times [s] of at least 0.
+        """Return the states (n, 4) at increasing times [s] of at least `begin`.
 
         Parameters
         ----------
@@ -82,11 +84,13 @@ class Oracle:
         forces, stretches
             One value per control step, held over it; by default 0 N and the scene's stretch.
         start
-            (4,) state at time 0; by default the scene's.
+            (4,) state at the time `begin` [s]; by default the scene's.
+        begin
+            Where the motion is taken up [s].
         """
         instants = np.atleast_1d(np.asarray(times, np.float64))
         state = self.initial_state() if start is None else np.array(start, np.float64)
-        step, now, states = self.scene.control.time_step, 0.0, np.empty((len(instants), 4))
+        step, now, states = self.scene.control.time_step, begin, np.empty((len(instants), 4))
         for k, instant in enumerate(instants):
             while now < instant:
                 n = int(np.floor(now / step * (1 + 1e-12)))

@@ -1,0 +1,172 @@
+"""Every method on the same control steps: its error against the oracle, and its time."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.compile import PHYSICAL, compile_scene
+from mm_gym.errors import CompileError
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+from mm_gym.precision.episode import record, run, truth_of
+from mm_gym.precision.result import Setting, WorkPrecision
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from mm_gym.plant import Plant
+    from mm_gym.precision.episode import Episode, Truth
+    from mm_gym.scene import Scene
+
+SETTINGS: dict[str, tuple[str, tuple[float, ...]]] = {
+    "exact": ("", (np.nan,)),
+    "switched": ("", (np.nan,)),
+    "taylor": ("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16))),
+    "rk4": ("substeps", tuple(2**k for k in range(13))),
+    "semi_implicit_euler": ("substeps", tuple(4**k for k in range(9))),
+}
+"""Option of each method and its values, from coarse to fine."""
+
+COSTLIEST = 0.1
+"""Seconds for the episode beyond which a method is tried no finer."""
+
+ROUNDS = 5
+"""Turns that each setting is timed in; the median counts."""
+
+TURN = 0.002
+"""Seconds of a turn, in which short runs are repeated."""
+
+
+def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
+    """Measure what each method costs on a scene, and how exact it is.
+
+    An episode under random actions is propagated with every method that applies, over the range of
+    its settings. The error is that of a control step begun in the true state, relative to the
+    largest position or velocity of the episode: what ``solver.tolerance`` bounds. It is measured
+    against SciPy, which shares no code with the methods. The cost is the median of several turns,
+    without compilation; an environment's step adds its own.
+
+    Parameters
+    ----------
+    scene
+        Its ``solver`` is not used.
+    seed
+        Of what the scene draws and of the actions.
+
+    Returns
+    -------
+    WorkPrecision
+
+    Raises
+    ------
+    CompileError
+        If no plant covers the scene.
+    SimulationError
+        If the episode, or SciPy, cannot be completed.
+
+    Examples
+    --------
+    >>> from mm_gym import Scene, work_precision
+    >>> result = work_precision(Scene(initial={"carriage_displacement": 0.01}))
+    >>> result.cheapest(1e-9).method
+    'exact'
+    """
+    scene = scene.replace(solver={})
+    plant = compile_scene(scene)
+    episode = record(plant, seed)
+    truth = truth_of(scene, plant, episode)
+    found: list[tuple[Setting, Callable[[], float]]] = []
+    refused: dict[str, str] = {}
+    for method in SETTINGS:
+        try:
+            found += _family(scene, method, episode, truth)
+        except CompileError as error:
+            refused[method] = str(error)
+    return WorkPrecision(
+        settings=_timed(found, len(episode.states)),
+        refused=refused,
+        auto=plant.method.name,
+        oracle=truth.oracle,
+        resolution=truth.resolution,
+        checked=len(truth.indices),
+        steps=len(episode.states),
+    )
+
+
+def _family(
+    scene: Scene, method: str, episode: Episode, truth: Truth
+) -> list[tuple[Setting, Callable[[], float]]]:
+    """Return a method's settings with what times a run of each, until one costs too much.
+
+    A run that diverges ends early, so it has no cost.
+    """
+    option, values = SETTINGS[method]
+    found: list[tuple[Setting, Callable[[], float]]] = []
+    for value in values:
+        solver = {"method": method} | ({option: value} if option else {})
+        plant = compile_scene(scene.replace(solver=solver))
+        stopwatch = _stopwatch(plant, episode)
+        seconds = stopwatch()
+        error = _error(plant, episode, truth) if np.isfinite(seconds) else np.inf
+        found.append((Setting(method, option, float(value), error, np.nan), stopwatch))
+        if np.isfinite(seconds) and stopwatch() > COSTLIEST:  # the first run may have compiled
+            break
+    return found
+
+
+def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
+    """Return the largest error of the control steps that the oracle integrated."""
+    own, worst = _lane(plant, episode), 0.0
+    parameters = own.values[list(PHYSICAL), 0].copy()
+    state, applied = np.empty((1, 4)), np.empty((1, 2))
+    for n, want in zip(truth.indices, truth.states, strict=True):
+        # Dry friction that never slips has other parameters in a plant that knows it.
+        own.values[:, 0] = episode.columns[:, n]
+        own.values[list(PHYSICAL), 0] = parameters
+        status = run(plant, own, episode.commands[n : n + 1], state, applied)
+        if status > at.ENDED or not np.isfinite(state).all():
+            return np.inf
+        worst = max(worst, float((np.abs(state[0] - want) / episode.scale).max()))
+    return worst
+
+
+def _lane(plant: Plant, episode: Episode) -> Lanes:
+    lanes = Lanes(plant, 1)
+    lanes.seed(episode.seed)
+    lanes.restart()
+    return lanes
+
+
+def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
+    """Return a function that runs the episode and returns its seconds, infinite if it diverges."""
+    lanes = _lane(plant, episode)
+    start: NDArray[np.float64] = lanes.values.copy()
+    states, applied = np.empty_like(episode.states), np.empty_like(episode.applied)
+
+    def stopwatch() -> float:
+        lanes.values[...] = start
+        began = time.perf_counter()
+        status = run(plant, lanes, episode.commands, states, applied)
+        return np.inf if status > at.ENDED else time.perf_counter() - began
+
+    return stopwatch
+
+
+def _timed(found: list[tuple[Setting, Callable[[], float]]], steps: int) -> tuple[Setting, ...]:
+    """Fill in the costs, measured in turns so that a busy machine disturbs all alike."""
+    measured = np.empty((ROUNDS, len(found)))
+    for turn in range(ROUNDS):
+        for k, (_, stopwatch) in enumerate(found):
+            once = stopwatch()
+            repeats = min(1000, int(TURN / once))
+            measured[turn, k] = np.median([once, *(stopwatch() for _ in range(1, repeats))])
+    costs = np.median(measured, axis=0) / steps
+    return tuple(
+        Setting(one.method, one.option, one.value, one.error, float(cost))
+        for (one, _), cost in zip(found, costs, strict=True)
+    )

@@ -1,0 +1,159 @@
+"""The result of a work-precision measurement: settings with their error and cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mm_gym.drawing import draw_work_precision, save, style
+from mm_gym.errors import SceneError
+from mm_gym.files import write_csv
+from mm_gym.scene import Solver
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from matplotlib.figure import Figure
+
+LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
+"""Errors that a setting is recommended for."""
+
+
+WIDTH = 48
+"""Characters of the longest setting."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A method with its setting, as measured on a scene.
+
+    Attributes
+    ----------
+    method
+        Value of ``solver.method``.
+    option
+        ``"tolerance"`` or ``"substeps"``; empty for a method without a setting.
+    value
+        Its value, NaN without one.
+    error
+        Largest error of a control step, relative to the trajectory's scale; infinite if the state
+        did not stay finite.
+    seconds
+        Cost of a control step of one lane [s]; infinite if the state did not stay finite.
+    """
+
+    method: str
+    option: str
+    value: float
+    error: float
+    seconds: float
+
+    @property
+    def text(self) -> str:
+        """The setting as a scene file states it."""
+        option = f", {self.option} = {self.value:g}" if self.option else ""
+        return f'method = "{self.method}"{option}'
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """What each method costs on a scene, and how exact it is.
+
+    Attributes
+    ----------
+    settings
+        Every setting measured, by method from coarse to fine.
+    refused
+        Method -> why it does not apply to the scene.
+    auto
+        The method that ``solver.method = "auto"`` chooses.
+    oracle
+        What the errors were measured against.
+    resolution
+        The oracle's own error; smaller ones cannot be told from it.
+    checked, steps
+        Control steps whose error was measured, out of how many that were timed.
+    """
+
+    settings: tuple[Setting, ...]
+    refused: dict[str, str]
+    auto: str
+    oracle: str
+    resolution: float
+    checked: int
+    steps: int
+
+    def cheapest(self, error: float) -> Setting | None:
+        """Return the cheapest setting that keeps an error; None if none was seen to.
+
+        Parameters
+        ----------
+        error
+            Error of a control step relative to the trajectory's scale, greater than 0. What is
+            below the oracle's own error counts as that.
+
+        Raises
+        ------
+        SceneError
+            If the error is not a number greater than 0.
+        """
+        if not (isinstance(error, float | int) and error > 0.0 and math.isfinite(error)):
+            msg = f"error: got {error!r}; allowed: a finite number greater than 0"
+            raise SceneError(msg)
+        met = [one for one in self.settings if max(one.error, self.resolution) <= error]
+        return min(met, key=lambda one: one.seconds, default=None)
+
+    def table(self) -> str:
+        """Return what was measured as text."""
+        lines = [
+            f"error    largest of {self.checked} control steps, relative to the trajectory's scale",
+            f"         against {self.oracle}, good to {self.resolution:.0e}",
+            f"cost     mean of {self.steps} control steps of one lane",
+            "",
+            f"{'solver':{WIDTH}}{'error':>10}{'µs a step':>12}",
+        ]
+        for one in self.settings:
+            if not math.isfinite(one.seconds):
+                lines.append(f"{one.text:{WIDTH}}{'diverges':>10}{'-':>12}")
+                continue
+            default = one.option == "" or one.value == Solver().tolerance
+            mark = "  auto" if one.method == self.auto and default else ""
+            lines.append(f"{one.text:{WIDTH}}{one.error:10.1e}{one.seconds * 1e6:12.3f}{mark}")
+        lines += [f"{name} does not apply: {why}" for name, why in self.refused.items()]
+        return "\n".join(lines)
+
+    def recommendations(self) -> str:
+        """Return the cheapest setting for each of `LEVELS` as text."""
+        return "\n".join(self._recommendation(level) for level in LEVELS)
+
+    def _recommendation(self, level: float) -> str:
+        best = self.cheapest(level)
+        if best is None:
+            return f"for {level:.0e} no setting was seen to suffice"
+        return f"for {level:.0e} use {best.text}: {best.seconds * 1e6:.3g} µs a control step"
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write the settings as rows; all digits are kept."""
+        header = ["method", "option", "value", "error [-]", "cost of a control step [s]"]
+        rows = [(s.method, s.option, s.value, s.error, s.seconds) for s in self.settings]
+        write_csv(path, header, list(zip(*rows, strict=True)))
+
+    def plot(self, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw cost over error, a curve per method.
+
+        Parameters
+        ----------
+        path
+            Where to write a PNG; the file is written whole.
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without matplotlib (extra: plot).
+        """
+        with style():
+            figure = draw_work_precision(self)
+            if path is not None:
+                save(figure, path)
+        return figure

@@ -1,0 +1,164 @@
+"""Does the work-precision measurement see the errors that there are, on any scene?"""
+
+from __future__ import annotations
+
+import csv
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from mm_gym import Scene, SceneError, SimulationError, load_scene, work_precision
+from mm_gym.__main__ import main
+from mm_gym.precision import Setting, WorkPrecision
+from mm_gym.reference import Oracle
+from mm_gym.scene import Carriage, Control, DryFriction, Initial, SmallOnLarge, StretchActuator
+from mm_gym.tasks import PRE_STRETCH
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
+BASE = Scene(initial=START, control=Control(time_step=1e-2, steps=30))
+CUBIC = BASE.replace(**{"carriage.cubic_coefficient": 2e6})
+FRICTION = DryFriction(
+    static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
+)
+TONES = [
+    {"kind": "harmonic", "amplitude": 3.0, "frequency": 50.0, "phase": 0.3},
+    {"kind": "harmonic", "amplitude": 20.0, "frequency": 37.0, "target": "ground"},
+]
+DRAWN = {"carriage.damping": (0.5, 2.0), "excitation.1.phase": (0.0, 6.0)}
+EVERYTHING = BASE.replace(
+    excitation=TONES,
+    randomization=DRAWN,
+    springs=SmallOnLarge().model_dump(),
+    **{
+        "actuation.stretch": StretchActuator(rate_limit=20.0).model_dump(),
+        "actuation.force": {"limit": 10.0},
+        "initial.sphere_velocity": (-0.1, 0.1),
+    },
+)
+SCENES = {
+    "linear": BASE,
+    "cubic": CUBIC,
+    "friction": BASE.replace(interface=FRICTION.model_dump()),
+    "friction that never slips": BASE.replace(
+        interface=FRICTION.model_dump(), **{"interface.reference_velocity": 3.0}
+    ),
+    "massless": BASE.replace(**{"carriage.mass": 0.0}),
+    "stiff": BASE.replace(**{"interface.damping": 1e9}),
+    "everything, linear": EVERYTHING,
+    "everything, friction": EVERYTHING.replace(interface=FRICTION.model_dump()),
+    "everything, cubic": EVERYTHING.replace(**{"carriage.cubic_coefficient": 1e5}),
+    "a task": PRE_STRETCH,
+}
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, WorkPrecision]:
+    return {name: work_precision(scene, seed=3) for name, scene in SCENES.items()}
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_auto_at_its_tightest_meets_the_oracle(
+    name: str, results: dict[str, WorkPrecision]
+) -> None:
+    result = results[name]
+    own = [one for one in result.settings if one.method == result.auto]
+    # What is drawn, commanded and excited reaches the oracle, or the difference is of order one.
+    assert own[-1].error <= 1e-12 + result.resolution
+    assert result.resolution <= 1e-11
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_every_method_is_measured_or_refused_with_a_reason(
+    name: str, results: dict[str, WorkPrecision]
+) -> None:
+    result = results[name]
+    measured = {one.method for one in result.settings}
+    methods = {"exact", "switched", "taylor", "rk4", "semi_implicit_euler"}
+    assert measured | set(result.refused) == methods
+    assert not measured & set(result.refused)
+    assert all("solver.method" in why or "allow" in why for why in result.refused.values())
+    for method, why in result.refused.items():
+        assert f"{method} does not apply: {why}" in result.table()
+
+
+@pytest.mark.parametrize("name", ["linear", "cubic", "everything, cubic"])
+def test_errors_show_the_order_and_the_tolerance(
+    name: str, results: dict[str, WorkPrecision]
+) -> None:
+    settings = results[name].settings
+    for method, order, low, high in (("rk4", 4, 1e-9, 1e-5), ("semi_implicit_euler", 1, 0.0, 1e-3)):
+        curve = [
+            (one.value, one.error)
+            for one in settings
+            if one.method == method and low < one.error < high
+        ]
+        values, errors = np.array(curve).T
+        slope = np.polyfit(np.log(values), np.log(errors), 1)[0]
+        assert slope == pytest.approx(-order, abs=0.2)
+    floor = 1e-12 + results[name].resolution
+    assert all(s.error <= s.value + floor for s in settings if s.option == "tolerance")
+
+
+def test_cost_grows_with_the_work(results: dict[str, WorkPrecision]) -> None:
+    rk4 = [one.seconds for one in results["linear"].settings if one.method == "rk4"]
+    assert rk4[-1] > 100.0 * rk4[0] > 0.0
+    # A step is a matter of microseconds at most; in a second there is something wrong.
+    assert all(0.0 < one.seconds < 1.0 for one in results["linear"].settings)
+
+
+def test_cheapest_is_the_cheapest_that_keeps_the_error() -> None:
+    settings = (
+        Setting("taylor", "tolerance", 1e-3, 1e-5, 1e-6),
+        Setting("taylor", "tolerance", 1e-6, 1e-8, 2e-6),
+        Setting("rk4", "substeps", 1, 1e-4, 5e-7),
+        Setting("rk4", "substeps", 64, math.inf, math.inf),
+        Setting("exact", "", math.nan, 0.0, 3e-6),
+    )
+    result = WorkPrecision(settings, {}, "taylor", "SciPy", 1e-13, 1, 1)
+    assert result.cheapest(1e-3) is settings[2]
+    assert result.cheapest(1e-6) is settings[1]
+    assert result.cheapest(1e-9) is settings[4]
+    assert result.cheapest(1e-14) is None  # the oracle's own error is larger
+    assert 'for 1e-06 use method = "taylor", tolerance = 1e-06' in result.recommendations()
+    assert "diverges" in result.table()
+    for bad in (0.0, -1.0, math.nan, math.inf, "small"):
+        with pytest.raises(SceneError, match=r"error: got .* greater than 0"):
+            result.cheapest(bad)
+
+
+def test_scene_that_scipy_cannot_follow_is_refused() -> None:
+    with pytest.raises(SimulationError, match="SciPy cannot follow"):
+        work_precision(Scene(carriage=Carriage(mass=1e-80), initial=START))
+
+
+def test_oracle_takes_up_a_motion_and_gives_up_when_told() -> None:
+    oracle = Oracle(EVERYTHING.replace(randomization={}))
+    forces, stretches = np.linspace(-5.0, 5.0, 10), np.linspace(1.0, 2.0, 10)
+    held = {"forces": forces, "stretches": stretches, "start": np.array([0.01, 0.02, 0.1, 0.0])}
+    whole = oracle.solve([0.03, 0.1], **held)
+    rest = oracle.solve([0.1], **held | {"start": whole[0], "begin": 0.03})
+    assert rest[0] == pytest.approx(whole[1], rel=1e-10)
+    with pytest.raises(SimulationError, match="gave up after 20 evaluations"):
+        Oracle(BASE, most_evaluations=20).solve([0.1])
+
+
+def test_command_prints_recommends_and_writes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[carriage]\ncubic_coefficient = 2e6\n[initial]\nsphere_offset = 0.01\n")
+    assert load_scene(scene).carriage.cubic_coefficient == 2e6
+    assert main(["work-precision", str(scene), "--out", str(tmp_path / "new")]) == 0
+    printed = capsys.readouterr().out
+    assert "for 1e-06 use method = " in printed
+    assert "exact does not apply" in printed
+    with (tmp_path / "new" / "work_precision.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["method", "option", "value", "error [-]", "cost of a control step [s]"]
+    assert {row[0] for row in rows} == {"taylor", "rk4", "semi_implicit_euler"}
+    assert (tmp_path / "new" / "work_precision.png").stat().st_size > 20_000
