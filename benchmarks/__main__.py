@@ -1,6 +1,7 @@
 """Measure everything and write docs/benchmarks.md: ``make bench``.
 
-``python -m benchmarks SECTION ...`` measures and prints the sections named, and writes nothing.
+``python -m benchmarks SECTION ...`` measures and prints the sections named and leaves the page as
+it is; ``precision`` redraws the README's figure in either case.
 """
 
 from __future__ import annotations
@@ -8,8 +9,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from benchmarks.figure10 import figure10
 from benchmarks.learning import learning
-from benchmarks.precision import cubic, friction
+from benchmarks.precision import precision
 from benchmarks.report import machine
 from benchmarks.startup import startup
 from benchmarks.stepping import single, vector
@@ -18,8 +20,8 @@ from mm_gym.files import write_text
 SECTIONS = {
     "single": single,
     "vector": vector,
-    "cubic": cubic,
-    "friction": friction,
+    "precision": precision,
+    "figure10": figure10,
     "learning": learning,
     "startup": startup,
 }

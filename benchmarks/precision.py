@@ -1,193 +1,224 @@
-"""What accuracy costs beside the peers: a cubic spring by error level, dry friction with events."""
+"""What accuracy costs beside the peers, on four classes of scenes, by error level.
+
+The section redraws the README's figure, docs/work_precision.png.
+"""
 
 from __future__ import annotations
 
-import itertools
-import os
 import time
-from functools import partial
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
-from benchmarks.report import installed, table
-from benchmarks.timing import side_by_side
-from mm_gym import compile_scene
-from mm_gym.analysis import bifurcation
+from benchmarks.peers import BUDGET, GaveUpError, Motion, families, truth
+from benchmarks.report import table
+from benchmarks.timing import Timing, side_by_side
+from mm_gym import compile_scene, simulate
+from mm_gym.drawing import COLOURS, legend_below, panels, save, style
 from mm_gym.paper import scene as paper_scene
-from mm_gym.paper.scenes import CHI, RATIOS
-from mm_gym.reference import Oracle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from benchmarks.peers import Family, Run
 
-    from mm_gym import Scene
-
-    State = NDArray[np.float64]
-
-LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
+FRICTION = paper_scene("fig8")
+MOTIONS = (
+    Motion("linear (fig. 2 A)", paper_scene("fig2a")),
+    Motion("cubic spring (fig. 6 D)", paper_scene("fig6d")),
+    Motion("dry friction (fig. 8)", FRICTION),
+    Motion(
+        "stiff dry friction (v_r = 1e-6 m/s)",
+        FRICTION.replace(**{"interface.reference_velocity": 1e-6}),
+    ),
+)
+LEVELS = tuple(10.0**-k for k in range(3, 13))
 TOLERANCES = tuple(10.0**-k for k in range(2, 16))
-START = (0.01, 0.03, 0.0, 0.0)
-SCALE = np.array([0.01, 0.03, 6.0, 1.0])
-"""Largest magnitude of each state of the cubic case [m, m, m/s, m/s]."""
+FIGURE = Path(__file__).parent.parent / "docs" / "work_precision.png"
 
-SAMPLES = 6
-"""Points of figure 10 that SciPy integrates; its time for all is extrapolated from them."""
+QUICK = 0.05
+"""Seconds of a run above which it is timed once only; the ratios are then in the thousands."""
+
+ROUNDS = 9
+
+CLOSE = 10.0
+"""Ratio up to which digits behind the point are of interest."""
+
+OURS = "mm_gym"
+MISSED = "-"
+INTRODUCTION = """## Work and precision
+
+One second of motion from rest in one control step, the end state only, its error relative to the
+largest position or velocity of the motion; compiled right-hand sides for the peers; set-up and
+compilation are not counted. For each candidate the quickest setting that attains the error, as a
+multiple of mm_gym's time: the peers' best case. A force held for 10 ms at a time would make them
+begin anew a hundred times.
+"""
+
+LOOKS = {
+    OURS: {"color": COLOURS[6], "marker": "*", "markersize": 9.0, "zorder": 3.0},
+    "heyoka": {"color": COLOURS[0], "marker": "o"},
+    "CVODE Adams": {"color": COLOURS[3], "marker": "D"},
+    "CVODE BDF": {"color": COLOURS[3], "marker": "d", "linestyle": "--"},
+    "SciPy RK23": {"color": COLOURS[4], "marker": "<", "linestyle": ":"},
+    "SciPy RK45": {"color": COLOURS[4], "marker": ">", "linestyle": "--"},
+    "SciPy DOP853": {"color": COLOURS[4], "marker": "^"},
+    "SciPy LSODA": {"color": COLOURS[1], "marker": "v"},
+    "SciPy BDF": {"color": COLOURS[2], "marker": "s", "linestyle": "--"},
+    "SciPy Radau": {"color": COLOURS[2], "marker": "p"},
+}
+"""Look of each candidate; together with the markers, the figure can be read without colours."""
 
 
-def cubic() -> str:
-    """Return the section on one second of the paper's cubic case (fig. 6d)."""
-    truth = _heyoka(1e-18)[1]() if installed("heyoka") else _ours(1e-15)[1]()
-    families = {"mm_gym": _ours, **_scipy_families()}
-    if installed("heyoka"):
-        families["heyoka"] = _heyoka
-    runs: dict[str, Callable[[], object]] = {}
-    errors: dict[str, float] = {}
-    settings: list[tuple[float, str, float, str]] = []
-    for name, family in families.items():
-        for tolerance in TOLERANCES:
-            key = f"{name} at {tolerance:.0e}"
-            runs[key], result = family(tolerance)
-            errors[key] = float((np.abs(result() - truth) / SCALE).max())
-        for level in LEVELS:
-            # The loosest setting that meets the level; a lucky one beyond a miss does not count.
-            keys = [f"{name} at {tolerance:.0e}" for tolerance in reversed(TOLERANCES)]
-            met = list(itertools.takewhile(partial(_is_met, errors, level), keys))
-            if met:
-                settings.append((level, name, float(met[-1].split()[-1]), met[-1]))
-    chosen = {key: runs[key] for *_, key in settings}
-    timings = side_by_side(chosen, rounds=9, seconds=0.02)
-    own = {level: timings[key] for level, name, _, key in settings if name == "mm_gym"}
+@dataclass(frozen=True)
+class Measured:
+    """A setting of a candidate on one motion."""
+
+    tolerance: float
+    error: float
+    timing: Timing
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All candidates on one motion.
+
+    Attributes
+    ----------
+    measured
+        Candidate -> its settings.
+    gave_up
+        Candidate -> the tolerance from which on it failed or took too long.
+    """
+
+    motion: Motion
+    measured: dict[str, list[Measured]]
+    gave_up: dict[str, float]
+
+    def best(self, name: str, level: float) -> Timing | None:
+        """Return the time of a candidate's quickest setting with at most that error."""
+        met = [one.timing for one in self.measured[name] if one.error <= level]
+        return min(met, key=lambda timing: timing.median, default=None)
+
+    def ratio(self, name: str, level: float) -> float:
+        """Return a candidate's time at a level over this package's; NaN if it gets not so far."""
+        own, other = self.best(OURS, level), self.best(name, level)
+        return np.nan if own is None or other is None else own.times_faster_than(other)
+
+
+def precision() -> str:
+    """Return the section on work and precision, and draw its figure."""
+    comparisons = [_compare(motion) for motion in MOTIONS]
+    _draw(comparisons)
+    return "\n\n".join([INTRODUCTION.strip(), *map(_section, comparisons)]) + "\n"
+
+
+def _compare(motion: Motion) -> Comparison:
+    """Find the error of every setting, then time the quick ones in turns."""
+    end, scale = truth(motion), _scale(motion)
+    found: dict[str, list[tuple[float, float, float, Run]]] = {}
+    gave_up: dict[str, float] = {}
+    for name, family in families().items():
+        found[name] = []
+        with suppress(GaveUpError):  # the first run may compile
+            _attempt(motion, family, TOLERANCES[0])
+        for tolerance in TOLERANCES if name != OURS or _has_tolerance(motion) else (1e-9,):
+            try:
+                run, seconds, state = _attempt(motion, family, tolerance)
+            except GaveUpError:
+                gave_up[name] = tolerance
+                break
+            error = float((np.abs(state - end) / scale).max())
+            found[name].append((tolerance, error, seconds, run))
+    quick: dict[str, Callable[[], object]] = {
+        f"{name} {tolerance}": run
+        for name, settings in found.items()
+        for tolerance, _, seconds, run in settings
+        if seconds < QUICK
+    }
+    timings = side_by_side(quick, rounds=ROUNDS, seconds=0.01)
+    measured = {
+        name: [
+            Measured(tolerance, error, timings.get(f"{name} {tolerance}", _once(name, seconds)))
+            for tolerance, error, seconds, _ in settings
+        ]
+        for name, settings in found.items()
+    }
+    return Comparison(motion, measured, gave_up)
+
+
+def _attempt(motion: Motion, family: Family, tolerance: float) -> tuple[Run, float, np.ndarray]:
+    run = family(motion, tolerance)
+    began = time.perf_counter()
+    state = np.array(run())
+    return run, time.perf_counter() - began, state
+
+
+def _once(name: str, seconds: float) -> Timing:
+    return Timing(name, np.full(ROUNDS, seconds))
+
+
+def _has_tolerance(motion: Motion) -> bool:
+    return "tolerance" in compile_scene(motion.scene).method.options
+
+
+def _scale(motion: Motion) -> np.ndarray:
+    largest = np.abs(simulate(motion.scene, duration=1.0).state).max(axis=0)
+    return np.repeat([largest[:2].max(), largest[2:].max()], 2)
+
+
+def _section(comparison: Comparison) -> str:
+    own = [comparison.best(OURS, level) for level in LEVELS]
+    first = ["mm_gym `auto` [µs]", *(MISSED if t is None else f"{t.median * 1e6:.3g}" for t in own)]
     rows = [
-        (
-            f"{level:.0e}",
-            name,
-            f"{timings[key].median * 1e6:.0f} ± {timings[key].spread * 100:.0f} %",
-            f"{tolerance:.0e}",
-            f"{errors[key]:.1e}",
-            f"{own[level].times_faster_than(timings[key]):.2f}",
-        )
-        for level, name, tolerance, key in sorted(settings, key=lambda setting: -setting[0])
+        [name, *(_cell(comparison.ratio(name, level)) for level in LEVELS)]
+        for name in comparison.measured
+        if name != OURS
     ]
-    header = ("error at most", "method", "µs", "tolerance", "error", "times mm_gym's")
-    return f"## One second of a cubic spring\n\n{table(header, rows)}\n"
+    error = max(one.error for one in comparison.measured[OURS][-1:])
+    notes = [f"Tightest error of mm_gym: {error:.0e}.", _verdict(comparison)]
+    if comparison.gave_up:
+        late = "; ".join(f"{name} from {at:.0e} on" for name, at in comparison.gave_up.items())
+        notes.append(f"Failed, or took longer than {BUDGET} s, at a tolerance of: {late}.")
+    header = ("error at most", *(f"{level:.0e}" for level in LEVELS))
+    body = table(header, [first, *rows])
+    return f"### {comparison.motion.name}\n\n{body}\n\n" + "\n".join(notes)
 
 
-def _is_met(errors: dict[str, float], level: float, key: str) -> bool:
-    return errors[key] <= level
+def _cell(ratio: float) -> str:
+    return MISSED if np.isnan(ratio) else f"{ratio:,.{0 if ratio > CLOSE else 2}f}"
 
 
-def _ours(tolerance: float) -> tuple[Callable[[], object], Callable[[], State]]:
-    """Return a run of one control step of a second, from the state at rest, and its result."""
-    changes = {"solver.tolerance": tolerance, "control.time_step": 1.0, "control.steps": 1}
-    plant = compile_scene(paper_scene("fig6d").replace(**changes))
-    lane, state = _lane_of(plant)
-    commands, states, applied = np.zeros((1, 2)), np.empty((1, 4)), np.empty((1, 2))
-
-    def run() -> None:
-        lane[:4, 0] = state
-        plant.method.entries.run(plant.model, plant.task, lane, commands, states, applied)
-
-    def result() -> State:
-        run()
-        return states[0].copy()
-
-    return run, result
+def _verdict(comparison: Comparison) -> str:
+    """Say at which levels which peer is quicker."""
+    quicker = []
+    for name in comparison.measured:
+        levels = [level for level in LEVELS if comparison.ratio(name, level) < 1.0]
+        if name != OURS and levels:
+            quicker.append(f"{name} at {', '.join(f'{level:.0e}' for level in levels)}")
+    missed = [level for level in LEVELS if comparison.best(OURS, level) is None]
+    lost = f" mm_gym does not attain {', '.join(f'{m:.0e}' for m in missed)}." if missed else ""
+    text = f"Quicker than `auto`: {'; '.join(quicker)}." if quicker else "No peer is quicker."
+    return text + lost
 
 
-def _lane_of(plant: object) -> tuple[NDArray[np.float64], State]:
-    lane = np.ascontiguousarray(plant.template[:, None])  # type: ignore[attr-defined]
-    return lane, np.array(START)
-
-
-def _field(_: float, y: State) -> list[float]:
-    x1, _, v1, v2 = y
-    slip = v2 - v1
-    return [v1, v2, (-v1 - 400.0 * (1.0 + 2e6 * x1 * x1) * x1 + slip) / 0.1, -slip / 0.04]
-
-
-def _scipy_families() -> dict[
-    str, Callable[[float], tuple[Callable[[], object], Callable[[], State]]]
-]:
-    def family(method: str) -> Callable[[float], tuple[Callable[[], object], Callable[[], State]]]:
-        def make(tolerance: float) -> tuple[Callable[[], object], Callable[[], State]]:
-            relative = max(tolerance, 3e-14)
-
-            def run() -> State:
-                options = {"method": method, "rtol": relative, "atol": relative * 1e-3}
-                return solve_ivp(_field, (0.0, 1.0), START, **options).y[:, -1]
-
-            return run, run
-
-        return make
-
-    return {f"SciPy {method}": family(method) for method in ("DOP853", "RK45", "LSODA")}
-
-
-def _heyoka(tolerance: float) -> tuple[Callable[[], object], Callable[[], State]]:
-    import heyoka  # noqa: PLC0415 - an optional peer
-
-    x1, x2, v1, v2 = heyoka.make_vars("x1", "x2", "v1", "v2")
-    slip = v2 - v1
-    force = -v1 - 400.0 * (x1 + 2e6 * x1**3) + slip
-    system = [(x1, v1), (x2, v2), (v1, force / 0.1), (v2, -slip / 0.04)]
-    integrator = heyoka.taylor_adaptive(system, list(START), tol=tolerance)
-
-    def run() -> None:
-        integrator.time = 0.0
-        integrator.state[:] = START
-        integrator.propagate_until(1.0)
-
-    def result() -> State:
-        run()
-        return np.array(integrator.state)
-
-    return run, result
-
-
-def friction() -> str:
-    """Return the section on figure 10: where a sphere under dry friction comes to rest."""
-    velocities = np.arange(1e-6, 1.0, 1e-3)
-    curves = [
-        paper_scene("fig10").replace(
-            **{"interface.slip_damping": chi, "interface.kinetic_coefficient": 0.51 * ratio}
-        )
-        for chi, ratio in [(chi, 0.5) for chi in CHI] + [(0.1, ratio) for ratio in RATIOS]
-    ]
-    bifurcation(curves[0], "interface.reference_velocity", velocities[:2])
-    began, used = time.perf_counter(), time.process_time()
-    found = [bifurcation(curve, "interface.reference_velocity", velocities) for curve in curves]
-    wall, processor = time.perf_counter() - began, time.process_time() - used
-    points, errors, seconds = len(curves) * velocities.size, [], 0.0
-    for k in np.linspace(20, velocities.size - 20, SAMPLES).astype(int):
-        point = curves[2].replace(**{"interface.reference_velocity": float(velocities[k])})
-        began = time.perf_counter()
-        asymptote = _oracle_asymptote(point)
-        seconds += time.perf_counter() - began
-        errors.append(abs(found[2][k] - asymptote))
-    extrapolated = seconds / SAMPLES * points
-    rows = [
-        ("mm_gym, wall clock", f"{wall:.2f}", "1"),
-        (f"mm_gym, processor time on {os.cpu_count()} cores", f"{processor:.2f}", ""),
-        (
-            f"SciPy DOP853 with events, extrapolated from {SAMPLES} points",
-            f"{extrapolated:,.0f}",
-            f"{extrapolated / processor:,.0f} times mm_gym's processor time",
-        ),
-    ]
-    note = f"Largest difference of the sampled points: {max(errors):.1e} m.\n"
-    title = f"## Dry friction: figure 10, {points:,} points"
-    return f"{title}\n\n{table(('', 'seconds', 'ratio'), rows)}\n\n{note}"
-
-
-def _oracle_asymptote(scene: Scene) -> float:
-    """Integrate with SciPy until nothing slips any more, and apply the first integral."""
-    x1, x2, _, v2 = Oracle(scene, rtol=1e-11, max_step=2e-3).solve([1.5])[-1]
-    interface = scene.interface
-    assert interface.kind == "dry_friction"  # noqa: S101 - figure 10 is about it
-    assert interface.normal_force is not None  # noqa: S101 - the paper states it
-    creep = interface.static_coefficient * interface.normal_force / interface.reference_velocity
-    return float(x2 - x1 + scene.sphere.mass * v2 / creep)
+def _draw(comparisons: list[Comparison]) -> None:
+    """Draw time over error, a panel per motion."""
+    with style():
+        figure, axes = panels(6.0, 2, 2, sharey="all")
+        for panel, comparison in zip(axes, comparisons, strict=True):
+            for name, settings in comparison.measured.items():
+                errors = [max(one.error, 1e-16) for one in settings]
+                times = [one.timing.median for one in settings]
+                label = "mm_gym auto" if name == OURS else name
+                panel.plot(errors, times, label=label, **{"markersize": 4.0} | LOOKS[name])
+            panel.set(xscale="log", yscale="log", xlim=(1e-1, 3e-17), title=comparison.motion.name)
+        for panel in axes[2:]:
+            panel.set_xlabel("error after one second, relative [-]")
+        for panel in axes[::2]:
+            panel.set_ylabel("time for one second of motion [s]")
+        legend_below(figure, axes[1], 5)
+        save(figure, FIGURE)

@@ -32,7 +32,7 @@ SETTINGS: dict[str, tuple[str, tuple[float, ...]]] = {
 }
 """Option of each method and its values, from coarse to fine."""
 
-COSTLIEST = 0.1
+COSTLIEST = 0.02
 """Seconds for the episode beyond which a method is tried no finer."""
 
 ROUNDS = 5
