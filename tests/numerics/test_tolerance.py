@@ -1,0 +1,139 @@
+"""Does the error of every control step stay below the tolerance asked for?"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mm_gym import Scene, SimulationError, compile_scene
+from mm_gym.kernels import layout as at
+from mm_gym.lanes import Lanes
+
+from .decimal_series import ControlStep
+
+STEPS = 10
+CHECKED = (0, 4, 9)
+"""Control steps of each episode that the reference follows."""
+
+
+def _near(rng: np.random.Generator, middle: float, decades: float = 1.0) -> float:
+    return float(middle * 10.0 ** rng.uniform(-decades, decades))
+
+
+def random_scene(rng: np.random.Generator) -> Scene:
+    """Return a scene of the Taylor series' domain with a random tolerance.
+
+    Control steps span 0.05 to 10 radians of its fastest oscillation.
+    """
+    x1, offset = (_near(rng, 0.01) * float(rng.choice([-1.0, 1.0])) for _ in range(2))
+    m1, k1 = _near(rng, 0.1), _near(rng, 400.0)
+    springs = _springs(rng, offset)
+    cubic = springs["kind"] != "finite_stretch" or rng.random() < 0.5
+    # From a thousandth to a thousand times the linear spring's force.
+    beta = _near(rng, x1**-2, 3.0) if cubic else 0.0
+    k2 = 6.0 * springs.get("stiffness", 0.0)
+    m2 = _near(rng, 0.04)
+    rate = np.sqrt((k1 * (1.0 + 3.0 * beta * x1**2) + k2) / m1 + k2 / m2)
+    data: dict[str, Any] = {
+        "carriage": {"mass": m1, "stiffness": k1, "cubic_coefficient": beta},
+        "sphere": {"mass": m2},
+        "springs": springs,
+        "interface": _interface(rng),
+        "initial": {
+            "carriage_displacement": x1,
+            "sphere_offset": offset,
+            "carriage_velocity": float(rng.choice([0.0, 1.0])) * rate * x1 * rng.uniform(-1.0, 1.0),
+        },
+        "control": {"time_step": float(10.0 ** rng.uniform(-1.3, 1.0) / rate), "steps": STEPS},
+        "solver": {"method": "taylor", "tolerance": float(10.0 ** rng.uniform(-13.0, -3.0))},
+        "excitation": [
+            {
+                "kind": "harmonic",
+                "target": target,
+                "amplitude": size * abs(x1) * rng.uniform(0.0, 1.0),
+                "frequency": _near(rng, rate),
+                "phase": float(rng.uniform(0.0, 6.0)),
+            }
+            for target, size in (("force", k1), ("ground", k1 / m1))
+            if rng.random() < 0.3
+        ],
+    }
+    data["carriage"]["damping"] = float(rng.choice([0.0, 1.0])) * _near(rng, 0.1 * m1 * rate)
+    if rng.random() < 0.5:
+        data["actuation"] = {"force": {"limit": k1 * abs(x1)}}
+    return Scene(**data)
+
+
+def _interface(rng: np.random.Generator) -> dict[str, Any]:
+    kind = str(rng.choice(["none", "viscous", "dry_friction", "dry_friction"]))
+    if kind != "dry_friction":
+        return {"kind": kind} | ({"damping": _near(rng, 0.3)} if kind == "viscous" else {})
+    static = _near(rng, 0.5)
+    return {
+        "kind": kind,
+        "static_coefficient": static,
+        "kinetic_coefficient": static * float(rng.uniform(0.1, 1.0)),
+        "reference_velocity": _near(rng, 0.2),
+        "slip_damping": float(rng.choice([0.0, 1.0])) * _near(rng, 0.1),
+    }
+
+
+def _springs(rng: np.random.Generator, offset: float) -> dict[str, Any]:
+    kind = str(rng.choice(["none", "small_on_large", "finite_stretch", "finite_stretch"]))
+    if kind == "none":
+        return {"kind": kind}
+    springs = {
+        "kind": kind,
+        "stiffness": _near(rng, 35.0),
+        "stretch": float(rng.uniform(1.0, 3.0)),
+    }
+    if kind == "finite_stretch":
+        springs["rest_length"] = abs(offset) * float(rng.uniform(1.5, 10.0))
+    return springs
+
+
+def excess(seed: int) -> float:
+    """Return the largest error of the control steps of a random scene, over its tolerance."""
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng)
+    plant = compile_scene(scene)
+    limit = plant.task[at.FORCE_LIMIT] if plant.actuators else 0.0
+    lanes, worst = Lanes(plant, 1), 0.0
+    lanes.restart()
+    state, applied = np.empty((1, 4)), np.empty((1, 2))
+    for n in range(STEPS):
+        start = lanes.values[:4, 0].copy()
+        command = np.array([[rng.uniform(-limit, limit), lanes.values[at.STRETCH, 0]]])
+        status = plant.method.entries.run(
+            plant.model, plant.task, lanes.values, command, state, applied
+        )
+        lanes.raise_for(status)
+        if n in CHECKED:
+            step = ControlStep(scene, n * plant.time_step, *(float(x) for x in applied[0]))
+            want, scale = step.end(start)
+            worst = max(worst, float((np.abs(state[0] - want) / scale).max()))
+    return worst / scene.solver.tolerance
+
+
+def _violations(seeds: range) -> dict[int, float]:
+    """Return the seeds whose error exceeds the tolerance, and by how much."""
+    found: dict[int, float] = {}
+    for seed in seeds:
+        try:
+            ratio = excess(seed)
+        except SimulationError:
+            continue  # a spring shortened to nothing
+        if not ratio <= 1.0:
+            found[seed] = ratio
+    return found
+
+
+def test_error_of_a_control_step_is_below_the_tolerance() -> None:
+    assert _violations(range(100)) == {}
+
+
+@pytest.mark.slow
+def test_error_of_a_control_step_is_below_the_tolerance_in_a_thousand_scenes() -> None:
+    assert _violations(range(1000)) == {}
