@@ -33,12 +33,17 @@ SAMPLES = 64
 
 @dataclass(frozen=True)
 class ControlStep:
-    """One control step: force [N] and stretch are held from the time `begin` [s] on."""
+    """One control step: force [N] and stretch are held from the time `begin` [s] on.
+
+    With `rounded`, the state is rounded to doubles after each series: the least that any method
+    does that keeps its state in them.
+    """
 
     scene: Scene
     begin: float
     force: float
     stretch: float
+    rounded: bool = False
 
     def end(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the (4,) end, and the (4,) scale: the largest position and velocity on the way."""
@@ -55,6 +60,8 @@ class ControlStep:
                 for k in range(1, 9):
                     state = [_value(row, length * k / 8) for row in rows]
                     largest = [max(a, abs(b)) for a, b in zip(largest, state, strict=True)]
+                if self.rounded:
+                    state = [Decimal(float(x)) for x in state]
                 now = end if last else now + length
                 if exit_at is not None:
                     regime = (1 if state[3] > state[2] else -1) if regime == 0 else 0

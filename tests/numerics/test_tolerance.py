@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,12 @@ def _springs(rng: np.random.Generator, offset: float) -> dict[str, Any]:
 
 
 def excess(seed: int) -> float:
-    """Return the largest error of the control steps of a random scene, over its tolerance."""
+    """Return the largest error of a random scene's control steps, over what is allowed.
+
+    Allowed is the tolerance; where that is exceeded, round-off is added: ten times what rounding
+    the reference's state to doubles does. It counts where a spring is shortened to a thousandth of
+    its length: there the stored positions hold only some digits of the offset.
+    """
     rng = np.random.default_rng(seed)
     scene = random_scene(rng)
     plant = compile_scene(scene)
@@ -113,12 +119,19 @@ def excess(seed: int) -> float:
         if n in CHECKED:
             step = ControlStep(scene, n * plant.time_step, *(float(x) for x in applied[0]))
             want, scale = step.end(start)
-            worst = max(worst, float((np.abs(state[0] - want) / scale).max()))
-    return worst / scene.solver.tolerance
+            error, allowed = _largest(state[0] - want, scale), scene.solver.tolerance
+            if error > allowed:
+                allowed += 10.0 * _largest(replace(step, rounded=True).end(start)[0] - want, scale)
+            worst = max(worst, error / allowed)
+    return worst
+
+
+def _largest(difference: np.ndarray, scale: np.ndarray) -> float:
+    return float((np.abs(difference) / scale).max())
 
 
 def _violations(seeds: range) -> dict[int, float]:
-    """Return the seeds whose error exceeds the tolerance, and by how much."""
+    """Return the seeds whose error exceeds what is allowed, and by how much."""
     found: dict[int, float] = {}
     for seed in seeds:
         try:
