@@ -119,14 +119,12 @@ def mm_gym(motion: Motion, tolerance: float) -> Run:
     lanes = Lanes(plant, 1)
     lanes.restart()
     values, start = lanes.values, lanes.values[:, 0].copy()
-    commands = np.array([[0.0, 1.0]])
-    states, applied = np.empty((1, 4)), np.empty((1, 2))
-    entry = plant.method.entries.run
+    propagate = plant.method.entries.propagate
 
     def run() -> State:
         values[:4, 0] = start[:4]
-        lanes.raise_for(entry(plant.model, plant.task, values, commands, states, applied))
-        return states[0]
+        lanes.raise_for(propagate(plant.model, values, 0, 1))
+        return values[:4, 0]
 
     return run
 

@@ -12,7 +12,7 @@ from mm_gym.errors import ActionError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.plant import Plant
-from mm_gym.substeps import Place, Substeps, blank, locate, phase, tone_rows
+from mm_gym.substeps import Place, Substeps, blank, column, locate, run
 from mm_gym.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def simulate(
     if callable(action):
         _follow_policy(lanes, action, substeps)
     else:
-        _run(lanes, _commands(plant, action, steps, start), substeps, 0)
+        run(lanes, _commands(plant, action, steps, start), substeps, 0)
     place = locate(substeps, instants)
     state = _sample(substeps, place)
     _check_finite(instants, state)
@@ -172,29 +172,12 @@ def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> 
         raise SimulationError(msg)
 
 
-def _run(lanes: Lanes, commands: NDArray[np.float64], substeps: Substeps, first: int) -> None:
-    """Simulate control steps, writing them down from a substep on."""
-    plant, last = lanes.plant, first + len(commands) * lanes.plant.support.substeps
-    status = plant.method.entries.run(
-        plant.model,
-        plant.task,
-        lanes.values,
-        lanes.streams,
-        commands,
-        substeps.starts[first:last],
-        substeps.states[first + 1 : last + 1],
-        substeps.applied[first:last],
-        substeps.jets[first:last],
-    )
-    lanes.raise_for(status)
-
-
 def _follow_policy(lanes: Lanes, policy: Policy, substeps: Substeps) -> None:
     plant, many = lanes.plant, lanes.plant.support.substeps
     for first in range(0, len(substeps.starts), many):
         time = first // many * plant.time_step
         wanted = _numbers("action", policy(time, substeps.states[first].copy()), ActionError)
-        _run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), substeps, first)
+        run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), substeps, first)
 
 
 def _sample(substeps: Substeps, place: Place) -> NDArray[np.float64]:
@@ -204,16 +187,11 @@ def _sample(substeps: Substeps, place: Place) -> NDArray[np.float64]:
     for i in np.flatnonzero(place.part):
         n, part = int(place.row[i]), float(place.part[i])
         shorter = plant.at_time_step(part)
-        lane = Lanes(shorter, 1)
+        lane, terms, first = Lanes(shorter, 1), plant.support.terms, plant.support.jets
         values = lane.values
-        values[:, 0] = substeps.parameters
-        values[:4, 0], values[[at.FORCE, at.STRETCH], 0] = substeps.starts[n], substeps.applied[n]
-        terms = plant.support.terms
-        jets = substeps.jets[n] * np.tile((part / plant.support.time_step) ** np.arange(terms), 2)
-        values[plant.support.jets : plant.support.jets + 2 * terms, 0] = jets
-        for tone in tone_rows(plant):
-            angle = phase(substeps, tone, n)
-            values[tone + at.COSINE, 0], values[tone + at.SINE, 0] = np.cos(angle), np.sin(angle)
+        values[:, 0] = column(substeps, n)
+        scales = (part / plant.support.time_step) ** np.arange(terms)
+        values[first : first + 2 * terms, 0] *= np.tile(scales, 2)
         lane.raise_for(plant.method.entries.propagate(shorter.model, values, 0, 1))
         sampled[i] = values[:4, 0]
     return sampled

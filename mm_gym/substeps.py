@@ -12,6 +12,7 @@ from mm_gym.kernels import layout as at
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.lanes import Lanes
     from mm_gym.plant import Plant
 
     Array = NDArray[np.float64]
@@ -64,6 +65,52 @@ def blank(plant: Plant, start: Array, steps: int) -> Substeps:
     states[0], applied[:] = start[:4], start[[at.FORCE, at.STRETCH]]
     jets = np.zeros((n, 2 * plant.support.terms))
     return Substeps(plant, start, states, np.tile(start[:4], (n, 1)), applied, jets)
+
+
+def first(substeps: Substeps, count: int) -> Substeps:
+    """Return the first ones only."""
+    return Substeps(
+        substeps.plant,
+        substeps.parameters,
+        substeps.states[: count + 1],
+        substeps.starts[:count],
+        substeps.applied[:count],
+        substeps.jets[:count],
+    )
+
+
+def run(lanes: Lanes, commands: Array, substeps: Substeps, first: int = 0) -> None:
+    """Simulate a control step for each row of commands [N, -], from a substep on.
+
+    Raises
+    ------
+    SimulationError
+        If the propagation cannot be completed.
+    """
+    plant, last = lanes.plant, first + len(commands) * lanes.plant.support.substeps
+    status = plant.method.entries.run(
+        plant.model,
+        plant.task,
+        lanes.values,
+        lanes.streams,
+        commands,
+        substeps.starts[first:last],
+        substeps.states[first + 1 : last + 1],
+        substeps.applied[first:last],
+        substeps.jets[first:last],
+    )
+    lanes.raise_for(status)
+
+
+def column(substeps: Substeps, row: int) -> Array:
+    """Return the lane (rows,) from which a substep was propagated."""
+    support, lane = substeps.plant.support, substeps.parameters.copy()
+    lane[:4], lane[[at.FORCE, at.STRETCH]] = substeps.starts[row], substeps.applied[row]
+    lane[support.jets : support.jets + 2 * support.terms] = substeps.jets[row]
+    for tone in tone_rows(substeps.plant):
+        angle = phase(substeps, tone, row)
+        lane[tone + at.COSINE], lane[tone + at.SINE] = np.cos(angle), np.sin(angle)
+    return lane
 
 
 def locate(substeps: Substeps, instants: Array) -> Place:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,12 +13,16 @@ from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.methods.base import fastest_oscillation
 from mm_gym.reference import Oracle
+from mm_gym.substeps import Place, blank, excitation, first, run
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.plant import Plant
     from mm_gym.scene import Scene
+    from mm_gym.substeps import Substeps
 
     Values = NDArray[np.float64]
 
@@ -49,36 +53,32 @@ class Episode:
     ----------
     seed
         Of what the scene draws, and of the commands.
-    columns
-        (rows, n) the lane at the start of each control step.
-    commands, applied
-        (n, 2) force [N] and stretch [-], asked for and applied.
-    states
-        (n, 4) the state at the end of each.
+    commands
+        (n, 2) force [N] and stretch [-], asked for in each control step.
+    substeps
+        What they led to; with excitation besides harmonics a control step has several.
     """
 
     seed: int
-    columns: Values
     commands: Values
-    applied: Values
-    states: Values
+    substeps: Substeps
 
     @property
     def scale(self) -> Values:
         """(4,) the largest position [m] and velocity [m/s] of the episode, where the errors are."""
-        known = np.abs(np.vstack([self.columns[:4].T, self.states])).max(axis=0)
+        known = np.abs(np.vstack([self.substeps.starts, self.substeps.states])).max(axis=0)
         scale = np.repeat([known[:2].max(), known[2:].max()], 2)
         return np.where(scale > 0.0, scale, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ends of control steps as the oracle sees them.
+    """Ends of substeps as the oracle sees them.
 
     Attributes
     ----------
-    indices
-        (k,) which control steps.
+    rows
+        (k,) which substeps.
     states
         (k, 4) their ends.
     oracle
@@ -87,7 +87,7 @@ class Truth:
         Largest difference from a second, coarser integration, relative to the scale.
     """
 
-    indices: NDArray[np.intp]
+    rows: NDArray[np.intp]
     states: Values
     oracle: str
     resolution: float
@@ -98,29 +98,18 @@ def record(plant: Plant, seed: int) -> Episode:
     lanes, rng = Lanes(plant, 1), np.random.default_rng(seed)
     lanes.seed(seed)
     lanes.restart()
-    count = min(plant.steps, MOST_STEPS)
+    count, many = min(plant.steps, MOST_STEPS), plant.support.substeps
     commands = _commands(plant, lanes, rng, count)
-    columns = np.empty((len(lanes.values), count))
-    states, applied = np.empty((count, 4)), np.empty((count, 2))
+    substeps = blank(plant, lanes.values[:, 0].copy(), count)
     began = time.perf_counter()
     for n in range(count):
-        columns[:, n] = lanes.values[:, 0]
-        one = slice(n, n + 1)
-        lanes.raise_for(run(plant, lanes, commands[one], states[one], applied[one]))
+        run(lanes, commands[n : n + 1], substeps, n * many)
         if n == 0:
             began = time.perf_counter()  # the first call may compile
         elif time.perf_counter() - began > LONGEST_RUN:
             count = n + 1
             break
-    kept = slice(count)
-    return Episode(seed, columns[:, kept], commands[kept], applied[kept], states[kept])
-
-
-def run(plant: Plant, lanes: Lanes, commands: Values, states: Values, applied: Values) -> int:
-    """Advance the lane by one control step for each row of commands; return the status."""
-    return plant.method.entries.run(
-        plant.model, plant.task, lanes.values, commands, states, applied
-    )
+    return Episode(seed, commands[:count], first(substeps, count * many))
 
 
 def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) -> Values:
@@ -149,7 +138,7 @@ def truth_of(scene: Scene, plant: Plant, episode: Episode) -> Truth:
         try:
             # A trial step of SciPy may overflow; it then tries a shorter one.
             with np.errstate(over="ignore", invalid="ignore"):
-                return _truth(_Pair.of(drawn, plant, method, rtol), episode)
+                return _truth(_Pair.of(drawn, episode.substeps, method, rtol), episode)
         except SimulationError as error:
             problem = str(error)
     msg = f"work_precision: SciPy cannot follow this scene to measure errors against: {problem}"
@@ -164,21 +153,32 @@ class _Pair:
     coarse: Oracle
 
     @classmethod
-    def of(cls, scene: Scene, plant: Plant, method: str, rtol: float) -> _Pair:
-        longest = np.inf
+    def of(cls, scene: Scene, substeps: Substeps, method: str, rtol: float) -> _Pair:
+        longest, support = np.inf, substeps.plant.support
         if scene.interface.kind == "dry_friction":
             # An event shows only between steps: some sixty to an oscillation.
-            longest = min(0.1 / fastest_oscillation(plant.support), scene.control.time_step / 4.0)
-        return cls(
-            Oracle(scene, method, rtol, longest, EVALUATIONS),
-            Oracle(scene, method, 10.0 * rtol, 2.0 * longest, EVALUATIONS),
-        )
+            longest = min(0.1 / fastest_oscillation(support), support.time_step / 4.0)
+        disturbance = _disturbance(substeps) if support.sampled else None
+        fine = Oracle(scene, method, rtol, longest, disturbance, EVALUATIONS)
+        return cls(fine, replace(fine, rtol=10.0 * rtol, max_step=2.0 * longest))
+
+
+def _disturbance(substeps: Substeps) -> Callable[[float, str], float]:
+    """Return what excites the scene, because the oracle knows harmonics only."""
+
+    def disturbance(time: float, target: str) -> float:
+        row = int(time / substeps.plant.support.time_step * (1.0 + 1e-12))
+        part = time - row * substeps.plant.support.time_step
+        both = excitation(substeps, Place(np.array([row]), np.array([part])))
+        return float(both[0, target == "ground"])
+
+    return disturbance
 
 
 def _truth(pair: _Pair, episode: Episode) -> Truth:
     ends: dict[int, Values] = {}
     resolution, until = float(np.finfo(np.float64).eps), time.perf_counter() + PATIENCE
-    for n in _spread(len(episode.states)):
+    for n in _spread(len(episode.substeps.starts)):
         if ends and time.perf_counter() > until:
             break
         fine, coarse = (_end(oracle, episode, n) for oracle in (pair.fine, pair.coarse))
@@ -196,12 +196,15 @@ def _spread(count: int) -> list[int]:
 
 
 def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
-    step = oracle.scene.control.time_step
+    """Return the end of a substep; times are the oracle's own, so it starts at that substep's."""
+    substeps = episode.substeps
+    step, (force, stretch) = substeps.plant.support.time_step, substeps.applied[n]
+    count = int(np.ceil((n + 1) * step / oracle.scene.control.time_step)) + 1
     return oracle.solve(
         [(n + 1) * step],
-        forces=episode.applied[:, 0],
-        stretches=episode.applied[:, 1],
-        start=episode.columns[:4, n],
+        forces=np.full(count, force),
+        stretches=np.full(count, stretch),
+        start=substeps.starts[n],
         begin=n * step,
     )[0]
 
@@ -210,7 +213,7 @@ def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
     """Return the scene with what was drawn in place of ranges; the start is stated apart."""
     support = plant.support
     values: dict[str, object] = {
-        name: float(episode.columns[row, 0])
+        name: float(episode.substeps.parameters[row])
         for name, row in support.names.items()
         if support.start_low[row] != support.start_high[row] and not name.startswith("initial.")
     }

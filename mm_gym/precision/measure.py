@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compile import PHYSICAL, compile_scene
-from mm_gym.errors import CompileError
+from mm_gym.errors import CompileError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
-from mm_gym.precision.episode import record, run, truth_of
+from mm_gym.precision.episode import record, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision
+from mm_gym.substeps import blank, column, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
     from mm_gym.plant import Plant
     from mm_gym.precision.episode import Episode, Truth
@@ -88,13 +87,13 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
         except CompileError as error:
             refused[method] = str(error)
     return WorkPrecision(
-        settings=_timed(found, len(episode.states)),
+        settings=_timed(found, len(episode.commands)),
         refused=refused,
         auto=plant.method.name,
         oracle=truth.oracle,
         resolution=truth.resolution,
-        checked=len(truth.indices),
-        steps=len(episode.states),
+        checked=len(truth.rows),
+        steps=len(episode.commands),
     )
 
 
@@ -120,18 +119,17 @@ def _family(
 
 
 def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
-    """Return the largest error of the control steps that the oracle integrated."""
+    """Return the largest error of the substeps that the oracle integrated."""
     own, worst = _lane(plant, episode), 0.0
     parameters = own.values[list(PHYSICAL), 0].copy()
-    state, applied = np.empty((1, 4)), np.empty((1, 2))
-    for n, want in zip(truth.indices, truth.states, strict=True):
+    for n, want in zip(truth.rows, truth.states, strict=True):
         # Dry friction that never slips has other parameters in a plant that knows it.
-        own.values[:, 0] = episode.columns[:, n]
+        own.values[:, 0] = column(episode.substeps, int(n))
         own.values[list(PHYSICAL), 0] = parameters
-        status = run(plant, own, episode.commands[n : n + 1], state, applied)
-        if status > at.ENDED or not np.isfinite(state).all():
+        status = plant.method.entries.propagate(plant.model, own.values, 0, 1)
+        if status > at.ENDED or not np.isfinite(own.values[:4, 0]).all():
             return np.inf
-        worst = max(worst, float((np.abs(state[0] - want) / episode.scale).max()))
+        worst = max(worst, float((np.abs(own.values[:4, 0] - want) / episode.scale).max()))
     return worst
 
 
@@ -145,14 +143,17 @@ def _lane(plant: Plant, episode: Episode) -> Lanes:
 def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
     """Return a function that runs the episode and returns its seconds, infinite if it diverges."""
     lanes = _lane(plant, episode)
-    start: NDArray[np.float64] = lanes.values.copy()
-    states, applied = np.empty_like(episode.states), np.empty_like(episode.applied)
+    start = lanes.snapshot()
+    substeps = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
 
     def stopwatch() -> float:
-        lanes.values[...] = start
+        lanes.restore(start)
         began = time.perf_counter()
-        status = run(plant, lanes, episode.commands, states, applied)
-        return np.inf if status > at.ENDED else time.perf_counter() - began
+        try:
+            run(lanes, episode.commands, substeps)
+        except SimulationError:
+            return np.inf
+        return time.perf_counter() - began
 
     return stopwatch
 

@@ -11,6 +11,7 @@ import pytest
 from mm_gym import Scene, SimulationError, compile_scene
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
+from mm_gym.substeps import blank, run
 
 from .decimal_series import ControlStep
 
@@ -108,18 +109,19 @@ def excess(seed: int) -> float:
     limit = plant.task[at.FORCE_LIMIT] if plant.actuators else 0.0
     lanes, worst = Lanes(plant, 1), 0.0
     lanes.restart()
-    state, applied = np.empty((1, 4)), np.empty((1, 2))
+    substeps = blank(plant, lanes.values[:, 0].copy(), STEPS)
     for n in range(STEPS):
-        start = lanes.values[:4, 0].copy()
-        command = np.array([[rng.uniform(-limit, limit), lanes.values[at.STRETCH, 0]]])
-        status = plant.method.entries.run(
-            plant.model, plant.task, lanes.values, command, state, applied
+        run(
+            lanes,
+            np.array([[rng.uniform(-limit, limit), lanes.values[at.STRETCH, 0]]]),
+            substeps,
+            n,
         )
-        lanes.raise_for(status)
         if n in CHECKED:
-            step = ControlStep(scene, n * plant.time_step, *(float(x) for x in applied[0]))
+            start, applied, end = substeps.starts[n], substeps.applied[n], substeps.states[n + 1]
+            step = ControlStep(scene, n * plant.time_step, *(float(x) for x in applied))
             want, scale = step.end(start)
-            error, allowed = _largest(state[0] - want, scale), scene.solver.tolerance
+            error, allowed = _largest(end - want, scale), scene.solver.tolerance
             if error > allowed:
                 allowed += 10.0 * _largest(replace(step, rounded=True).end(start)[0] - want, scale)
             worst = max(worst, error / allowed)
