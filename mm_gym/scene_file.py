@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
@@ -38,7 +38,7 @@ def load_scene(path: str | PathLike[str]) -> Scene:
     text = _read_text(file)
     data = _parse(file, text)
     try:
-        return Scene.of(data)
+        return Scene.of(_rooted(data, file.parent))
     except SceneError as error:
         raise SceneError(_with_lines(file, text, str(error))) from None
 
@@ -72,6 +72,17 @@ def _parse(file: Path, text: str) -> dict[str, object]:
     except RecursionError:
         msg = f"{file}: not valid TOML: nested too deeply"
     raise SceneError(msg)
+
+
+def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
+    """Let the relative path of a record start from the scene's folder."""
+    sources = data.get("excitation")
+    for source in cast("list[object]", sources) if isinstance(sources, list) else ():
+        if isinstance(source, dict):
+            entry = cast("dict[str, object]", source)
+            if isinstance(entry.get("file"), str) and entry["file"]:
+                entry["file"] = str(folder / cast("str", entry["file"]))
+    return data
 
 
 def _with_lines(file: Path, text: str, findings: str) -> str:

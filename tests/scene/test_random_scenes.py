@@ -208,10 +208,12 @@ interface.reference_velocity = 0.1
 kind = "finite_stretch"
 rest_length = 0.1
 [[excitation]]
+kind = "harmonic"
 target = "ground"
 amplitude = 1.0
 frequency = 50.0
 [[excitation]]
+kind = "harmonic"
 amplitude = 0.5
 frequency = 30
 [randomization]

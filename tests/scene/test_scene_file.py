@@ -3,6 +3,7 @@
 import json
 import re
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -108,7 +109,7 @@ channels = [
 
 [[excitation]]
 amplitude = 1.0
-frequency = 57.5
+kind = "harmonic"
 
 [[ excitation ]]
 "kind" = "harmonic"
@@ -142,6 +143,7 @@ def test_every_finding_has_its_line(tmp_path, newline, mark):
         (7, "interface.carriage"),
         (10, "sensors.history"),
         (14, "sensors.channels.1"),
+        (17, "excitation.0.frequency"),
         (21, "excitation.1.frequency"),
         (23, "excitation.1.amplitude"),
         (27, "excitation.1.bogus"),
@@ -159,6 +161,16 @@ def test_rules_across_fields_have_lines_too(tmp_path):
         line.removeprefix(f"{file}:").split(": ")[:2] for line in str(caught.value).split("\n")
     ]
     assert places == [["2", "initial.stretch"], ["4", "randomization.sphere.mass"]]
+
+
+def test_record_is_looked_for_beside_the_scene(tmp_path):
+    scene = tmp_path / "scene.toml"
+    for name, path in {"a.at2": tmp_path / "a.at2", "/b/c.at2": Path("/b/c.at2")}.items():
+        scene.write_text(f'excitation = [{{ kind = "record", file = "{name}" }}]')
+        assert Path(load_scene(scene).excitation[0].file) == path
+    scene.write_text('excitation = [{ kind = "record", file = "" }, { file = 1 }, 1]')
+    with pytest.raises(SceneError, match=r":1: excitation\.0\.file: got ''; allowed"):
+        load_scene(scene)
 
 
 def as_toml(value):
