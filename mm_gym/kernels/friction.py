@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.sources import add_jets
 
@@ -25,8 +26,9 @@ _SHORTEST = 2.0**-52
 
 # Rows of the series, and of the coefficients of one lane.
 _WIDTH = 32
-_X1, _X2, _V1, _V2, _OFFSET, _W, _FORCE, _GROUND, _END = (_WIDTH * k for k in range(9))
-_M1, _M2, _K1, _D, _K2, _STICK, _CHI, _SLIP_FORCE, _VR, _U = range(10)
+_X1, _X2, _V1, _V2, _W = (_WIDTH * k for k in range(5))
+_FORCE, _GROUND, SERIES = (_WIDTH * k for k in range(6, 9))  # where `excite` writes
+_M1, _M2, _K1, _D, _K2, _STICK, _CHI, _SLIP_FORCE, _VR, HELD, COEFFICIENTS = range(11)
 
 
 @kernel
@@ -36,9 +38,8 @@ def sign_of(vr, w):
 
 
 @kernel
-def coefficients(lanes, i):
-    """Return what the equations of lane i need."""
-    p = np.empty(10)
+def load_coefficients(lanes, i, p):
+    """Write what the equations of lane i need."""
     mu1, mu2, vr = lanes[at.MU1, i], lanes[at.MU2, i], lanes[at.VR, i]
     chi, normal, stretch = lanes[at.CHI, i], lanes[at.FN, i], lanes[at.STRETCH, i]
     p[_M1], p[_M2], p[_D] = lanes[at.M1, i], lanes[at.M2, i], lanes[at.D, i]
@@ -50,18 +51,18 @@ def coefficients(lanes, i):
         else 0.0
     )
     p[_STICK], p[_CHI], p[_SLIP_FORCE] = mu1 * normal / vr, chi, mu2 * normal - chi * vr
-    p[_VR], p[_U] = vr, lanes[at.FORCE, i]
-    return p
+    p[_VR], p[HELD] = vr, lanes[at.FORCE, i]
 
 
 @kernel
-def walk(p, model, lanes, i, z, regime, elapsed, duration, degree):
+def walk(p, c, model, lanes, i, z, regime, elapsed, duration, degree):
     """Advance z = (x1, x2, v1, v2, w) of lane i through an interval.
 
     Parameters
     ----------
-    p, model
-        Coefficients of the lane; the model, for what excites it.
+    p, c, model
+        Coefficients of the lane; room for the series, zeroed when it was made; the model, for what
+        excites it.
     regime
         Direction of slip, or 0 for stick, at its start.
     elapsed, duration
@@ -74,7 +75,6 @@ def walk(p, model, lanes, i, z, regime, elapsed, duration, degree):
     tuple
         Status, and the regime at the end.
     """
-    c = np.zeros(_END)
     vr, w = p[_VR], z[4]
     upper, lower = vr - w, vr + w  # how far w is below v_r and above -v_r
     for _ in range(MOST_CHANGES):
@@ -129,19 +129,21 @@ def _expand(c, p, z, regime, duration, degree):
     """Write the series of the state: term n is its n-th derivative times duration**n / n!."""
     by_m1, by_m2, k1, d, k2 = 1.0 / p[_M1], 1.0 / p[_M2], p[_K1], p[_D], p[_K2]
     damping = p[_STICK] if regime == 0.0 else p[_CHI]
-    friction, held, by_both = regime * p[_SLIP_FORCE], p[_U], by_m1 + by_m2
-    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = z[0], z[1], z[2], z[3], z[4]
-    c[_OFFSET] = z[1] - z[0]
+    friction, held, by_both = regime * p[_SLIP_FORCE], p[HELD], by_m1 + by_m2
+    x1, x2, offset, v1, v2, w = z[0], z[1], z[1] - z[0], z[2], z[3], z[4]
+    c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = x1, x2, v1, v2, w
     for n in range(degree):
-        step, v1, w = duration / (n + 1.0), c[_V1 + n], c[_W + n]
-        inner = damping * w + (k2 * c[_OFFSET + n] + friction)
-        outer = d * v1 + (k1 * c[_X1 + n] - c[_FORCE + n] - held)
+        step, ground = duration / (n + 1.0), c[_GROUND + n]
+        inner = fma(damping, w, fma(k2, offset, friction))
+        outer = fma(d, v1, fma(k1, x1, -c[_FORCE + n] - held))
         friction = held = 0.0
-        c[_X1 + n + 1], c[_X2 + n + 1], c[_OFFSET + n + 1] = step * v1, step * c[_V2 + n], step * w
-        c[_V1 + n + 1] = step * ((inner - outer) * by_m1 - c[_GROUND + n])
-        c[_V2 + n + 1] = step * (-inner * by_m2 - c[_GROUND + n])
+        x1, x2, offset = step * v1, step * v2, step * w
+        v1 = step * (fma(inner, by_m1, -outer * by_m1) - ground)
+        v2 = step * fma(-inner, by_m2, -ground)
         # Not v2 - v1: near a stiff stick its digits would cancel.
-        c[_W + n + 1] = step * (outer * by_m1 - inner * by_both)
+        w = step * fma(-inner, by_both, outer * by_m1)
+        c[_X1 + n + 1], c[_X2 + n + 1] = x1, x2
+        c[_V1 + n + 1], c[_V2 + n + 1], c[_W + n + 1] = v1, v2, w
 
 
 @kernel
@@ -206,9 +208,9 @@ def first_exit(c, row, degree, gap, sign):
 def _value_and_slope(c, row, degree, gap, sign, t):
     value = slope = 0.0
     for n in range(degree, 0, -1):
-        slope = slope * t + value
-        value = value * t + c[row + n]
-    return gap + sign * (value * t), sign * (slope * t + value)
+        slope = fma(slope, t, value)
+        value = fma(value, t, c[row + n])
+    return fma(sign * value, t, gap), sign * fma(slope, t, value)
 
 
 @kernel
@@ -242,9 +244,9 @@ DEGREE = at.MODEL_OWN
 def propagate(model, lanes, first, last):
     """Advance the lanes by one control step on the series alone: their parameters may differ."""
     status, degree, tones = at.OK, int(model[DEGREE]), int(model[at.TONE_COUNT])
-    z = np.empty(5)
+    z, p, c = np.empty(5), np.empty(COEFFICIENTS), np.zeros(SERIES)
     for i in range(first, last):
-        p = coefficients(lanes, i)
+        load_coefficients(lanes, i, p)
         for row in range(4):
             z[row] = lanes[row, i]
         z[4] = z[3] - z[2]
@@ -252,7 +254,7 @@ def propagate(model, lanes, first, last):
         pieces = max(1.0, math.ceil(_fastest_rate(p, lanes, i, tones) * model[at.TIME_STEP]))
         piece = model[at.TIME_STEP] / pieces
         for k in range(pieces):
-            outcome, regime = walk(p, model, lanes, i, z, regime, k * piece, piece, degree)
+            outcome, regime = walk(p, c, model, lanes, i, z, regime, k * piece, piece, degree)
             status = max(status, outcome)
         for row in range(4):
             lanes[row, i] = z[row]
