@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import gymnasium
@@ -10,18 +12,39 @@ import numpy as np
 
 from benchmarks.report import installed, table
 from benchmarks.timing import side_by_side
-from mm_gym import MovingMassEnv, MovingMassVectorEnv
-from mm_gym.tasks import CARRIAGE_FORCE, TASKS
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
+from mm_gym.lanes import Lanes
+from mm_gym.paper import scene as paper_scene
+from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
     from mm_gym import Scene
 
 LANES = 16_384
+MANY_LANES = 16 * LANES
 ENDLESS = 10**9
+ACTIONS = 8
+"""Arrays of random actions that take turns."""
+
+FRICTION = paper_scene("fig8").model_copy(
+    update={"actuation": CARRIAGE_FORCE.actuation, "initial": CARRIAGE_FORCE.initial}
+)
+DUFFING = CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 2e6})
+
+MANY = {
+    "linear": CARRIAGE_FORCE,
+    "actuated stretch": PRE_STRETCH,
+    "dry friction, 1 ms": FRICTION,
+    "Duffing": DUFFING,
+}
+"""A scene of each kind: CarriageForce, PreStretch, figure 8 and CarriageForce with a cubic spring,
+all from random starts."""
+
+BARE = "bare 4 x 5 product over the lanes"
 
 
 def single() -> str:
@@ -53,26 +76,25 @@ def single() -> str:
 
 def vector() -> str:
     """Return the section on vector environments at 16,384 lanes, resets included, one core."""
-    candidates: dict[str, Callable[[], object]] = {
-        "bare 4 x 5 product over the lanes": _bare_product()
-    }
-    for name, scene in TASKS.items():
-        candidates[f"{name}, views"] = _step_of_many(scene, copy=False)
-        candidates[f"{name}, copies"] = _step_of_many(scene, copy=True)
+    candidates: dict[str, Callable[[], object]] = {BARE: _bare_product()}
+    for name, scene in MANY.items():
+        candidates[f"{name}: compiled step alone"] = _kernel_step_of_many(scene)
+        candidates[f"{name}: `step`, views"] = _step_of_many(scene, copy=False)
+        candidates[f"{name}: `step`, copies"] = _step_of_many(scene, copy=True)
     candidates["Gymnasium CartPole vector"] = _step_of_cart_poles()
-    if installed("gymnax"):
-        candidates["gymnax CartPole (jax)"] = _step_of_gymnax()
-    if installed("envpool"):
-        candidates["EnvPool CartPole (C++)"] = _step_of_envpool()
+    peers = {"gymnax": _step_of_gymnax, "envpool": _step_of_envpool}
+    absent = [name for name in peers if not installed(name)]
+    for name, peer in peers.items():
+        if name not in absent:
+            candidates[f"{name} CartPole"] = peer()
     timings = side_by_side(candidates, work=LANES)
-    bare = timings["bare 4 x 5 product over the lanes"]
-    pole = timings["Gymnasium CartPole vector"]
+    bare, pole = timings[BARE], timings["Gymnasium CartPole vector"]
     rows = [
         (
             name,
-            f"{1e-6 / timing.median:.1f} ± {timing.spread * 100:.0f} %",
-            f"{timing.times_faster_than(bare) * 100:.0f} %",
-            f"{timing.times_faster_than(pole):.1f}",
+            f"{1e-6 / timing.median:.3g} ± {timing.spread * 100:.0f} %",
+            f"{timing.times_faster_than(bare) * 100:.1f} %",
+            f"{timing.times_faster_than(pole):.3g}",
         )
         for name, timing in timings.items()
     ]
@@ -82,21 +104,30 @@ def vector() -> str:
         "of the bare product",
         "times faster than CartPole vector",
     )
-    return f"## Many lanes\n\n{table(header, rows)}\n\n{_threads()}"
+    missing = f"Not installed, so not measured: {', '.join(absent)}.\n\n" if absent else ""
+    return f"## Many lanes\n\n{table(header, rows)}\n\n{missing}{threads()}"
 
 
-def _threads() -> str:
-    """Return how two threads compare with one."""
-    candidates = {
-        f"{threads} threads": _step_of_many(
-            CARRIAGE_FORCE, copy=False, threads=threads, lanes=16 * LANES
-        )
-        for threads in (1, 2)
-    }
-    timings = side_by_side(candidates, work=16 * LANES)
-    factor = timings["2 threads"].times_faster_than(timings["1 threads"])
-    lanes = f"{16 * LANES:,} lanes of CarriageForce"
-    return f"Two threads step {lanes} {factor:.2f} times as fast as one.\n"
+def threads() -> str:
+    """Return the section on two threads: their gain, beside what the machine itself allows."""
+    rows = []
+    for name in ("linear", "actuated stretch"):
+        for lanes in (LANES, MANY_LANES):
+            for copy in (False, True):
+                candidates = {
+                    f"{count} threads": _step_of_many(
+                        MANY[name], copy=copy, threads=count, lanes=lanes
+                    )
+                    for count in (1, 2)
+                }
+                candidates |= {f"{count} alone": _independent_work(count) for count in (1, 2)}
+                timings = side_by_side(candidates)
+                gain = timings["2 threads"].times_faster_than(timings["1 threads"])
+                ceiling = 2.0 * timings["2 alone"].times_faster_than(timings["1 alone"])
+                how = "copies" if copy else "views"
+                rows.append((f"{name}, {lanes:,} lanes, {how}", f"{gain:.2f}", f"{ceiling:.2f}"))
+    header = ("two threads", "times as fast as one", "independent arithmetic, in the same rounds")
+    return f"{table(header, rows)}\n"
 
 
 def _step_of_one(scene: Scene) -> Callable[[], object]:
@@ -123,8 +154,40 @@ def _step_of_many(
 ) -> Callable[[], object]:
     env = MovingMassVectorEnv(scene, lanes, copy=copy, threads=threads)
     env.reset(seed=0)
-    actions = env.action_space.sample()
-    return lambda: env.step(actions)
+    actions = _actions(env)
+    return lambda: env.step(next(actions))
+
+
+def _actions(env: gymnasium.vector.VectorEnv) -> Iterator[NDArray[np.float32]]:
+    """Return random actions in the environment's own memory order, again and again."""
+    env.action_space.seed(0)
+    return cycle([np.asfortranarray(env.action_space.sample()) for _ in range(ACTIONS)])
+
+
+def _kernel_step_of_many(scene: Scene) -> Callable[[], object]:
+    """Return the compiled step without resets, Python and Gymnasium's interface around it."""
+    plant = compile_scene(scene.replace(**{"control.steps": ENDLESS}))
+    lanes = Lanes(plant, LANES)
+    lanes.seed(0)
+    lanes.restart()
+    rng = np.random.default_rng(0)
+    shape = (ACTIONS, LANES * len(plant.actuators))
+    actions = cycle(rng.uniform(-1.0, 1.0, shape).astype(np.float32))
+    return lambda: lanes.advance(next(actions))
+
+
+def _independent_work(count: int) -> Callable[[], object]:
+    """Return arithmetic without memory on so many threads at a time."""
+
+    @numba.njit(nogil=True)
+    def work(repeats: int) -> float:
+        total = 0.0
+        for _ in range(repeats):
+            total = 0.5 * total + 1.0
+        return total
+
+    pool = ThreadPoolExecutor(count)
+    return lambda: list(pool.map(work, [1_000_000] * count))
 
 
 def _bare_product() -> Callable[[], object]:
