@@ -10,7 +10,7 @@ import gymnasium
 import numba
 import numpy as np
 
-from benchmarks.report import installed, table
+from benchmarks.report import table
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
 from mm_gym.lanes import Lanes
@@ -82,11 +82,12 @@ def vector() -> str:
         candidates[f"{name}: `step`, views"] = _step_of_many(scene, copy=False)
         candidates[f"{name}: `step`, copies"] = _step_of_many(scene, copy=True)
     candidates["Gymnasium CartPole vector"] = _step_of_cart_poles()
-    peers = {"gymnax": _step_of_gymnax, "envpool": _step_of_envpool}
-    absent = [name for name in peers if not installed(name)]
-    for name, peer in peers.items():
-        if name not in absent:
+    absent: list[str] = []
+    for name, peer in {"gymnax": _step_of_gymnax, "envpool": _step_of_envpool}.items():
+        try:
             candidates[f"{name} CartPole"] = peer()
+        except ImportError as error:
+            absent.append(f"{name} ({error})")
     timings = side_by_side(candidates, work=LANES)
     bare, pole = timings[BARE], timings["Gymnasium CartPole vector"]
     rows = [
@@ -104,7 +105,7 @@ def vector() -> str:
         "of the bare product",
         "times faster than CartPole vector",
     )
-    missing = f"Not installed, so not measured: {', '.join(absent)}.\n\n" if absent else ""
+    missing = f"Not measured: {'; '.join(absent)}.\n\n" if absent else ""
     return f"## Many lanes\n\n{table(header, rows)}\n\n{missing}{threads()}"
 
 
