@@ -2,7 +2,7 @@
 
 The field is polynomial but for the finite stretch, a quotient, so the series follows from
 recurrences: Cauchy products for the cubic spring, division for the neo-Hookean pair. Its order
-follows from the tolerance, each step from its last two terms. With dry friction the first exit of
+follows from the tolerance, each step from its last terms. With dry friction the first exit of
 the slip velocity from its regime is found on the series.
 """
 
@@ -215,9 +215,9 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
 
 @inlined_kernel
 def _is_enough(c, order, enough):
-    """Tell whether the last four terms of both velocities are below a tolerance of their scale.
+    """Tell whether the last terms of both velocities are below a tolerance of their scale.
 
-    Four, because symmetry lets the motion of a cubic spring skip three.
+    As `_step`, at a step of one unit.
     """
     scale1 = max(abs(c[_V1]), abs(c[_V1 + 1]), abs(c[_V1 + 2]))
     scale2 = max(abs(c[_V2]), abs(c[_V2 + 1]), abs(c[_V2 + 2]))
@@ -328,7 +328,9 @@ def _exp2(y):
 
 @borrowing_kernel
 def _step(c, log_tolerance, order):
-    """Return the step at which the last two terms fall below the tolerance, in units of the series.
+    """Return the step at which the last terms fall below the tolerance, in units of the series.
+
+    Four of them: where only the cubic spring acts, every fourth alone differs from zero.
 
     Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that
     nothing joins to the carriage must not hide the carriage's motion.
@@ -356,13 +358,13 @@ def _step(c, log_tolerance, order):
 
 @inlined_kernel
 def _step_of(c, row, lead0, lead1, lead2, order):
-    """Return the logarithm of the step for one velocity, from what its last terms may reach.
+    """Return the logarithm of the step for one velocity, from what its last four terms may reach.
 
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
     """
     shortest = 1000.0
-    for n in range(order - 1, order + 1):
+    for n in range(order - 3, order + 1):
         last = _log2(c[row + n])
         first, second, third = c[_SHARE + n - 1], c[_SHARE + n - 2], c[_SHARE + n - 3]
         step = max((lead0 - last) * first, (lead1 - last) * second, (lead2 - last) * third)

@@ -25,17 +25,16 @@ EXTRA_ORDER = 11
 """Orders above the optimum of Jorba and Zou, who count the products only: here the rest of a series
 costs as much. Measured."""
 
-SHARE = 0.125
+SHARE = 0.5
 """Share of the tolerance that the first series of a control step may use, not knowing whether
-others will follow, and those that follow may use together: the energy of a hundred steps is to
-close within a tenth of the tolerance."""
+others will follow; those that follow may use as much together."""
 
 RATE_PER_STEP = 2.0
 """Shortest time constants that one series spans at least, whatever the order."""
 
 
 def _order(tolerance: float) -> int:
-    """Return the order at which a series costs least (after Jorba and Zou, 2005, eq. 11)."""
+    """Return the even order at which a series costs least (after Jorba and Zou, 2005, eq. 11)."""
     return 2 * math.ceil(-0.25 * math.log(max(tolerance, TIGHTEST)) + 0.5 * EXTRA_ORDER)
 
 
@@ -68,9 +67,9 @@ def taylor_method(tolerance: float, plant: str) -> Method:
         plant=plant,
         how=(
             "adaptive Taylor series; the order follows from the tolerance, "
-            "each step from the last two terms"
+            "each step from the last terms"
         ),
-        order=str(order),
+        order=f"at most {order}",
         bound=f"{tolerance:g} of the state's scale over a control step, and round-off",
         cost=lambda _: (
             f"some {order * (order + 20)} products a step, as many steps as the motion needs"

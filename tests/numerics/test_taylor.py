@@ -208,6 +208,18 @@ def test_offset_that_collapses_a_spring_is_refused() -> None:
         compile_scene(FINITE.replace(**{"initial.sphere_offset": 0.04}))
 
 
+@pytest.mark.parametrize("time_step", [1e-2, 0.1])
+def test_terms_that_symmetry_skips_do_not_hide_the_others(time_step: float) -> None:
+    # From the origin, under the cubic spring alone, every fourth term differs from zero.
+    carriage = Carriage(linear_coefficient=0.0, cubic_coefficient=2e6, damping=0.0)
+    start = Initial(carriage_velocity=3.0, sphere_velocity=1.0)
+    scene = Scene(carriage=carriage, initial=start, control=Control(time_step=time_step))
+    scene = scene.replace(interface={"kind": "none"})
+    got = simulate(scene, duration=0.2)
+    # A hundred radians turn an error of the phase into a hundred times itself.
+    assert error(got.state, Oracle(scene).solve(got.time), np.array([0.2, 0.2, 3.0, 3.0])) <= 1e-8
+
+
 def test_rest_stays_at_rest() -> None:
     still = CUBIC.replace(initial={})
     assert not simulate(still, duration=1.0).state.any()
