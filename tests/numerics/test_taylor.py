@@ -26,7 +26,6 @@ from .conftest import assert_lanes_equal_single, error
 
 if TYPE_CHECKING:
     from mm_gym.plant import Plant
-from mm_gym.substeps import tone_rows
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
 CUBIC = Scene(
@@ -112,7 +111,7 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
     lane = Lanes(plant, 1)
     lane.restart()
     lane.values[:4, 0] = start
-    for tone in tone_rows(plant):
+    for tone in range(at.TONES, len(lane.values), at.TONE_ROWS):
         angle = (
             lane.values[tone + at.PHASE, 0]
             + lane.values[tone + at.FREQUENCY, 0] * n * plant.time_step
@@ -122,7 +121,7 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
             np.sin(angle),
         )
     lane.raise_for(plant.method.entries.propagate(plant.model, lane.values, 0, 1))
-    return lane.values[:4, 0]
+    return lane.values[:4, 0].copy()
 
 
 @pytest.mark.parametrize("kind", ["viscous", "dry friction", "tones"])
