@@ -73,6 +73,11 @@ def compile_scene(scene: Scene) -> Plant:
     CompileError
         If no plant covers the scene within its bound, or the method asked for does not apply to it.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused as too fast
+        return _compiled(scene)
+
+
+def _compiled(scene: Scene) -> Plant:
     support, reasons = _without_idle_friction(scene, support_of(scene))
     _refuse_unsupported(scene, support)
     method, why = _choose(scene, support)

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from mm_gym.dotted import put
 from mm_gym.errors import SceneError, suggest
 from mm_gym.excitation import FIXED_FIELDS, Excitation, NonNegative, NumberOrRange, Positive, Range
-from mm_gym.validation import Part, listed
+from mm_gym.validation import Part, dotted_name, listed
 
 if TYPE_CHECKING:
     from mm_gym.dotted import Data
@@ -349,7 +349,10 @@ class Scene(Part):
 
     def _range_problems(self) -> list[str]:
         ranges = {f"initial.{name}": value for name, value in self.initial.model_dump().items()}
-        ranges |= {f"randomization.{name}": value for name, value in self.randomization.items()}
+        ranges |= {
+            dotted_name(("randomization", name)): value
+            for name, value in self.randomization.items()
+        }
         return [
             f"{name}: got [{value[0]}, {value[1]}]; allowed: [low, high] with low <= high"
             for name, value in ranges.items()
@@ -366,7 +369,8 @@ class Scene(Part):
                 texts = ["has no effect with actuation.stretch; set initial.stretch"]
             else:
                 texts = [text for text in self._refusals(name, ends) if text not in known]
-            problems += [f"randomization.{name}: {text}" for text in texts]
+            where = dotted_name(("randomization", name))
+            problems += [f"{where}: {text}" for text in texts]
         return problems
 
     def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:

@@ -172,7 +172,7 @@ def _strike(model, source, lanes, row, ground, streams, count, i):
 def _sweep(lanes, row, jet, terms, logarithmic, count, step, i):
     """Add amplitude sin(phase(t)): s' = c phase', c' = -s phase', term by term."""
     first, final = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
-    whole = math.ceil(lanes[row + DURATION, i] / step - 1e-9)  # substeps
+    whole = max(1.0, math.ceil(lanes[row + DURATION, i] / step - 1e-9))  # substeps
     length, time = whole * step, min(count, whole) * step
     rest = max(count - whole, 0.0) * step
     growth = math.log(final / first) / length if logarithmic else 0.0

@@ -254,6 +254,15 @@ def test_random_blows_have_their_rate_and_sizes():
     assert kstest(sizes, "uniform", (-0.02, 0.07)).pvalue > 1e-3
 
 
+def test_sweep_without_duration_has_its_last_frequency_at_once():
+    part = SWEEP | {"duration": 5e-324, "phase": 0.0}
+    trajectory = simulate(BASE.replace(excitation=[part]))
+    step = trajectory.substeps.plant.support.time_step
+    first = 0.5 * (20.0 + 70.0) * step  # the phase that the first substep adds
+    expected = np.sin(first + 70.0 * (trajectory.time[1:] - step))
+    assert np.abs(trajectory.excitation[1:, 0] - expected).max() < 1e-12
+
+
 def test_a_shaken_plant_is_the_same_however_its_steps_are_divided():
     scene = BASE.replace(excitation=[LOGARITHMIC, TONE])
     whole = simulate(scene).state
