@@ -106,9 +106,9 @@ def test_control_step_does_not_change_the_answer(time_step):
 
 def test_several_tones_add_up():
     tones = [
-        {"amplitude": 1.0, "frequency": 50.0},
-        {"amplitude": -0.5, "frequency": 0.0, "phase": 1.0},
-        {"amplitude": 2.0, "frequency": 31.0, "phase": 0.4, "target": "ground"},
+        {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0},
+        {"kind": "harmonic", "amplitude": -0.5, "frequency": 0.0, "phase": 1.0},
+        {"kind": "harmonic", "amplitude": 2.0, "frequency": 31.0, "phase": 0.4, "target": "ground"},
     ]
     together = simulate(Scene(excitation=tones)).state
     apart = sum(simulate(Scene(excitation=[tone])).state for tone in tones)
