@@ -30,6 +30,30 @@ def test_import_loads_none_of_the_extras():
     assert set(EXTRAS).isdisjoint(loaded)
 
 
+def test_import_waits_with_the_compiler_until_it_is_needed():
+    program = """
+import sys, gymnasium, mm_gym
+assert "mm_gym/CarriageForce-v0" in gymnasium.registry
+mm_gym.Scene()
+print(*sys.modules)
+"""
+    assert {"numba", "scipy"}.isdisjoint(run(program).split())
+
+
+def test_public_names_are_found_in_any_order_of_imports():
+    program = """
+import types
+import mm_gym.analysis
+import mm_gym.simulate
+import mm_gym
+from mm_gym import simulate
+assert isinstance(simulate, types.FunctionType) and mm_gym.simulate is simulate
+assert {"Scene", "simulate", "MovingMassVectorEnv"} <= set(dir(mm_gym))
+assert not hasattr(mm_gym, "Scenes")
+"""
+    run(program)
+
+
 def test_making_and_stepping_loads_none_of_the_extras():
     program = """
 import sys, mm_gym, gymnasium
