@@ -56,3 +56,31 @@ def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
     helper.write_text(helper.read_text("utf-8") + REPLACEMENT, "utf-8")
     # The task draws displacements from ranges symmetric about 0.
     assert start() == [0.0, 0.0, 0.0, 0.0]
+
+
+def test_package_that_cannot_be_written_to_is_cached_elsewhere_by_processes_at_once(tmp_path):
+    package, cache = tmp_path / "mm_gym", tmp_path / "cache"
+    shutil.copytree(
+        Path(mm_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
+    )
+    # Permissions would not keep root out, as in a container; a file in the directory's place does.
+    (package / "kernels" / "__pycache__").touch()
+    environment = {
+        name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"
+    } | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(cache)}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", PROGRAM.format(root=str(tmp_path))],
+            env=environment,
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    results = [process.communicate() for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], results
+    assert results[0][0] == results[1][0] != ""
+    assert list(cache.rglob("*.nbi")), "kernels are cached in the user's own directory"
+    assert not list(package.rglob("*.nbi"))
