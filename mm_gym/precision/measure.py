@@ -26,12 +26,12 @@ SETTINGS: dict[str, tuple[str, tuple[float, ...]]] = {
     "exact": ("", (np.nan,)),
     "switched": ("", (np.nan,)),
     "taylor": ("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16))),
-    "rk4": ("substeps", tuple(2**k for k in range(13))),
-    "semi_implicit_euler": ("substeps", tuple(4**k for k in range(9))),
+    "rk4": ("substeps", tuple(2**k for k in range(12))),
+    "semi_implicit_euler": ("substeps", tuple(4**k for k in range(8))),
 }
 """Option of each method and its values, from coarse to fine."""
 
-COSTLIEST = 0.02
+COSTLIEST = 0.1
 """Seconds for the episode beyond which a method is tried no finer."""
 
 ROUNDS = 5
