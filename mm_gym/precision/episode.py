@@ -170,7 +170,7 @@ def _disturbance(substeps: Substeps) -> Callable[[float, str], float]:
         row = int(time / substeps.plant.support.time_step * (1.0 + 1e-12))
         part = time - row * substeps.plant.support.time_step
         both = excitation(substeps, Place(np.array([row]), np.array([part])))
-        return float(both[0, target == "ground"])
+        return float(both[0, int(target == "ground")])
 
     return disturbance
 
@@ -200,7 +200,7 @@ def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
     substeps = episode.substeps
     step, (force, stretch) = substeps.plant.support.time_step, substeps.applied[n]
     count = int(np.ceil((n + 1) * step / oracle.scene.control.time_step)) + 1
-    return oracle.solve(
+    return replace(oracle).solve(  # a fresh one: its budget is for its life
         [(n + 1) * step],
         forces=np.full(count, force),
         stretches=np.full(count, stretch),
