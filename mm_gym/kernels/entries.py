@@ -44,8 +44,7 @@ def build(propagate: Callable[..., object]) -> Entries:
                     excite(model, lanes, streams, substep, start, stop)
                 status = max(status, propagate(model, lanes, start, stop))
                 rotate(model, lanes, start, stop)
-            if score(task, lanes, ends, start, stop):
-                status = max(status, at.ENDED)
+            status = max(status, score(task, lanes, ends, start, stop))
             if task[at.IS_DERIVED] > 0.0:
                 derive(model, lanes, start, stop)
             observe(task, lanes, frames, streams, start, stop)

@@ -122,14 +122,20 @@ def approach(present, wanted, share, rate, low, high):
 
 @borrowing_kernel
 def score(task, lanes, ends, first, last):
-    """Take the state's cost off the rewards, count the step; tell whether an episode ended."""
+    """Take the state's cost off the rewards, count the step; return the status.
+
+    A state that is no longer finite shows in the reward, whatever the weights: 0 times infinity is
+    NaN.
+    """
     wx, wv, ws = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
     furthest, rail, steps = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT], task[at.STEPS]
-    ended = 0
+    ended = lost = 0
     for i in span(first, last):
         x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
         offset = lanes[at.X2, i] - x1
-        lanes[at.REWARD, i] -= fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+        reward = lanes[at.REWARD, i] - fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+        lanes[at.REWARD, i] = reward
+        lost += not reward > -np.inf
         count = lanes[at.STEP, i] + 1.0
         lanes[at.STEP, i] = count
         ended += count >= steps
@@ -140,12 +146,12 @@ def score(task, lanes, ends, first, last):
     if ended == 0:  # as nearly always
         clear(ends, at.TERMINATED, first, last)
         clear(ends, at.TRUNCATED, first, last)
-        return False
+        return at.OK if lost == 0 else at.DIVERGED
     for i in span(first, last):
         x1 = lanes[at.X1, i]
         ends[at.TERMINATED, i] = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
         ends[at.TRUNCATED, i] = lanes[at.STEP, i] >= steps
-    return True
+    return at.ENDED if lost == 0 else at.DIVERGED
 
 
 @borrowing_kernel

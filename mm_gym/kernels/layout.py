@@ -24,7 +24,8 @@ MESSAGES: dict[int, str] = {
         "shorten control.time_step or loosen solver.tolerance"
     ),
     DIVERGED: (
-        "the state is no longer finite; shorten control.time_step, or choose another solver.method"
+        "the state is no longer finite, or what it costs is beyond the largest double; "
+        "shorten control.time_step, or choose another solver.method"
     ),
     COLLAPSED: (
         "the offset has shortened a spring of finite stretch to nothing; "

@@ -118,7 +118,7 @@ def test_motion_continues_from_any_instant_with_the_phase_reached(
     system, start, frequency, phase, split
 ):
     def run(start, phase, steps):
-        tone = {"amplitude": 2.0, "frequency": frequency, "phase": phase}
+        tone = {"kind": "harmonic", "amplitude": 2.0, "frequency": frequency, "phase": phase}
         return simulate(scene_of(system, start, excitation=[tone]), duration=0.01 * steps).state
 
     whole = run(start, phase, STEPS)

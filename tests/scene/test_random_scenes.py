@@ -37,9 +37,6 @@ STEPS = 200
 PATIENCE = 120.0
 """Seconds for one scene: the first of its kind compiles kernels, all others take a tenth."""
 
-HUGE = 1e140
-"""A state [SI] whose square, over the least scale and with the largest weight, may overflow."""
-
 SCHEMA = json.loads(scene_schema())
 EXTREMES = [0.0, 5e-324, 1e-300, 1e-80, 1e-12, 1e12, 1e80, 1e300, 1.7e308]
 
@@ -60,8 +57,7 @@ def run(scene, seed):
         assert np.isfinite(info["state"]).all(), (n, info)
         assert np.isfinite(info["applied"]).all(), (n, info)
         assert np.isfinite(observation).all(), (n, observation)
-        # Squares are beyond the largest double before the state is.
-        assert math.isfinite(reward) or np.abs(info["state"]).max() > HUGE, (n, reward, info)
+        assert math.isfinite(reward), (n, reward, info)
         if terminated or truncated:
             env.reset()
     return True
