@@ -5,7 +5,7 @@ the scene's support                              plant               propagation
 ===============================================  ==================  ==============================
 no interface, no springs                         linear              transition matrix; the sphere
                                                                      flies free
-viscous interface and/or fixed stretch, cubic    linear              transition matrix, harmonics
+viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
   coefficient 0, nothing randomised but the                          as exosystem
   start
 the same with actuated stretch, or with          parametric linear   Taylor series of the
@@ -13,8 +13,9 @@ the same with actuated stretch, or with          parametric linear   Taylor seri
 dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
 dry friction, cubic coefficient 0, nothing       switched linear     transition matrices, crossings
   randomised but the start                                           bisected
-the same with actuated stretch, or with          parametric          Taylor series for each regime
-  randomised parameters or excitation frequency  switched linear
+the same with actuated stretch, randomised       parametric          Taylor series for each regime
+  parameters or excitation frequency, or         switched linear
+  sampled excitation
 cubic coefficient or finite stretch              smooth nonlinear    adaptive Taylor series
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
                                                                      crossings located

@@ -39,29 +39,34 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     `Box(-1, 1, (k,), float32)`, one number per actuator of the scene, in this order. Finite values
     outside are clipped; NaN and infinity raise `ActionError` and change nothing.
 
-    =======  ==============================  ==============================================
-    column   actuator                        an action of 1 means
-    =======  ==============================  ==============================================
-    force    `actuation.force` [N]           +limit, on the carriage
-    stretch  `actuation.stretch` [-]         `maximum`; or, commanded as a rate, +rate_limit
-    =======  ==============================  ==============================================
+    =======  =========================  ================================================
+    column   actuator                   an action of 1 means
+    =======  =========================  ================================================
+    force    `actuation.force` [N]      +limit, on the carriage
+    stretch  `actuation.stretch` [-]    `maximum`
+    =======  =========================  ================================================
+
+    Commanded as a rate, it means +rate_limit. Rate limits and lags say how far the actuator gets.
 
     Observation Space
     -----------------
-    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of the
-    last `sensors.history` control steps, oldest first. An episode starts with its first frame
-    repeated.
+    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of
+    `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
+    `sensors.noise`. An episode starts with its first frame repeated.
 
-    ==============================================  ========================================
-    channel                                         scaled by
-    ==============================================  ========================================
-    carriage_displacement, sphere_displacement [m]  1 / objective.displacement_scale
-    sphere_offset [m]                               1 / objective.stroke_scale
+    ===============================================  =========================================
+    channel                                          scaled by
+    ===============================================  =========================================
+    carriage_displacement, sphere_displacement [m]   1 / objective.displacement_scale
+    sphere_offset [m]                                1 / objective.stroke_scale
     carriage_velocity, sphere_velocity,
-    slip_velocity [m/s]                             1 / objective.velocity_scale
-    stretch [-]                                     actuation.stretch's minimum and maximum
-                                                    become -1 and 1
-    ==============================================  ========================================
+    slip_velocity [m/s]                              1 / objective.velocity_scale
+    carriage_acceleration, sphere_acceleration
+    (absolute), ground_acceleration [m/s^2]          displacement_scale / velocity_scale^2
+    spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
+    stretch [-]                                      actuation.stretch's minimum and maximum
+                                                     become -1 and 1
+    ===============================================  =========================================
 
     Rewards
     -------
@@ -70,8 +75,8 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Starting State
     --------------
-    Drawn uniformly from `initial` and `randomization`. Any drawn field, or part of
-    the initial state, is set by its dotted name:
+    Drawn uniformly from `initial` and `randomization`, noise from its stationary law. Any drawn
+    field, or part of the initial state, is set by its dotted name:
     `reset(options={"initial.sphere_offset": 0.01})`.
 
     Episode End

@@ -25,6 +25,19 @@ TONES = [
     {"kind": "harmonic", "target": "ground", "amplitude": 3.0, "frequency": 50.0},
     {"kind": "harmonic", "target": "force", "amplitude": 1.0, "frequency": 57.0, "phase": 0.4},
 ]
+SHAKEN = [
+    {"kind": "impulse", "size": [-0.1, 0.1], "rate": 20.0},
+    {"kind": "impulse", "target": "ground", "size": 0.1, "time": 0.2},
+    {"kind": "kanai_tajimi", "rms": 2.0, "ground_frequency": 60.0},
+    {
+        "kind": "sweep",
+        "amplitude": 1.0,
+        "start_frequency": 20.0,
+        "end_frequency": 70.0,
+        "duration": 0.3,
+    },
+    TONES[0],
+]
 BOTH = {"force": {"limit": 4.0}, "stretch": {"minimum": 1.0, "maximum": 3.0}}
 
 BOUND = 1e-10
@@ -54,6 +67,11 @@ SCENES = {
         "excitation": TONES,
         "actuation": BOTH,
     },
+    "shaken": {"excitation": SHAKEN},
+    "shaken without mass": {"carriage": {"mass": 0.0}, "excitation": SHAKEN[1:]},
+    "shaken friction": {"interface": FRICTION, "excitation": SHAKEN},
+    "shaken and stretched": {"springs": SMALL, "excitation": SHAKEN, "actuation": BOTH},
+    "shaken finite stretch": {"springs": FINITE, "excitation": SHAKEN, "actuation": BOTH},
     "cubic": {"carriage": CUBIC},
     "finite stretch": {"springs": FINITE},
     "driven finite stretch": {"springs": FINITE, "excitation": TONES, "actuation": BOTH},
@@ -88,7 +106,9 @@ def test_balance_closes(name):
     assert residual(run(SCENES[name])) < BOUND
 
 
-@pytest.mark.parametrize("name", ["tones", "parametric", "friction", "cubic", "everything"])
+@pytest.mark.parametrize(
+    "name", ["tones", "parametric", "friction", "cubic", "everything", "shaken", "shaken friction"]
+)
 def test_balance_closes_between_control_steps(name):
     rng = np.random.default_rng(2)
     trajectory = run(SCENES[name], times=np.sort(rng.uniform(0.0, 0.5, 20)))
