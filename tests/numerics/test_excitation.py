@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.integrate import quad
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2, kstest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
+from mm_gym.kernels import sources as kernels
 from mm_gym.reference import Oracle
 
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 60})
@@ -215,6 +216,55 @@ def _filter(part):
         wf, zf = part["filter_frequency"], part["filter_damping"]
         b, a = np.polymul(b, [1.0, 0.0, 0.0]), np.polymul(a, [1.0, 2 * zf * wf, wf**2])
     return b, a
+
+
+@pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
+def test_law_of_the_samples_is_lyapunovs(part):
+    plant = compile_scene(BASE.replace(excitation=[part]))
+    rows, h = plant.template, plant.support.time_step
+    first = plant.support.names["excitation.0.rms"]
+    f, g, out = _scaled_filter(part)
+    stationary = solve_continuous_lyapunov(f, -g @ g.T)
+    transition = expm(f * h)
+    order = len(f)
+    own = rows[first + kernels.TRANSITION :][:16].reshape(4, 4)[:order, :order]
+    assert np.abs(own - transition).max() < 1e-14
+    start, step = (
+        _root(rows[first + slot :][:10])[:order, :order]
+        for slot in (kernels.START_SPREAD, kernels.SPREAD)
+    )
+    scale = np.abs(stationary).max()
+    assert np.abs(start @ start.T - stationary).max() < 1e-12 * scale
+    grown = stationary - transition @ stationary @ transition.T
+    assert np.abs(step @ step.T - grown).max() < 1e-12 * scale
+    weights = rows[first + kernels.OUTPUT :][:order]
+    assert weights @ stationary @ weights == pytest.approx(1.0, abs=1e-12)
+    assert weights == pytest.approx(out / np.sqrt(out @ stationary @ out), abs=1e-12)
+
+
+def _root(packed):
+    root = np.zeros((4, 4))
+    root[np.tril_indices(4)] = packed
+    return root
+
+
+def _scaled_filter(part):
+    """Return F, G and the output of a noise's filter, velocities in units of the frequency."""
+    if part["kind"] == "noise":
+        w, z, passed = part["high_frequency"], np.sqrt(0.5), 0.0
+        high = (part["low_frequency"], np.sqrt(0.5))
+    else:
+        w, z = part["ground_frequency"], part["ground_damping"]
+        passed = 2.0 * z
+        high = (part.get("filter_frequency", 0.0), part.get("filter_damping", 0.0))
+    f = np.zeros((4, 4))
+    f[0, 1], f[1, :2] = w, [-w, -2.0 * z * w]
+    out = np.array([1.0, passed, 0.0, 0.0])
+    g = np.array([[0.0], [np.sqrt(w)], [0.0], [0.0]])
+    if high[0] == 0.0:
+        return f[:2, :2], g[:2], out[:2]
+    f[2, 3], f[3] = high[0], high[0] * np.array([1.0, passed, -1.0, -2.0 * high[1]])
+    return f, g, np.array([1.0, passed, -1.0, -2.0 * high[1]])
 
 
 def test_envelope_shapes_the_noise():
