@@ -32,6 +32,9 @@ MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
 
+EXCITATION = ("disturbance [N]", "ground [m/s²]")
+"""What the excitation's columns are called on an axis."""
+
 ACTUATORS = {"force": "force [N]", "stretch": "stretch [-]"}
 
 LOOK = {
@@ -90,8 +93,9 @@ def save(figure: Figure, path: str | PathLike[str]) -> None:
 
 
 def draw_trajectory(trajectory: Trajectory) -> Figure:
-    """Return displacements, velocities, what was applied and the energy over time."""
-    count = 3 + len(trajectory.actuators)
+    """Return displacements, velocities, excitation, what was applied and the energy over time."""
+    excited = [k for k in range(2) if trajectory.excitation[:, k].any()]
+    count = 3 + len(excited) + len(trajectory.actuators)
     figure, axes = panels(1.2 * count + 0.6, count, 1, sharex="all")
     time, (x1, x2, v1, v2) = trajectory.time, trajectory.state.T
     rows = (
@@ -103,8 +107,11 @@ def draw_trajectory(trajectory: Trajectory) -> Figure:
         for i, curve in enumerate(curves):
             panel.plot(time, factor * curve, STYLES[i], color=COLOURS[i], label=names[i])
         panel.set_ylabel(label)
+    for panel, k in zip(axes[2:], excited, strict=False):
+        panel.plot(time, trajectory.excitation[:, k], color=COLOURS[6])
+        panel.set_ylabel(EXCITATION[k])
     for k, name in enumerate(trajectory.actuators):
-        panel = axes[2 + k]
+        panel = axes[2 + len(excited) + k]
         panel.plot(time, trajectory.action[:, k], color=COLOURS[6], drawstyle="steps-post")
         panel.set_ylabel(ACTUATORS[name])
     axes[-1].plot(time, 1e3 * trajectory.energy, color=COLOURS[6])

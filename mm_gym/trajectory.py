@@ -79,13 +79,14 @@ class Trajectory:
         return work_of(self.substeps, self.place, self.state, self.energy)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write time, state and action as columns with units; all digits are kept."""
+        """Write time, state, action and excitation as columns with units; all digits are kept."""
         header = ["time [s]", "x1 [m]", "x2 [m]", "v1 [m/s]", "v2 [m/s]"]
         header += [f"{name} [{UNITS[name]}]" for name in self.actuators]
-        write_csv(path, header, [self.time, *self.state.T, *self.action.T])
+        header += ["disturbance [N]", "ground acceleration [m/s^2]"]
+        write_csv(path, header, [self.time, *self.state.T, *self.action.T, *self.excitation.T])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw displacements, velocities, what was applied and the energy over time.
+        """Draw displacements, velocities, excitation, what was applied and the energy over time.
 
         Parameters
         ----------

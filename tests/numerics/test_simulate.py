@@ -138,7 +138,10 @@ def test_csv_keeps_every_digit(tmp_path):
     with (tmp_path / "new" / "motion.csv").open(encoding="utf-8", newline="") as file:
         header, *rows = csv.reader(file)
     assert header[:2] == ["time [s]", "x1 [m]"]
-    assert header[5:] == ["force [N]", "stretch [-]"]
-    expected = np.column_stack([trajectory.time, trajectory.state, trajectory.action])
+    assert header[5:7] == ["force [N]", "stretch [-]"]
+    assert header[7:] == ["disturbance [N]", "ground acceleration [m/s^2]"]
+    expected = np.column_stack(
+        [trajectory.time, trajectory.state, trajectory.action, trajectory.excitation]
+    )
     assert np.array_equal(np.array(rows, float), expected)
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["motion.csv"]
