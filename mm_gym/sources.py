@@ -247,7 +247,8 @@ def _substeps(
             time = NOISE_PHASE / max(present)
         if time < shortest:
             shortest, name = time, f"excitation.{k}"
-    substeps = max(1.0, scene.control.time_step / shortest)
+    # A sample time may be too short for a double.
+    substeps = max(1.0, scene.control.time_step / shortest) if shortest > 0.0 else inf
     if not substeps <= MOST_SUBSTEPS:
         msg = (
             f"{name}: samples {shortest:.3g} s apart divide control.time_step = "
