@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from agents.controller import ConstantStretch, Zero
-from agents.lqr import LQR
-from agents.semi_active import PhaseLaw
+from agents.controller import Both, ConstantForce, ConstantStretch, Zero, columns
+from agents.lqr import LQR, DesignError
+from agents.semi_active import ClippedLQR, PhaseLaw
 from agents.tuned_mass_damper import FREQUENCY, MatchingStretch
+from agents.velocity_feedback import VelocityFeedback
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -27,6 +28,12 @@ HELD_OUT_SEED = 1_000_000
 
 VALIDATION_SEED = 2_000_000
 """Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""
+
+DECADES = np.linspace(-2.0, 2.0, 17)
+"""Exponents of the gains and prices that are tried."""
+
+CENTRED = np.linspace(-0.5, 0.5, 17)
+"""Shares of the force limit that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +63,19 @@ class Evaluation:
     time: NDArray[np.float64]
     displacement: NDArray[np.float64]
     applied: NDArray[np.float64]
+
+    @property
+    def cost(self) -> float:
+        """Root of the mean of -reward over all steps of all episodes [-].
+
+        Where only the displacement is paid for, it is the score.
+        """
+        return float(np.sqrt(np.mean(self.episode_costs)))
+
+    @property
+    def episode_costs(self) -> NDArray[np.float64]:
+        """(episodes,) mean of -reward over the steps of each [-]."""
+        return -self.returns / self.time.size
 
 
 def evaluate(
@@ -110,39 +130,121 @@ def baselines(scene: Scene) -> list[Controller]:
     is no stretch.
     """
     found: list[Controller] = [Zero(scene)]
-    if scene.actuation.stretch is not None and scene.actuation.force is None:
-        found = [best_constant_stretch(scene), *found, best_phase_law(scene)]
-        if FREQUENCY in scene.randomization:
-            found.append(MatchingStretch(scene))
-    if scene.actuation.force is not None and scene.objective.effort_weight > 0.0:
-        found.append(LQR(scene))
+    if scene.actuation.stretch is not None:
+        found.insert(0, best_constant_stretch(scene))
+    found += classical_laws(scene)
+    if FREQUENCY in scene.randomization and columns(scene) == ("stretch",):
+        found.append(MatchingStretch(scene))
     return found
 
 
-def best_constant_stretch(scene: Scene) -> Controller:
-    """Search the constant stretch of least score: a grid, then a bounded descent about its best."""
+def classical_laws(scene: Scene) -> list[Controller]:
+    """Return the tuned laws that need nothing but the present state."""
+    match columns(scene):
+        case ("force",):
+            return [*regulators(scene), best_velocity_feedback(scene)]
+        case ("stretch",):
+            return [best_phase_law(scene), best_clipped_lqr(scene)]
+        case _:
+            return [best_lqr_at_constant_stretch(scene), best_lqr_with_clipped_lqr(scene)]
+
+
+def regulators(scene: Scene) -> list[Controller]:
+    """Return the LQR, if one can be designed, without the price of the stroke if it must be."""
+    if scene.objective.effort_weight == 0.0:
+        return []
+    try:
+        return [LQR(scene)]
+    except DesignError:
+        regulator = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
+        regulator.name = "LQR, blind to the stroke"
+        return [regulator]
+
+
+def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Controller:
+    """Return the best of what never moves: a stretch, or a force where there is no stretch.
+
+    With the seed of the final evaluation it is the best in hindsight.
+    """
+    actuator = scene.actuation.force
+    if scene.actuation.stretch is not None or actuator is None:
+        return best_constant_stretch(scene, seed)
+    return _search(scene, lambda force: ConstantForce(scene, force), actuator.limit * CENTRED, seed)
+
+
+def best_constant_stretch(scene: Scene, seed: int = VALIDATION_SEED) -> Controller:
+    """Search the constant stretch of least cost: a grid, then a bounded descent about its best."""
+
+    def law(stretch: float) -> Controller:
+        still = ConstantStretch(scene, stretch)
+        return still if scene.actuation.force is None else Both(ConstantForce(scene), still)
+
+    return _search(scene, law, _stretches(scene), seed)
+
+
+def best_phase_law(scene: Scene) -> Controller:
+    """Search the gain of the phase law with the least cost, over four decades."""
+    return _search(scene, lambda exponent: PhaseLaw(scene, 10.0**exponent), DECADES)
+
+
+def best_velocity_feedback(scene: Scene) -> Controller:
+    """Search the gain of the velocity feedback with the least cost, over four decades."""
+    critical = 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness)
+    return _search(
+        scene, lambda exponent: VelocityFeedback(scene, critical * 10.0**exponent), DECADES
+    )
+
+
+def best_clipped_lqr(scene: Scene) -> Controller:
+    """Search the stretch and the price of the clipped LQR with the least cost."""
+    return _search_pair(scene, lambda stretch, price: ClippedLQR(scene, stretch, price))
+
+
+def best_lqr_at_constant_stretch(scene: Scene) -> Controller:
+    """Search the stretch that a regulator of the force does best with."""
+    return _search(
+        scene, lambda s: Both(LQR(scene, s), ConstantStretch(scene, s)), _stretches(scene)
+    )
+
+
+def best_lqr_with_clipped_lqr(scene: Scene) -> Controller:
+    """Search the same two with a regulator of the force beside it."""
+    return _search_pair(
+        scene,
+        lambda stretch, price: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, price)),
+    )
+
+
+def _stretches(scene: Scene) -> NDArray[np.float64]:
     actuator = scene.actuation.stretch
     if actuator is None:
         msg = "actuation.stretch: missing; there is no stretch to hold"
         raise ValueError(msg)
-    grid = np.linspace(actuator.minimum, actuator.maximum, 33)
-    return _search(scene, lambda stretch: ConstantStretch(scene, stretch), grid)
-
-
-def best_phase_law(scene: Scene) -> Controller:
-    """Search the gain of the phase law with the least score, over four decades."""
-    law = lambda exponent: PhaseLaw(scene, 10.0**exponent)  # noqa: E731 - the search is over the exponent
-    return _search(scene, law, np.linspace(-2.0, 2.0, 17))
+    return np.linspace(actuator.minimum, actuator.maximum, 33)
 
 
 def _search(
-    scene: Scene, make: Callable[[float], Controller], grid: NDArray[np.float64]
+    scene: Scene,
+    make: Callable[[float], Controller],
+    grid: NDArray[np.float64],
+    seed: int = VALIDATION_SEED,
 ) -> Controller:
-    def score(value: float) -> float:
-        return evaluate(scene, make(float(value)), seed=VALIDATION_SEED, episodes=100).score
+    def cost(value: float) -> float:
+        return _tried(scene, make(float(value)), seed)
 
-    scores = [score(value) for value in grid]
-    best = int(np.argmin(scores))
+    costs = [cost(value) for value in grid]
+    best = int(np.argmin(costs))
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    refined = minimize_scalar(score, bounds=around, method="bounded", options={"xatol": 1e-3})
-    return make(float(refined.x) if refined.fun < scores[best] else float(grid[best]))
+    refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-3})
+    return make(float(refined.x) if refined.fun < costs[best] else float(grid[best]))
+
+
+def _search_pair(scene: Scene, make: Callable[[float, float], Controller]) -> Controller:
+    """Search a stretch on a coarse grid, with prices over four decades, then the price finely."""
+    pairs = [(s, 10.0**e) for s in _stretches(scene)[8::8] for e in DECADES[::4]]
+    stretch, _ = min(pairs, key=lambda pair: _tried(scene, make(*pair)))
+    return _search(scene, lambda exponent: make(stretch, 10.0**exponent), DECADES)
+
+
+def _tried(scene: Scene, controller: Controller, seed: int = VALIDATION_SEED) -> float:
+    return evaluate(scene, controller, seed=seed, episodes=100).cost

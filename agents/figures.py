@@ -9,6 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
+from agents.controller import columns
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -72,7 +74,7 @@ def _binned(result: Evaluation) -> tuple[NDArray[np.float64], NDArray[np.float64
 def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path: Path) -> None:
     """Draw displacement and actuators over time, in the reference's median episode."""
     episode = int(np.argsort(reference.episode_scores)[reference.episode_scores.size // 2])
-    names = [name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None]
+    names = columns(scene)
     figure = Figure(figsize=(6.4, 2.4 + 1.6 * len(names)), layout="constrained")
     grid = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2] + [1] * len(names))
     for i, result in enumerate((reference, learned)):

@@ -55,9 +55,10 @@ class Design:
     weight: NDArray[np.float64]
 
 
-def design(scene: Scene) -> Design:
+def design(scene: Scene, stretch: float | None = None) -> Design:
     """Solve the discrete Riccati equation for the scene's reward and its sampled linear plant.
 
+    The plant is linearised about rest at a stretch, by default the one that an episode starts from.
     The states are those that the cost depends on: a sphere without springs drifts freely, its
     position is neither paid for nor controllable, and Riccati solvers return garbage on it without
     a word.
@@ -82,9 +83,9 @@ def design(scene: Scene) -> Design:
         )
         raise DesignError(msg)
     plant = compile_scene(scene)
-    weight = _state_weight(scene)
-    states = _states_that_matter(plant.linear()[0], weight)
-    a, b = plant.discrete()
+    weight = state_weight(scene)
+    states = _states_that_matter(plant.linear(stretch)[0], weight)
+    a, b = plant.discrete(stretch)
     a, b, weight = a[np.ix_(states, states)], b[list(states)], weight[np.ix_(states, states)]
     price = np.array([[objective.effort_weight / actuator.limit**2]])
     _require_stabilisable(a, b, states)
@@ -98,7 +99,8 @@ def design(scene: Scene) -> Design:
     return solution
 
 
-def _state_weight(scene: Scene) -> NDArray[np.float64]:
+def state_weight(scene: Scene) -> NDArray[np.float64]:
+    """Return the (4, 4) weight of the state in the scene's reward."""
     objective = scene.objective
     stroke = objective.stroke_weight / objective.stroke_scale**2
     weight = np.zeros((4, 4))
@@ -162,8 +164,8 @@ class LQR:
 
     name = "LQR"
 
-    def __init__(self, scene: Scene) -> None:
-        self.design = design(scene)
+    def __init__(self, scene: Scene, stretch: float | None = None) -> None:
+        self.design = design(scene, stretch)
         assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
         self.limit = scene.actuation.force.limit
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from agents.controller import StretchCommand
+from agents.controller import StretchCommand, stretch_of
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from mm_gym import MovingMassVectorEnv, Scene
@@ -20,8 +19,7 @@ class MatchingStretch:
     """Hold the stretch at which the sphere resonates with a known harmonic force.
 
     Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
-    frequency an undamped absorber stills the carriage. The stretch is eq. 15 of the paper inverted,
-    (2 / (k2 / 2 k0 - 1))^(1/3), within the actuator's range.
+    frequency an undamped absorber stills the carriage.
     """
 
     name = "matching stretch (knows the frequency)"
@@ -32,11 +30,8 @@ class MatchingStretch:
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Compute each lane's stretch from its frequency."""
         k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
-        excess = k2 / (2.0 * env.drawn("springs.stiffness")) - 1.0
-        actuator = self.command.actuator
-        with np.errstate(divide="ignore", invalid="ignore"):
-            stretch = np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
-        self.stretch = np.clip(stretch, actuator.minimum, actuator.maximum)
+        twice_k0 = 2.0 * env.drawn("springs.stiffness")
+        self.stretch = stretch_of(k2, twice_k0, self.command.actuator)
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
         """Return the action towards the matching stretch."""

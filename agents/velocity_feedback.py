@@ -1,0 +1,35 @@
+"""An active damper: the force opposes the carriage's velocity."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import MovingMassVectorEnv, Scene
+
+
+class VelocityFeedback:
+    """Direct velocity feedback, u = -gain v1, within the force limit.
+
+    It takes energy out whatever the springs. Balas, *Direct velocity feedback control of large
+    space structures*, J. Guid. Control 2 (1979).
+    """
+
+    def __init__(self, scene: Scene, gain: float) -> None:
+        actuator = scene.actuation.force
+        if actuator is None:
+            msg = "actuation.force: missing; there is nothing to push with"
+            raise ValueError(msg)
+        self.name = f"velocity feedback, {gain:.2g} N s/m"
+        self.gain = gain / actuator.limit
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the force as a share of the limit."""
+        return np.clip(-self.gain * info["state"][:, 2:3], -1.0, 1.0)

@@ -1,0 +1,78 @@
+"""Do the committed scores hold, and is there something to gain on every task?"""
+
+import json
+
+import numpy as np
+import pytest
+
+from agents.controller import Zero
+from agents.evaluation import Evaluation, evaluate
+from agents.headroom import SCORES, headroom, interval
+from agents.lqr import LQR
+from agents.planner import Effort, Planner
+from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
+
+COMMITTED = json.loads(SCORES.read_text("utf-8"))
+COMMAND = "python -m agents.headroom"
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_scores_are_of_the_present_scene(name) -> None:
+    assert COMMITTED[name]["scene_digest"] == TASKS[name].digest, f"run `{COMMAND} {name}`"
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_something_known_gains_a_fifth_on_the_best_constant(name) -> None:
+    rows = COMMITTED[name]["rows"]
+    constant = next(row["cost"] for row in rows if row["role"] == "constant")
+    assert min(row["cost"] for row in rows) <= 0.8 * constant
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_no_fixed_action_beats_the_best_constant(name) -> None:
+    costs = {row["role"]: row["cost"] for row in COMMITTED[name]["rows"]}
+    # Where a rate is commanded, going to the best stretch costs effort that staying does not.
+    assert costs["constant"] <= costs["zero"] * 1.001
+
+
+@pytest.mark.slow
+def test_scores_come_out_again() -> None:
+    for name in ("mm_gym/CarriageForce-v0", "mm_gym/PreStretch-v0"):
+        for again, row in zip(headroom(TASKS[name]), COMMITTED[name]["rows"], strict=True):
+            assert again["role"] == row["role"]
+            assert row["low"] <= again["cost"] <= row["high"]
+
+
+def evaluation(costs: np.ndarray) -> Evaluation:
+    none = np.zeros(0)
+    return Evaluation("some", 0.0, none, -costs, none, np.zeros(1), none, none)
+
+
+def test_interval_is_that_of_the_central_limit() -> None:
+    costs = 1.0 + 0.2 * np.random.default_rng(3).standard_normal(400)
+    low, high = interval(evaluation(costs))
+    half = 1.96 * costs.std() / 400**0.5
+    # A percentile of 10,000 resamples scatters by about 2 % of the half width.
+    assert low**2 == pytest.approx(costs.mean() - half, abs=0.1 * half)
+    assert high**2 == pytest.approx(costs.mean() + half, abs=0.1 * half)
+
+
+def test_planner_cannot_beat_the_regulator_that_is_optimal() -> None:
+    lqr = LQR(CARRIAGE_FORCE)
+    planned = evaluate(CARRIAGE_FORCE, Planner(CARRIAGE_FORCE, lqr), episodes=5)
+    known = evaluate(CARRIAGE_FORCE, lqr, episodes=5)
+    # Optimal over an endless horizon without the limit; in a second of clipped force a little less.
+    assert 0.99 * known.cost <= planned.cost <= known.cost * (1.0 + 1e-9)
+
+
+def test_planner_finds_what_its_law_does_not() -> None:
+    scene = PRE_STRETCH.replace(**{"control.steps": 100})
+    zero = evaluate(scene, Zero(scene), episodes=4)
+    planned = evaluate(scene, Planner(scene, Zero(scene), Effort(rounds=2)), episodes=4)
+    assert planned.cost < 0.7 * zero.cost
+
+
+def test_planner_refuses_episodes_that_end_early() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.01})
+    with pytest.raises(ValueError, match="end early"):
+        Planner(scene, Zero(scene))
