@@ -5,7 +5,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 
-.PHONY: demo test test-slow check bench clean
+.PHONY: demo test test-slow check bench tasks clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -27,6 +27,11 @@ check: $(INSTALLED)
 bench: $(INSTALLED)
 	$(RUN) -m pip install --quiet -c constraints.txt --group bench
 	$(RUN) -m benchmarks
+
+# What there is to gain on each task, and the page that says so.
+tasks: $(INSTALLED)
+	$(RUN) -m agents.headroom
+	$(RUN) -m agents.task_page
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
 # groups need pip 25.1.

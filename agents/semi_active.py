@@ -51,7 +51,7 @@ class ClippedLQR:
     A regulator is designed for the internal force about one stretch; of its force F the springs
     give k2 = k2(stretch) + F / (x2 - x1), as far as k2 goes; a small price makes that on-off
     stiffness. Dyke et al., *Modeling and control of magnetorheological dampers for seismic
-    response reduction*, Smart Mater. Struct. 5 (1996).
+    response reduction*, Smart Materials and Structures 5 (1996).
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ def task_array(scene: Scene) -> NDArray[np.float64]:
     task[at.CHANNEL_COUNT] = len(channels)
     for k, channel in enumerate(channels):
         slot = at.CHANNELS + at.CHANNEL_SIZE * k
-        scale, zero = _scale_and_zero(scene, channel)
+        scale, zero = scale_and_zero(scene, channel)
         noise = scene.sensors.noise.get(channel, 0.0)
         task[slot : slot + at.CHANNEL_SIZE] = CODES[channel], scale, zero, noise * scale
     task[at.IS_DERIVED] = any(CODES[channel] >= at.DERIVED_CHANNELS for channel in channels)
@@ -75,7 +75,7 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.STEPS] = scene.control.steps
 
 
-def _scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
+def scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
     """Return the factor of a channel and the value shown as zero: observations are of order one."""
     objective, actuator = scene.objective, scene.actuation.stretch
     if channel == "stretch":

@@ -1,0 +1,44 @@
+"""Is docs/tasks.md what classes, scenes and scores say now?"""
+
+import json
+
+import pytest
+
+from agents.headroom import SCORES, tasks
+from agents.task_page import PAGE, page
+from mm_gym.description import describe
+from mm_gym.tasks import CARRIAGE_FORCE, HYBRID, TASKS
+
+
+def test_committed_page_is_up_to_date():
+    expected = page(json.loads(SCORES.read_text("utf-8")))
+    assert PAGE.read_text("utf-8") == expected, "run `python -m agents.task_page`"
+
+
+def test_every_registered_task_is_listed():
+    assert tasks() == list(TASKS)
+
+
+def test_limits_noise_and_delay_are_told():
+    scene = HYBRID.replace(
+        **{
+            "sensors.delay": 2,
+            "objective.displacement_limit": 0.02,
+            "objective.rail_half_length": 0.05,
+            "actuation.force.lag": 0.015,
+        }
+    )
+    text = describe(scene)
+    assert "2 control steps late" in text
+    assert "Terminated when |x1| exceeds 0.02 m or |x2 - x1| exceeds 0.05 m." in text
+    assert "| force on the carriage | N | -0.25 | 0.25 | the most | none | 0.015 s |" in text
+    assert "| ground_acceleration | m/s^2 | 0 | 9 | 0.1 |" in text
+    assert "rms 3 m/s^2" in text
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0, 0.5])
+def test_reward_names_what_is_paid_for(weight):
+    text = describe(CARRIAGE_FORCE.replace(**{"objective.stroke_weight": weight}))
+    term = {0.0: "", 1.0: " + ((x2 - x1) / 0.02 m)^2", 0.5: " + 0.5 ((x2 - x1) / 0.02 m)^2"}
+    paid = f"(v1 / 0.5 m/s)^2{term[weight]} + 0.01 (sum of squared actions))"
+    assert f"-((x1 / 0.01 m)^2 + 0.1 {paid}" in text
