@@ -47,6 +47,12 @@ def linear_model(
     return np.concatenate(parts)
 
 
+def _cost(model: NDArray[np.float64]) -> str:
+    products = 20 + 8 * int(model[at.TONE_COUNT] + model[at.TERMS])
+    substeps = int(model[at.SUBSTEPS])
+    return f"{products} products" + (f" in each of {substeps} substeps" if substeps > 1 else "")
+
+
 LINEAR = Method(
     name="exact",
     plant="linear",
@@ -56,11 +62,7 @@ LINEAR = Method(
     ),
     order="exact for a held force",
     bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: (
-        f"one 4 x 5 product, 8 products for each of {int(model[at.TONE_COUNT])} harmonics, and "
-        f"{8 * int(model[at.TERMS])} for all other excitation, in each of "
-        f"{int(model[at.SUBSTEPS])} substeps"
-    ),
+    cost=_cost,
     model=_model,
     entries=build(linear.propagate),
 )
