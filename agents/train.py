@@ -123,11 +123,11 @@ class Validation(BaseCallback):
         self._validate()
 
     def _validate(self) -> None:
-        score = evaluate(self.scene, Learned(self.model), seed=VALIDATION_SEED, episodes=100).score
-        self.logger.record("validation/score", score)
-        if score < self.metrics.best:
+        cost = evaluate(self.scene, Learned(self.model), seed=VALIDATION_SEED, episodes=100).cost
+        self.logger.record("validation/cost", cost)
+        if cost < self.metrics.best:
             save_whole(self.model, self.run.best)
-        self.metrics.add(self.num_timesteps, time.perf_counter() - self.began, score)
+        self.metrics.add(self.num_timesteps, time.perf_counter() - self.began, cost)
         self.metrics.write(self.run)
         save_whole(self.model, self.run.checkpoint)
 
@@ -135,7 +135,7 @@ class Validation(BaseCallback):
 class Metrics:
     """The validations so far, as the columns of ``metrics.csv``."""
 
-    HEADER = ("steps [-]", "time [s]", "score [-]")
+    HEADER = ("steps [-]", "time [s]", "cost [-]")
 
     def __init__(self, rows: list[tuple[float, float, float]]) -> None:
         self.rows = rows
@@ -150,12 +150,12 @@ class Metrics:
 
     @property
     def best(self) -> float:
-        """The least score so far."""
+        """The least cost so far."""
         return min((row[2] for row in self.rows), default=float("inf"))
 
-    def add(self, steps: int, seconds: float, score: float) -> None:
+    def add(self, steps: int, seconds: float, cost: float) -> None:
         """Append a row."""
-        self.rows.append((float(steps), seconds, score))
+        self.rows.append((float(steps), seconds, cost))
 
     def write(self, run: Run) -> None:
         """Write ``metrics.csv`` whole."""

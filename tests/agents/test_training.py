@@ -72,7 +72,7 @@ def test_run_folder_holds_what_is_needed_to_repeat_it(finished: Run) -> None:
     assert record["scene_digest"] == QUICK.load_scene().digest
     assert record["versions"]["torch"].startswith("2.")
     rows = (finished.folder / "metrics.csv").read_text().splitlines()
-    assert rows[0] == "steps [-],time [s],score [-]"
+    assert rows[0] == "steps [-],time [s],cost [-]"
     assert len(rows) == 1 + QUICK.evaluations
     assert list((finished.folder / "tensorboard").rglob("events*"))
 
