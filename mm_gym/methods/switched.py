@@ -12,7 +12,14 @@ from mm_gym.exponential import ladder
 from mm_gym.kernels import friction, switched
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.entries import build
-from mm_gym.methods.base import Method, degree, fastest_oscillation, fastest_rate, header
+from mm_gym.methods.base import (
+    Method,
+    degree,
+    fastest_oscillation,
+    fastest_rate,
+    header,
+    refuse_overflow,
+)
 from mm_gym.plant import values_of
 from mm_gym.state_space import slip_space
 
@@ -44,6 +51,9 @@ FINER = 3
 
 MOST_SAMPLES = 1 << 15
 
+SLOWEST = 1e-100
+"""Least frequency [rad/s] to weigh positions by; its square is a double."""
+
 SAMPLING = 1.1
 """What |w''| may exceed its samples by, an eighth of the shortest time constant apart."""
 
@@ -63,7 +73,8 @@ def _model(support: Support) -> NDArray[np.float64]:
         support, oscillation * support.time_step, LONGEST_OSCILLATION, "1 / the fastest frequency"
     )
     rungs = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
-    regimes = [_regime(support, *law, rungs) for law in ((stick, Decimal(0)), (chi, offset))]
+    with refuse_overflow(support):
+        regimes = [_regime(support, *law, rungs) for law in ((stick, Decimal(0)), (chi, offset))]
     model = header(support, switched.REGIMES - at.MODEL_OWN)
     model[switched.VR], model[switched.LAST_RUNG] = float(vr), rungs
     model[switched.DEGREE] = degree(phase / 2.0**rungs)
@@ -166,7 +177,7 @@ def _gains(
     rows = second[None]
     while len(rows) <= min(1 << finest, MOST_SAMPLES):
         rows = np.vstack([rows, rows @ steps[finest - int(np.log2(len(rows)))]])
-    frequency = fastest_oscillation(support) or 1.0
+    frequency = max(fastest_oscillation(support), SLOWEST)
     weights = np.zeros(len(second))
     weights[:4] = frequency**-2, frequency**-2, 1.0, 1.0
     norm = (weights * second) @ second

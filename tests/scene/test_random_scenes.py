@@ -314,5 +314,5 @@ def test_mutated_file_is_refused_by_name_or_makes_finite_steps(monkeypatch, coun
         moved += attempt(load_scene, "scene.toml", seed, wrong)
     assert not wrong, f"{len(wrong)} of {count}: {wrong[:20]}"
     # Otherwise the mutations are too wild to reach what they should test.
-    assert parsed > 0.5 * count
+    assert parsed > 0.4 * count
     assert moved > 0.1 * count
