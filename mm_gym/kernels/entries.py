@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.lanes import approach, command, finite, observe, rotate, score, width_of
+from mm_gym.kernels.lanes import (
+    approach,
+    command,
+    finite,
+    judge,
+    observe,
+    rotate,
+    score,
+    width_of,
+)
 from mm_gym.kernels.sources import excite, excited
 
 if TYPE_CHECKING:
@@ -22,8 +31,15 @@ class Entries(NamedTuple):
     propagate: Callable[..., int]
 
 
-def build(propagate: Callable[..., object]) -> Entries:
-    """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``."""
+def build(
+    propagate: Callable[..., object],
+    at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
+) -> Entries:
+    """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
+
+    What `in_turn` returns may be replaced: `at_once` is given it and returns another.
+    """
+    move = at_once(in_turn(propagate))
 
     @borrowing_kernel
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
@@ -38,13 +54,8 @@ def build(propagate: Callable[..., object]) -> Entries:
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
-            command(task, lanes, actions, start, stop)
-            for substep in range(int(model[at.SUBSTEPS])):
-                if excited(model):
-                    excite(model, lanes, streams, substep, start, stop)
-                status = max(status, propagate(model, lanes, start, stop))
-                rotate(model, lanes, start, stop)
-            status = max(status, score(task, lanes, ends, start, stop))
+            status = max(status, move(task, model, lanes, streams, actions, start, stop))
+            status = max(status, judge(task, lanes, ends, start, stop))
             if task[at.IS_DERIVED] > 0.0:
                 derive(model, lanes, start, stop)
             observe(task, lanes, frames, streams, start, stop)
@@ -74,10 +85,27 @@ def build(propagate: Callable[..., object]) -> Entries:
                 rotate(model, lanes, 0, 1)
                 for row in range(4):
                     states[k, row] = lanes[row, 0]
-            lanes[at.STEP, 0] += 1.0
+            lanes[at.NOW, 0] += 1.0
         return at.OK
 
     return Entries(advance, run, propagate)
+
+
+def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
+    """Return a kernel that commands, propagates and scores lanes, one pass after the other."""
+
+    @borrowing_kernel
+    def move(task, model, lanes, streams, actions, first, last):
+        command(task, lanes, actions, first, last)
+        status = at.OK
+        for substep in range(int(model[at.SUBSTEPS])):
+            if excited(model):
+                excite(model, lanes, streams, substep, first, last)
+            status = max(status, propagate(model, lanes, first, last))
+            rotate(model, lanes, first, last)
+        return max(status, score(task, lanes, first, last))
+
+    return move
 
 
 @borrowing_kernel

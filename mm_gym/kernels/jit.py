@@ -49,11 +49,16 @@ class _KernelCache(caching.FunctionCache):
     def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
         # Kernels close over other kernels only, and the stamp covers their text: their names
         # identify the closure.
-        closure = self._py_func.__closure__ or ()
-        names = tuple(
-            f"{cell.cell_contents.__module__}.{cell.cell_contents.__qualname__}" for cell in closure
-        )
-        return (sig, codegen.magic_tuple(), names)
+        return (sig, codegen.magic_tuple(), _closed_over(self._py_func))
+
+
+def _closed_over(function: Callable[..., object]) -> tuple[object, ...]:
+    """Return the names of the kernels that a kernel closes over, and that those close over."""
+    kernels = [cell.cell_contents for cell in function.__closure__ or ()]
+    return tuple(
+        (kernel.__module__, kernel.__qualname__, _closed_over(getattr(kernel, "py_func", kernel)))
+        for kernel in kernels
+    )
 
 
 def kernel(function: Callable[..., object]) -> Callable[..., object]:

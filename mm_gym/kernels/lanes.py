@@ -11,21 +11,24 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import clip, fma, span
+from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors, span
 from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.random import next_episode, normals, uniform
+
+BOUND = np.float32(at.OBSERVATION_BOUND)
 
 
 @borrowing_kernel
 def finite(actions, width, first, last):
     """Tell whether all actions of the lanes are finite."""
-    wrong = 0
+    prefer_widest_vectors()
+    wrong = False
     for column in range(width):
         start = column_start(actions, width, column)
         for i in span(start + first, start + last):
-            wrong += not abs(actions[i]) < np.inf
-    return wrong == 0
+            wrong |= not abs(actions[i]) < np.inf
+    return not wrong
 
 
 @borrowing_kernel
@@ -67,7 +70,7 @@ def push(task, lanes, actions, first, last):
             )
             lanes[at.FORCE, i] = approach(present, wanted, share, rate, -limit, limit)
             lanes[at.REWARD, i] = 0.0 - weight * a * a
-    elif rate == np.inf and share == 1.0:
+    elif is_at_once(rate, share):
         for i in span(first, last):
             a = clip(actions[i], -1.0, 1.0)
             lanes[at.FORCE, i] = limit * a
@@ -104,6 +107,12 @@ def tune(task, lanes, actions, start, first, last):
 
 
 @borrowing_kernel
+def is_at_once(rate, share):
+    """Tell whether an actuator reaches within the control step whatever it is commanded."""
+    return rate == np.inf and share == 1.0
+
+
+@borrowing_kernel
 def integrate(lanes, row, actions, rate, low, high, first, last):
     """Add up what a rate commands, within the actuator's limits."""
     for i in span(first, last):
@@ -121,37 +130,60 @@ def approach(present, wanted, share, rate, low, high):
 
 
 @borrowing_kernel
-def score(task, lanes, ends, first, last):
-    """Take the state's cost off the rewards, count the step; return the status.
-
-    A state that is no longer finite shows in the reward, whatever the weights: 0 times infinity is
-    NaN.
-    """
-    wx, wv, ws = task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
-    furthest, rail, steps = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT], task[at.STEPS]
-    ended = lost = 0
+def score(task, lanes, first, last):
+    """Take the state's cost off the rewards; return the status."""
+    weights, lost = state_weights(task), False
     for i in span(first, last):
-        x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
-        offset = lanes[at.X2, i] - x1
-        reward = lanes[at.REWARD, i] - fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+        cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])
+        reward = lanes[at.REWARD, i] - cost
         lanes[at.REWARD, i] = reward
-        lost += not reward > -np.inf
-        count = lanes[at.STEP, i] + 1.0
-        lanes[at.STEP, i] = count
-        ended += count >= steps
+        lost |= is_lost(reward)
+    return at.DIVERGED if lost else at.OK
+
+
+@borrowing_kernel
+def state_weights(task):
+    """Return the weights of x1^2, v1^2 and (x2 - x1)^2."""
+    return task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
+
+
+@borrowing_kernel
+def state_cost(weights, x1, x2, v1):
+    """Return what a state costs."""
+    wx, wv, ws = weights
+    offset = x2 - x1
+    return fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+
+
+@borrowing_kernel
+def is_lost(reward):
+    """Tell whether the state is no longer finite.
+
+    That shows in the reward, whatever the weights: 0 times infinity is NaN.
+    """
+    return not reward > -np.inf
+
+
+@borrowing_kernel
+def judge(task, lanes, ends, first, last):
+    """Count a block's step and mark the episodes that end with it; return the status."""
+    furthest, rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
+    now = lanes[at.NOW, first] + 1.0
+    lanes[at.NOW, first] = now
+    ended = now >= lanes[at.DUE, first]
     if furthest < np.inf or rail < np.inf:
         for i in span(first, last):
             x1 = lanes[at.X1, i]
-            ended += (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
-    if ended == 0:  # as nearly always
+            ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+    if not ended:  # as nearly always
         clear(ends, at.TERMINATED, first, last)
         clear(ends, at.TRUNCATED, first, last)
-        return at.OK if lost == 0 else at.DIVERGED
+        return at.OK
     for i in span(first, last):
         x1 = lanes[at.X1, i]
         ends[at.TERMINATED, i] = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
-        ends[at.TRUNCATED, i] = lanes[at.STEP, i] >= steps
-    return at.ENDED if lost == 0 else at.DIVERGED
+        ends[at.TRUNCATED, i] = now - lanes[at.BEGAN, i] >= task[at.STEPS]
+    return at.ENDED
 
 
 @borrowing_kernel
@@ -177,17 +209,20 @@ def observe(task, lanes, frames, streams, first, last):
 @borrowing_kernel
 def show(task, lanes, frames, newest, first, last):
     """Write the channels, scaled."""
+    prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
         slot = at.CHANNELS + at.CHANNEL_SIZE * k
         scale = task[slot + at.SCALE]
         shift = -task[slot + at.ZERO] * scale
         plus, minus = channel_rows(int(task[slot + at.CODE]))
+        frame, values = frames[newest + k, first:last], lanes[plus, first:last]
         if minus >= 0:
-            for i in span(first, last):
-                frames[newest + k, i] = bounded(fma(lanes[plus, i] - lanes[minus, i], scale, shift))
+            subtracted = lanes[minus, first:last]
+            for i in range(last - first):
+                frame[i] = shown(values[i] - subtracted[i], scale, shift)
         else:
-            for i in span(first, last):
-                frames[newest + k, i] = bounded(fma(lanes[plus, i], scale, shift))
+            for i in range(last - first):
+                frame[i] = shown(values[i], scale, shift)
 
 
 @borrowing_kernel
@@ -200,13 +235,19 @@ def blur(task, frames, newest, streams, first, last):
             for side in range(min(2, channels - k)):
                 spread = task[at.CHANNELS + at.CHANNEL_SIZE * (k + side) + at.NOISE]
                 row = newest + k + side
-                frames[row, i] = bounded(frames[row, i] + spread * pair[side])
+                frames[row, i] = bounded(np.float32(frames[row, i] + spread * pair[side]))
+
+
+@borrowing_kernel
+def shown(value, scale, shift):
+    """Return a channel's value as observed."""
+    return bounded(np.float32(fma(value, scale, shift)))
 
 
 @borrowing_kernel
 def bounded(value):
     """Return the value within the bounds of the observation space."""
-    return clip(value, -at.OBSERVATION_BOUND, at.OBSERVATION_BOUND)
+    return clip(value, -BOUND, BOUND)
 
 
 @borrowing_kernel
@@ -253,7 +294,8 @@ def draw(template, draws, lanes, streams, mask):
                 next_episode(streams, i)
             for row in range(at.STRETCH + 1):
                 fill(lanes, row, template[row], first, last)
-            fill(lanes, at.STEP, 0.0, first, last)
+            for i in range(first, last):
+                lanes[at.BEGAN, i] = lanes[at.NOW, i - i % at.BLOCK]
             for j in range(draws.shape[0]):
                 draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
         first = last
@@ -292,6 +334,17 @@ def begin(model, task, lanes, mask):
             for j in range(int(model[at.TONE_COUNT])):
                 begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
         first = last
+    set_due(task, lanes, mask.shape[0])
+
+
+@borrowing_kernel
+def set_due(task, lanes, count):
+    """Set when the first of each block's episodes will have had its steps."""
+    for first in range(0, count, at.BLOCK):
+        earliest = np.inf
+        for i in range(first, min(first + at.BLOCK, count)):
+            earliest = min(earliest, lanes[at.BEGAN, i])
+        lanes[at.DUE, first] = earliest + task[at.STEPS]
 
 
 @borrowing_kernel

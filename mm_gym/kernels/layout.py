@@ -34,7 +34,7 @@ MESSAGES: dict[int, str] = {
 }
 """What went wrong, for the codes above NOT_FINITE."""
 
-BLOCK = 256
+BLOCK = 512
 """Lanes worked on together.
 
 Few enough to stay in the first-level cache, many enough to fill the vector units.
@@ -43,7 +43,8 @@ Few enough to stay in the first-level cache, many enough to fill the vector unit
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
 FORCE, STRETCH = 4, 5
-REWARD, STEP = 6, 7
+REWARD = 6
+BEGAN = 7  # NOW when the episode began
 FORCE_ASKED, STRETCH_ASKED = 8, 9  # what a rate commanded adds up to
 
 # Rows of what follows from the state, written only if a channel shows them.
@@ -58,9 +59,13 @@ M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
 C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
 K0, L0 = 27, 28
 
+# Rows of a block's clock, in its first lane: the control steps made so far, and the number of them
+# at which the steps of one of the episodes will be over. So no step need look at every lane's count.
+NOW, DUE = 29, 30
+
 # Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
 # those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one substep.
-TONES = 29
+TONES = 31
 TONE_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
+from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.lanes import is_at_once, is_lost, state_cost, state_weights
+from mm_gym.kernels.sources import excited
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 # Slots of the model: 4 rows of the transition matrix, then per tone 4 responses to its cosine and 4
 # to its sine, then 4 to each term of both jets.
@@ -15,9 +22,7 @@ RESPONSES = TRANSITION + 20
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance x' = A x + B u + E z by one control step; u is held, z turns (Van Loan, 1978)."""
-    # Scalars: an array of coefficients would be checked for overlap with every row before the loop.
-    to_x1, to_x2 = five(model, TRANSITION), five(model, TRANSITION + 5)
-    to_v1, to_v2 = five(model, TRANSITION + 10), five(model, TRANSITION + 15)
+    to_x1, to_x2, to_v1, to_v2 = transition(model)
     x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
     us = lanes[at.FORCE, first:last]
@@ -45,6 +50,60 @@ def propagate(model, lanes, first, last):
             for i in range(last - first):
                 reached[i] += on_term * coefficients[i]
     return at.OK
+
+
+def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
+    """Return a kernel that makes a step of the simplest scenes in one pass, of others `in_turn`."""
+
+    @borrowing_kernel
+    def move(task, model, lanes, streams, actions, first, last):
+        if is_simple(task, model):
+            return push_and_score(task, model, lanes, actions, first, last)
+        return in_turn(task, model, lanes, streams, actions, first, last)
+
+    return move
+
+
+@borrowing_kernel
+def is_simple(task, model):
+    """Tell whether only a force acts, as commanded."""
+    pushed = task[at.HAS_FORCE] > 0.0 and not task[at.HAS_STRETCH] > 0.0
+    direct = not task[at.FORCE_IS_RATE] > 0.0 and is_at_once(
+        task[at.FORCE_RATE], task[at.FORCE_SHARE]
+    )
+    alone = model[at.TONE_COUNT] == 0.0 and not excited(model)
+    return pushed and direct and alone and model[at.SUBSTEPS] == 1.0
+
+
+@borrowing_kernel
+def push_and_score(task, model, lanes, actions, first, last):
+    """Command, propagate and score without a detour over memory; return the status."""
+    prefer_widest_vectors()
+    limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)
+    to_x1, to_x2, to_v1, to_v2 = transition(model)
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    us, rewards = lanes[at.FORCE, first:last], lanes[at.REWARD, first:last]
+    asked, lost = actions[first:last], False
+    for i in range(last - first):
+        a, x1, x2, v1, v2 = clip(asked[i], -1.0, 1.0), x1s[i], x2s[i], v1s[i], v2s[i]
+        u = limit * a
+        y1, y2 = product(to_x1, x1, x2, v1, v2, u), product(to_x2, x1, x2, v1, v2, u)
+        w1, w2 = product(to_v1, x1, x2, v1, v2, u), product(to_v2, x1, x2, v1, v2, u)
+        reward = 0.0 - weight * a * a - state_cost(weights, y1, y2, w1)
+        x1s[i], x2s[i], v1s[i], v2s[i], us[i], rewards[i] = y1, y2, w1, w2, u, reward
+        lost |= is_lost(reward)
+    return at.DIVERGED if lost else at.OK
+
+
+@borrowing_kernel
+def transition(model):
+    """Return the rows of the transition matrix.
+
+    As scalars: an array would be checked for overlap with every row of lanes before the loop.
+    """
+    first, fifth = five(model, TRANSITION), five(model, TRANSITION + 5)
+    return first, fifth, five(model, TRANSITION + 10), five(model, TRANSITION + 15)
 
 
 @borrowing_kernel

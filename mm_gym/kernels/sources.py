@@ -53,7 +53,7 @@ def excited(model):
 
 @borrowing_kernel
 def excite(model, lanes, streams, substep, first, last):
-    """Write the jets of a substep for the lanes first .. last - 1; deal the blows."""
+    """Write the jets of a substep for the lanes first .. last - 1 of a block; deal the blows."""
     base, jets, terms = int(model[at.SOURCES]), int(model[at.JETS]), int(model[at.TERMS])
     step, start = model[at.TIME_STEP], float(substep)
     for row in range(jets, jets + 2 * terms):
@@ -65,7 +65,7 @@ def excite(model, lanes, streams, substep, first, last):
         ground = model[source + TARGET] > 0.0
         jet = jets + terms if ground else jets
         for i in range(first, last):
-            count = lanes[at.STEP, i] * model[at.SUBSTEPS] + start
+            count = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * model[at.SUBSTEPS] + start
             if kind == IMPULSE:
                 _strike(model, source, lanes, row, ground, streams, count, i)
             elif kind == SWEEP:

@@ -64,5 +64,5 @@ LINEAR = Method(
     bound="round-off: 1e-12 of the trajectory's scale",
     cost=_cost,
     model=_model,
-    entries=build(linear.propagate),
+    entries=build(linear.propagate, linear.at_once),
 )
