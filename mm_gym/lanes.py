@@ -5,13 +5,13 @@ One object serves the simulation, the single and the vector environment.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from math import ceil
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 import numpy as np
 
+from mm_gym.crew import Crew
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import lanes as kernels
 from mm_gym.kernels import layout as at
@@ -90,7 +90,7 @@ class Lanes:
         # Whole blocks for each thread, so that none works on the cache lines of another.
         length = at.BLOCK * ceil(count / (at.BLOCK * threads))
         self._chunks = [(first, min(first + length, count)) for first in range(0, count, length)]
-        self._pool = ThreadPoolExecutor(len(self._chunks) - 1) if len(self._chunks) > 1 else None
+        self._crew = Crew(len(self._chunks) - 1) if len(self._chunks) > 1 else None
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -160,19 +160,30 @@ class Lanes:
 
         The actions are (actuators, count), flat in C order.
         """
-        if self._pool is None:
+        if self._crew is None:
             return self.advance_some(actions, 0, self.count)
         if not kernels.finite(actions, len(self.plant.actuators), 0, self.count):
             return at.NOT_FINITE  # known before any thread changes a lane
-        own, *others = self._chunks
-        futures = [self._pool.submit(self.advance_some, actions, *chunk) for chunk in others]
-        return max(self.advance_some(actions, *own), *(future.result() for future in futures))
+        return max(self._crew.share(partial(self.advance_some, actions), self._chunks))
+
+    def copies(self, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
+        """Return copies of arrays whose last axis are the lanes."""
+        if self._crew is None:
+            return [array.copy() for array in arrays]
+        copies = [np.empty(array.shape, array.dtype) for array in arrays]
+
+        def copy(first: int, last: int) -> None:
+            for source, target in zip(arrays, copies, strict=True):
+                target[..., first:last] = source[..., first:last]
+
+        self._crew.share(copy, self._chunks)
+        return copies
 
     def close(self) -> None:
         """End the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        if self._crew is not None:
+            self._crew.dismiss()
+            self._crew = None
 
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""

@@ -100,6 +100,8 @@ class VectorEnvAdapter(VecEnv):
         self._returns += rewards
         self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if not np.count_nonzero(done):  # as nearly always
+            return observations, rewards, done, infos
         for i in np.flatnonzero(done):
             infos[i] = {
                 "terminal_observation": info["final_obs"][i],

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from mm_gym.plant import Plant
 
+FLOAT32 = np.dtype(np.float32)
+
 
 def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
     """Return the scene itself, or the one in the file at this path, with at least one actuator."""
@@ -51,6 +53,13 @@ def checked_actions(
     actions: object, shape: tuple[int, ...]
 ) -> NDArray[np.float64] | NDArray[np.float32]:
     """Return actions as an ordinary floating-point array of the shape, or raise `ActionError`."""
+    if (
+        type(actions) is np.ndarray
+        and actions.dtype is FLOAT32
+        and actions.shape == shape
+        and actions.flags.carray
+    ):
+        return actions  # what is usual, at once
     try:
         array = np.asarray(actions)
     except ValueError as error:

@@ -80,7 +80,16 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._shape = (num_envs, *self.single_action_space.shape)
         self._copy = copy
-        self._lanes = Lanes(self.plant, num_envs, threads)
+        self._lanes = lanes = Lanes(self.plant, num_envs, threads)
+        self._present: tuple[NDArray[Any], ...] = (
+            lanes.observed,
+            lanes.values[at.REWARD],
+            lanes.terminated,
+            lanes.truncated,
+            lanes.values[:4],
+            lanes.values[lanes.applied_rows],
+        )
+        self._views: tuple[NDArray[Any], ...] = tuple([array.T for array in self._present])
         self._finished = np.ones(num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(num_envs, np.bool_)
@@ -117,7 +126,8 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._lanes.restart(mask, fixed)
         self._finished[mask] = False
         self._any_finished = bool(self._finished.any())
-        return self._observations(), self._info()
+        observations, *_, state, applied = self._handed_out()
+        return observations, self._info(state, applied)
 
     def step(
         self, actions: NDArray[np.floating]
@@ -148,7 +158,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             lanes.raise_for(status)
         if self._any_finished:
             self._begin_finished_lanes()
-        final: dict[str, Any] = {}
+        final: dict[str, Any] | None = None
         if status == at.ENDED:
             np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
             self._any_finished = bool(self._finished.any())
@@ -156,10 +166,11 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 final = self._final()
                 lanes.restart(self._finished)
                 self._any_finished = False
-        rewards, terminated, truncated = lanes.values[at.REWARD], lanes.terminated, lanes.truncated
-        if self._copy:
-            rewards, terminated, truncated = rewards.copy(), terminated.copy(), truncated.copy()
-        return self._observations(), rewards, terminated, truncated, self._info() | final
+        observations, rewards, terminated, truncated, state, applied = self._handed_out()
+        info = self._info(state, applied)
+        if final is not None:
+            info |= final
+        return observations, rewards, terminated, truncated, info
 
     def get_state(self) -> dict[str, object]:
         """Return the exact present of all lanes, random streams included, for `set_state`."""
@@ -200,7 +211,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             observations[i] = self._lanes.observed[:, i].copy()
         zeroed = {
             name: np.where(mask[:, None], value, 0.0)
-            for name, value in self._info().items()
+            for name, value in self._info(*self._views[4:]).items()
             if not name.startswith("_")
         }
         masks = {f"_{name}": mask for name in zeroed}
@@ -211,22 +222,15 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             "_final_info": mask,
         }
 
-    def _observations(self) -> NDArray[np.float32]:
-        frames = self._lanes.observed
-        return (frames.copy() if self._copy else frames).T
+    def _handed_out(self) -> tuple[NDArray[Any], ...]:
+        """Return observations, rewards, ends, states and what was applied."""
+        if not self._copy:
+            return self._views
+        return tuple([array.T for array in self._lanes.copies(self._present)])
 
-    def _info(self) -> dict[str, Any]:
-        lanes = self._lanes
-        state, applied = lanes.values[:4], lanes.values[lanes.applied_rows]
-        if self._copy:
-            state, applied = state.copy(), applied.copy()
+    def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
-        return {
-            "state": state.T,
-            "_state": everywhere,
-            "applied": applied.T,
-            "_applied": everywhere,
-        }
+        return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
 
     def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
         if mask is None:

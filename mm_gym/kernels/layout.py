@@ -59,8 +59,8 @@ M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
 C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
 K0, L0 = 27, 28
 
-# Rows of a block's clock, in its first lane: the control steps made so far, and the number of them
-# at which the steps of one of the episodes will be over. So no step need look at every lane's count.
+# Rows of a block's clock, in its first lane: the control steps made so far, and how many it will
+# have made when the first of its episodes has had its steps. So no step counts for every lane.
 NOW, DUE = 29, 30
 
 # Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
