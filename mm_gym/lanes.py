@@ -72,10 +72,10 @@ class Lanes:
             self._values[row] = plant.template[row]
         frames = (plant.history + plant.delay) * len(plant.channels)
         self._frames = rows_of(frames, count, np.float32)
-        self._ends = rows_of(2, count, np.bool_)
+        self._ends = rows_of(3, count, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
         self.observed = self.frames[: plant.history * len(plant.channels)]
-        self.terminated, self.truncated = self._ends[:, :count]
+        self.terminated, self.truncated = self._ends[: at.MARKED, :count]
         self.streams = np.zeros((2, count), np.uint64)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
@@ -224,6 +224,7 @@ class Lanes:
                 raise SceneError(msg)
         for name in SNAPSHOT:
             getattr(self, name)[...] = snapshot[name]
+        self._ends[at.MARKED] = True
 
 
 def is_array(value: object) -> TypeGuard[NDArray[Any]]:

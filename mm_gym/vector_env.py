@@ -195,8 +195,9 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _begin_finished_lanes(self) -> None:
         lanes = self._lanes
         lanes.restart(self._finished)
-        for row in (lanes.values[at.REWARD], lanes.terminated, lanes.truncated):
-            np.copyto(row, False, where=self._finished)
+        np.copyto(lanes.values[at.REWARD], 0.0, where=self._finished)
+        for ends in (lanes.terminated, lanes.truncated):
+            np.greater(ends, self._finished, out=ends)
         self._finished[:] = False
         self._any_finished = False
 

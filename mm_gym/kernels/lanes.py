@@ -176,14 +176,22 @@ def judge(task, lanes, ends, first, last):
             x1 = lanes[at.X1, i]
             ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
     if not ended:  # as nearly always
-        clear(ends, at.TERMINATED, first, last)
-        clear(ends, at.TRUNCATED, first, last)
+        if ends[at.MARKED, first]:
+            clear(ends, at.TERMINATED, first, last)
+            clear(ends, at.TRUNCATED, first, last)
+            ends[at.MARKED, first] = False
         return at.OK
+    ended, earliest = False, np.inf
     for i in span(first, last):
         x1 = lanes[at.X1, i]
-        ends[at.TERMINATED, i] = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
-        ends[at.TRUNCATED, i] = now - lanes[at.BEGAN, i] >= task[at.STEPS]
-    return at.ENDED
+        terminated = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+        truncated = now - lanes[at.BEGAN, i] >= task[at.STEPS]
+        ends[at.TERMINATED, i], ends[at.TRUNCATED, i] = terminated, truncated
+        ended |= terminated | truncated
+        earliest = min(earliest, lanes[at.BEGAN, i])
+    lanes[at.DUE, first] = earliest + task[at.STEPS]
+    ends[at.MARKED, first] = ended
+    return at.ENDED if ended else at.OK
 
 
 @borrowing_kernel
@@ -334,17 +342,6 @@ def begin(model, task, lanes, mask):
             for j in range(int(model[at.TONE_COUNT])):
                 begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
         first = last
-    set_due(task, lanes, mask.shape[0])
-
-
-@borrowing_kernel
-def set_due(task, lanes, count):
-    """Set when the first of each block's episodes will have had its steps."""
-    for first in range(0, count, at.BLOCK):
-        earliest = np.inf
-        for i in range(first, min(first + at.BLOCK, count)):
-            earliest = min(earliest, lanes[at.BEGAN, i])
-        lanes[at.DUE, first] = earliest + task[at.STEPS]
 
 
 @borrowing_kernel

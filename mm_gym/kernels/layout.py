@@ -51,16 +51,17 @@ FORCE_ASKED, STRETCH_ASKED = 8, 9  # what a rate commanded adds up to
 CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 10, 11, 12
 DISTURBANCE, GROUND_ACCELERATION = 13, 14
 
-# Rows of the flags that say how a control step ended.
-TERMINATED, TRUNCATED = 0, 1
+# Rows of the flags that say how a control step ended; MARKED: whether one of a block is set, in its
+# first lane.
+TERMINATED, TRUNCATED, MARKED = 0, 1, 2
 
 # Rows of the physical parameters, which randomisation may draw for each episode.
 M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
 C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
 K0, L0 = 27, 28
 
-# Rows of a block's clock, in its first lane: the control steps made so far, and how many it will
-# have made when the first of its episodes has had its steps. So no step counts for every lane.
+# Rows of a block's clock, in its first lane: the control steps made so far, and until how many none
+# of its episodes has had its steps. So no step counts for every lane.
 NOW, DUE = 29, 30
 
 # Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
