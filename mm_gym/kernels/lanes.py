@@ -17,6 +17,7 @@ from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.random import next_episode, normals, uniform
 
 BOUND = np.float32(at.OBSERVATION_BOUND)
+STRIDE = 64
 
 
 @borrowing_kernel
@@ -181,15 +182,21 @@ def judge(task, lanes, ends, first, last):
             clear(ends, at.TRUNCATED, first, last)
             ends[at.MARKED, first] = False
         return at.OK
-    ended, earliest = False, np.inf
-    for i in span(first, last):
-        x1 = lanes[at.X1, i]
-        terminated = (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
-        truncated = now - lanes[at.BEGAN, i] >= task[at.STEPS]
-        ends[at.TERMINATED, i], ends[at.TRUNCATED, i] = terminated, truncated
-        ended |= terminated | truncated
-        earliest = min(earliest, lanes[at.BEGAN, i])
-    lanes[at.DUE, first] = earliest + task[at.STEPS]
+    ended, steps, oldest = False, task[at.STEPS], 0
+    x1s, x2s, began = (
+        lanes[at.X1, first:last],
+        lanes[at.X2, first:last],
+        lanes[at.BEGAN, first:last],
+    )
+    over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
+    for i in range(last - first):
+        over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
+        late[i] = now - began[i] >= steps
+    for i in range(last - first):
+        ended |= over[i] | late[i]
+    for i in range(last - first):  # an integer: the largest double is not found side by side
+        oldest = max(oldest, int(now - began[i]))
+    lanes[at.DUE, first] = now - oldest + steps
     ends[at.MARKED, first] = ended
     return at.ENDED if ended else at.OK
 
@@ -281,10 +288,21 @@ def channel_rows(code):
 @borrowing_kernel
 def run_end(mask, first):
     """Return the end of the run of lanes, from the first on, that the mask treats alike."""
-    last = first + 1
-    while last < mask.shape[0] and mask[last] == mask[first]:
+    last, count, kind = first, mask.shape[0], mask[first]
+    while last + STRIDE <= count and is_uniform(mask[last : last + STRIDE], kind):
+        last += STRIDE
+    while last < count and mask[last] == kind:
         last += 1
     return last
+
+
+@borrowing_kernel
+def is_uniform(mask, kind):
+    """Tell whether the mask treats all its lanes alike; without early exit, thus side by side."""
+    other = False
+    for i in range(mask.shape[0]):
+        other |= mask[i] != kind
+    return not other
 
 
 @borrowing_kernel
@@ -298,12 +316,13 @@ def draw(template, draws, lanes, streams, mask):
     while first < mask.shape[0]:
         last = run_end(mask, first)
         if mask[first]:
-            for i in range(first, last):
+            for i in span(first, last):
                 next_episode(streams, i)
             for row in range(at.STRETCH + 1):
                 fill(lanes, row, template[row], first, last)
-            for i in range(first, last):
-                lanes[at.BEGAN, i] = lanes[at.NOW, i - i % at.BLOCK]
+            for start in range(first - first % at.BLOCK, last, at.BLOCK):
+                stop = min(start + at.BLOCK, last)
+                fill(lanes, at.BEGAN, lanes[at.NOW, start], max(start, first), stop)
             for j in range(draws.shape[0]):
                 draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
         first = last
@@ -319,6 +338,7 @@ def fill(lanes, row, value, first, last):
 @borrowing_kernel
 def draw_row(lanes, row, low, high, streams, first, last):
     """Draw a row's lanes, uniform in [low, high]."""
+    prefer_widest_vectors()
     for i in span(first, last):
         lanes[row, i] = clip(low + (high - low) * uniform(streams, i), low, high)
 
