@@ -32,7 +32,9 @@ def fma(x: float, y: float, z: float) -> float:
 
 
 @overload(fma)
-def _compiled_fma(x, y, z) -> Callable[..., float]:  # noqa: ARG001 - numba asks for the types
+def _compiled_fma(x, y, z) -> Callable[..., float] | None:
+    if not all(isinstance(kind, types.Number) for kind in (x, y, z)):
+        return None  # `kernels.vector` has the rest
     return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 

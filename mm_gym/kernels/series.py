@@ -49,9 +49,9 @@ _COSINE, _SINE, _COSINE_SUM, _SINE_SUM, _FREQUENCY = range(0, _TONE_ROWS, WIDTH)
 def propagate(model, lanes, first, last):
     """Advance m x'' = forces by one control step; force and stretch are held over it."""
     count = int(model[at.TONE_COUNT])
-    scratch, drive = _on_cache_line(_ROWS), _on_cache_line(_DRIVE_ROWS)
-    tones = _on_cache_line(count * _TONE_ROWS).reshape(count, _TONE_ROWS)
-    jets = _on_cache_line(2 * int(model[at.TERMS]) * WIDTH).reshape(2 * int(model[at.TERMS]), WIDTH)
+    scratch, drive = on_cache_line(_ROWS), on_cache_line(_DRIVE_ROWS)
+    tones = on_cache_line(count * _TONE_ROWS).reshape(count, _TONE_ROWS)
+    jets = on_cache_line(2 * int(model[at.TERMS]) * WIDTH).reshape(2 * int(model[at.TERMS]), WIDTH)
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if start == first or model[UNIFORM] == 0.0:
@@ -61,7 +61,7 @@ def propagate(model, lanes, first, last):
 
 
 @kernel
-def _on_cache_line(size):
+def on_cache_line(size):
     """Return an array of which no vector straddles two cache lines."""
     numbers = np.empty(size + 7)
     start = (-numbers.ctypes.data % 64) // 8

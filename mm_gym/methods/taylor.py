@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import taylor
+from mm_gym.kernels import taylor, taylor_block
 from mm_gym.kernels.entries import build
 from mm_gym.methods.base import Method, fastest_rate, header
 
@@ -80,4 +80,4 @@ def taylor_method(tolerance: float, plant: str) -> Method:
     )
 
 
-ENTRIES = build(taylor.propagate)
+ENTRIES = build(taylor_block.propagate)

@@ -11,6 +11,8 @@ import pytest
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.taylor_block import FEWEST_LANES
+from mm_gym.kernels.vector import LANES
 from mm_gym.lanes import Lanes
 from mm_gym.reference import Oracle
 from mm_gym.scene import (
@@ -152,6 +154,42 @@ def test_one_long_step_equals_many_short_ones(name: str) -> None:
 def test_lane_among_many_equals_lane_alone(name: str) -> None:
     changes = {"initial.carriage_displacement": (-0.01, 0.01), "actuation.force": {"limit": 20.0}}
     assert_lanes_equal_single(compile_scene(SCENES[name].replace(**changes)), 50)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lane_in_a_vector_equals_lane_alone(seed: int) -> None:
+    # From rest to swift, in long and short steps: lanes need series of other orders, and others
+    # many of them, side by side; more lanes than a vector has, and a part of one.
+    rng = np.random.default_rng(seed)
+    scene = CUBIC.replace(
+        springs={"kind": "none"} if seed % 2 else SmallOnLarge(stiffness=35.0).model_dump(),
+        **{
+            "randomization": {
+                "carriage.cubic_coefficient": (0.0, float(10.0 ** rng.uniform(2.0, 7.0))),
+                "carriage.mass": (0.05, 0.2),
+                "carriage.linear_coefficient": (0.0, 1.0),
+                "sphere.mass": (0.02, 0.1),
+            },
+            "initial.carriage_displacement": (-0.02, 0.02),
+            "initial.carriage_velocity": (0.0, 1.0),
+            "actuation.force": {"limit": 20.0},
+            "control.time_step": float(10.0 ** rng.uniform(-4.0, -0.5)),
+            "solver.tolerance": float(10.0 ** rng.uniform(-15.0, -2.0)),
+        },
+    )
+    plant = compile_scene(scene)
+    for count in (LANES + 5, 2 * LANES, FEWEST_LANES):
+        assert_lanes_equal_single(plant, 20, count)
+
+
+def test_lane_that_diverges_among_many_is_an_error() -> None:
+    lanes = Lanes(compile_scene(CUBIC), LANES)
+    lanes.restart()
+    lanes.values[at.V1, 3] = np.nan
+    with pytest.raises(SimulationError, match="no longer finite"):
+        lanes.raise_for(
+            lanes.plant.method.entries.propagate(lanes.plant.model, lanes.values, 0, 16)
+        )
 
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])

@@ -1,0 +1,344 @@
+"""Vectors of doubles, one number of each of several lanes, which kernels use like numbers.
+
+What is written once works on one lane or on LANES of them, in the same operations: a compiler left
+to find them in loops over lanes misses many.
+"""
+
+# ruff: noqa: ANN401, ARG001, PLW0108 - numba gives overloads types, and wants plain functions
+
+from __future__ import annotations
+
+import operator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, overload, register_model
+
+from mm_gym.kernels.arithmetic import fma
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+LANES = 16
+"""Numbers in a vector: two of the widest registers, so that one hides the other's latency."""
+
+_NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
+_INTEGERS = ir.VectorType(ir.IntType(64), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class _Vector(types.Type):
+    def __init__(self) -> None:
+        super().__init__(f"Vector({LANES})")
+
+
+class _Mask(types.Type):
+    def __init__(self) -> None:
+        super().__init__(f"Mask({LANES})")
+
+
+class _Rows(types.Type):
+    def __init__(self) -> None:
+        super().__init__(f"Rows({LANES})")
+
+
+VECTOR, MASK, ROWS = _Vector(), _Mask(), _Rows()
+
+
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
+    def __init__(self, manager: object, fe_type: object) -> None:
+        super().__init__(manager, fe_type, _NUMBERS)
+
+
+@register_model(_Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: object, fe_type: object) -> None:
+        super().__init__(manager, fe_type, _BITS)
+
+
+@register_model(_Rows)
+class _RowsModel(models.PrimitiveModel):
+    def __init__(self, manager: object, fe_type: object) -> None:
+        super().__init__(manager, fe_type, _NUMBERS.as_pointer())
+
+
+def _spread(builder: Any, kind: types.Type, value: Any) -> Any:
+    """Return a vector as it is, a number once for each lane."""
+    if kind == VECTOR:
+        return value
+    first = builder.insert_element(
+        ir.Constant(_NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
+    )
+    order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, ir.Constant(_NUMBERS, ir.Undefined), order)
+
+
+def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Callable[..., Any]:
+    """Return an intrinsic of vectors and numbers."""
+
+    def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pairs = zip(signature.args, arguments, strict=True)
+        return build(builder, *(_spread(builder, kind, value) for kind, value in pairs))
+
+    if count == 1:
+        return intrinsic(lambda _context, x: (result(x), codegen))
+    return intrinsic(lambda _context, x, y: (result(x, y), codegen))
+
+
+def _call(builder: Any, name: str, *arguments: Any) -> Any:
+    """Call a function of LLVM's on vectors."""
+    kind = ir.FunctionType(_NUMBERS, [_NUMBERS] * len(arguments))
+    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+    return builder.call(function, arguments)
+
+
+def _absolute(builder: Any, x: Any) -> Any:
+    return _call(builder, "fabs", x)
+
+
+def _compare(symbol: str) -> Callable[..., Any]:
+    return lambda builder, x, y: builder.fcmp_ordered(symbol, x, y)
+
+
+_UNARY = {
+    operator.neg: lambda builder, x: builder.fneg(x),
+    abs: _absolute,
+}
+_BINARY = {
+    operator.add: (VECTOR, lambda builder, x, y: builder.fadd(x, y)),
+    operator.sub: (VECTOR, lambda builder, x, y: builder.fsub(x, y)),
+    operator.mul: (VECTOR, lambda builder, x, y: builder.fmul(x, y)),
+    operator.truediv: (VECTOR, lambda builder, x, y: builder.fdiv(x, y)),
+    operator.lt: (MASK, _compare("<")),
+    operator.le: (MASK, _compare("<=")),
+    operator.gt: (MASK, _compare(">")),
+    operator.ge: (MASK, _compare(">=")),
+    operator.eq: (MASK, _compare("==")),
+}
+
+
+def _define_unary(function: Callable[..., Any], build: Callable[..., Any]) -> None:
+    operation = _operation(VECTOR, build, 1)
+
+    @overload(function)
+    def _(x):
+        return (lambda x: operation(x)) if x == VECTOR else None
+
+
+def _define_binary(
+    function: Callable[..., Any], result: types.Type, build: Callable[..., Any]
+) -> None:
+    operation = _operation(result, build, 2)
+
+    @overload(function)
+    def _(x, y):
+        return (lambda x, y: operation(x, y)) if VECTOR in (x, y) else None
+
+
+for _function, _build in _UNARY.items():
+    _define_unary(_function, _build)
+for _function, (_result, _build) in _BINARY.items():
+    _define_binary(_function, _result, _build)
+
+
+@intrinsic
+def _both(_context, x, y):
+    return MASK(x, y), lambda _c, builder, _s, arguments: builder.and_(*arguments)
+
+
+@overload(operator.and_)
+def _and(x, y):
+    return (lambda x, y: _both(x, y)) if x == MASK and y == MASK else None
+
+
+@intrinsic
+def _select(_context, mask, x, y):
+    def build(_context, builder, signature, arguments):
+        chosen = _spread(builder, signature.args[1], arguments[1])
+        return builder.select(
+            arguments[0], chosen, _spread(builder, signature.args[2], arguments[2])
+        )
+
+    return VECTOR(mask, x, y), build
+
+
+def where(condition: bool, x: float, y: float) -> float:  # noqa: FBT001 - as NumPy has it
+    """Return x where a condition holds, otherwise y."""
+    return np.where(condition, x, y)[()]
+
+
+@overload(where)
+def _where(condition, x, y):
+    if condition == MASK:
+        return lambda condition, x, y: _select(condition, x, y)
+    return lambda condition, x, y: x if condition else y
+
+
+@intrinsic
+def _none(_context, mask):
+    def build(_context, builder, _signature, arguments):
+        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("==", bits, ir.Constant(ir.IntType(LANES), 0))
+
+    return types.boolean(mask), build
+
+
+def none(condition: bool) -> bool:  # noqa: FBT001 - as above
+    """Tell whether a condition holds in no lane."""
+    return not np.any(condition)
+
+
+@overload(none)
+def _compiled_none(condition):
+    if condition == MASK:
+        return lambda condition: _none(condition)
+    return lambda condition: not condition
+
+
+def larger(x: float, y: float) -> float:
+    """Return the larger of two; the first where one is not a number."""
+    return where(y > x, y, x)
+
+
+@overload(larger)
+def _larger(x, y):
+    return lambda x, y: where(y > x, y, x)
+
+
+def smaller(x: float, y: float) -> float:
+    """Return the smaller of two; the first where one is not a number."""
+    return where(y < x, y, x)
+
+
+@overload(smaller)
+def _smaller(x, y):
+    return lambda x, y: where(y < x, y, x)
+
+
+@intrinsic
+def _fused(_context, x, y, z):
+    def build(_context, builder, signature, arguments):
+        pairs = zip(signature.args, arguments, strict=True)
+        return _call(builder, "fma", *(_spread(builder, kind, value) for kind, value in pairs))
+
+    return VECTOR(x, y, z), build
+
+
+@overload(fma)
+def _fma_of_vectors(x, y, z):
+    return (lambda x, y, z: _fused(x, y, z)) if VECTOR in (x, y, z) else None
+
+
+@intrinsic
+def _read_bits(_context, x):
+    def build(_context, builder, signature, arguments):
+        wide = signature.args[0] == VECTOR
+        whole, number = (_INTEGERS, _NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
+        return builder.sitofp(builder.bitcast(arguments[0], whole), number)
+
+    return x(x), build
+
+
+def read_bits(x: float) -> float:
+    """Return the bits of a double, read as an integer."""
+    return np.asarray(x, np.float64).view(np.int64) * 1.0
+
+
+@overload(read_bits)
+def _compiled_read_bits(x):
+    return lambda x: _read_bits(x)
+
+
+@intrinsic
+def _write_bits(_context, x):
+    def build(_context, builder, signature, arguments):
+        wide = signature.args[0] == VECTOR
+        whole, number = (_INTEGERS, _NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
+        return builder.bitcast(builder.fptosi(arguments[0], whole), number)
+
+    return x(x), build
+
+
+def write_bits(x: float) -> float:
+    """Return the double whose bits, read as an integer, are x without its fraction."""
+    return np.asarray(x).astype(np.int64).view(np.float64)[()]
+
+
+@overload(write_bits)
+def _compiled_write_bits(x):
+    return lambda x: _write_bits(x)
+
+
+@intrinsic
+def _spread_number(_context, x):
+    return VECTOR(x), lambda _c, builder, signature, arguments: _spread(
+        builder, signature.args[0], arguments[0]
+    )
+
+
+def alike(x: float, value: float) -> float:
+    """Return a number of the kind of x: once for each lane if x is a vector."""
+    return value
+
+
+@overload(alike)
+def _compiled_alike(x, value):
+    if x == VECTOR:
+        return lambda x, value: _spread_number(value)  # noqa: ARG005
+    return lambda x, value: value  # noqa: ARG005
+
+
+@intrinsic
+def _rows_of(_context, numbers):
+    def build(context, builder, signature, arguments):
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        return builder.bitcast(array.data, _NUMBERS.as_pointer())
+
+    return ROWS(numbers), build
+
+
+def rows_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return an array, beginning on a cache line, as rows of a vector each.
+
+    It is lent: the array must live as long, and no bounds are checked.
+    """
+    return numbers.reshape(-1, LANES)
+
+
+@overload(rows_of)
+def _compiled_rows_of(numbers):
+    return lambda numbers: _rows_of(numbers)
+
+
+@intrinsic
+def _get(_context, rows, k):
+    def build(_context, builder, _signature, arguments):
+        return builder.load(builder.gep(arguments[0], [arguments[1]]), align=64)
+
+    return VECTOR(rows, k), build
+
+
+@overload(operator.getitem)
+def _getitem(rows, k):
+    return (lambda rows, k: _get(rows, k)) if rows == ROWS else None
+
+
+@intrinsic
+def _set(_context, rows, k, value):
+    def build(context, builder, signature, arguments):
+        spread = _spread(builder, signature.args[2], arguments[2])
+        builder.store(spread, builder.gep(arguments[0], [arguments[1]]), align=64)
+        return context.get_dummy_value()
+
+    return types.none(rows, k, value), build
+
+
+@overload(operator.setitem)
+def _setitem(rows, k, value):
+    return (lambda rows, k, value: _set(rows, k, value)) if rows == ROWS else None
