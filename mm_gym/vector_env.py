@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from os import PathLike
 
+    from gymnasium import Space
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.scene import Scene
@@ -75,9 +77,8 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self.single_action_space = action_space(self.plant)
-        self.single_observation_space = observation_space(self.plant)
+        self.single_observation_space: Space[Any] = observation_space(self.plant)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._shape = (num_envs, *self.single_action_space.shape)
         self._copy = copy
         self._lanes = lanes = Lanes(self.plant, num_envs, threads)
@@ -95,6 +96,14 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._everywhere = np.ones(num_envs, np.bool_)
         self._everywhere.flags.writeable = False
         self._seeded = False
+
+    @cached_property
+    def observation_space(self) -> Space[Any]:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
+        """The space of all lanes' observations.
+
+        Made when first asked for: its bounds take twice the memory of the observations.
+        """
+        return batch_space(self.single_observation_space, self.num_envs)
 
     @property
     def state(self) -> NDArray[np.float64]:
