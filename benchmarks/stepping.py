@@ -15,7 +15,7 @@ from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
 from mm_gym.lanes import Lanes
 from mm_gym.paper import scene as paper_scene
-from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
+from mm_gym.tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_DUFFING, PRE_STRETCH, TASKS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -33,16 +33,17 @@ ACTIONS = 8
 FRICTION = paper_scene("fig8").model_copy(
     update={"actuation": CARRIAGE_FORCE.actuation, "initial": CARRIAGE_FORCE.initial}
 )
-DUFFING = CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 2e6})
+DUFFING_10_MS = CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 2e6})
 
 MANY = {
     "linear": CARRIAGE_FORCE,
     "actuated stretch": PRE_STRETCH,
     "dry friction, 1 ms": FRICTION,
-    "Duffing": DUFFING,
+    "Duffing, 2 ms": CARRIAGE_FORCE_DUFFING,
+    "Duffing, 10 ms": DUFFING_10_MS,
 }
-"""A scene of each kind: CarriageForce, PreStretch, figure 8 and CarriageForce with a cubic spring,
-all from random starts."""
+"""A scene of each kind: the tasks CarriageForce, PreStretch and CarriageForceDuffing, figure 8, and
+CarriageForce with that cubic spring; all from random starts."""
 
 BARE = "bare 4 x 5 product over the lanes"
 
