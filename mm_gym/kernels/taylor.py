@@ -14,7 +14,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, span
 from mm_gym.kernels.friction import NONE, excite, first_exit, sign_of
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels.vector import alike, larger, read_bits, smaller, where, write_bits
+from mm_gym.kernels.vector import alike, larger, none, read_bits, smaller, where, write_bits
 
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
@@ -26,6 +26,7 @@ MOST_STEPS = 20_000
 """Series in one control step before giving up: some 0.01 s of work."""
 
 _LOG_ZERO = -1.0e5  # what stands for the logarithm of zero
+_FAR = 1000.0  # logarithm of a step, beyond which none is limited
 _ROUND_OFF = 2.0**-54
 _FLOOR = 20.0  # binary digits between the velocities down to which the smaller one is resolved
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
@@ -233,10 +234,23 @@ def is_enough(c, order, enough):
     """
     scale1, scale2 = _largest(c, V1), _largest(c, V2)
     both = 2.0**-_FLOOR * larger(scale1, scale2)
-    last1 = larger(abs(c[V1 + order - 3]), _largest(c, V1 + order - 2))
-    last2 = larger(abs(c[V2 + order - 3]), _largest(c, V2 + order - 2))
+    last1, last2 = _last(c, V1, order), _last(c, V2, order)
     within1, within2 = enough * larger(scale1, both), enough * larger(scale2, both)
     return (last1 <= within1) & (last2 <= within2)
+
+
+@inlined_kernel
+def _last(c, row, order):
+    """Return the magnitude of the largest of the last four terms; of eight if those are zero.
+
+    Where only the cubic spring acts, symmetry leaves a term in four; begun at rest under a held
+    force, in six; under a force that rises from zero, in eight.
+    """
+    last = larger(abs(c[row + order - 3]), _largest(c, row + order - 2))
+    if not none(last == 0.0):
+        before = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
+        last = where(last == 0.0, before, last)
+    return last
 
 
 @inlined_kernel
@@ -346,14 +360,14 @@ def _log2(x):
 @inlined_kernel
 def _exp2(y):
     """Return 2**y, at most 6 % too large."""
-    return write_bits((smaller(larger(y, -1000.0), 1000.0) + 1023.0) * 2.0**52)
+    return write_bits((smaller(larger(y, -_FAR), _FAR) + 1023.0) * 2.0**52)
 
 
 @borrowing_kernel
 def step_of(c, shares, tolerance, order):
     """Return the step at which the last terms fall below the tolerance, in units of the series.
 
-    Four of them: where only the cubic spring acts, every fourth alone differs from zero.
+    Those are the ones that `_last` looks at.
 
     Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that
     nothing joins to the carriage must not hide the carriage's motion.
@@ -384,19 +398,30 @@ def step_of(c, shares, tolerance, order):
 
 @inlined_kernel
 def _step_of_one(c, shares, row, lead0, lead1, lead2, order):
-    """Return the logarithm of the step for one velocity, from what its last four terms may reach.
+    """Return the logarithm of the step for one velocity, from what its last terms may reach.
 
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
     """
-    shortest = alike(lead0, 1000.0)
+    shortest = _shortest(c, shares, row, lead0, lead1, lead2, order)
+    unknown = shortest >= _FAR
+    if not none(unknown):
+        before = _shortest(c, shares, row, lead0, lead1, lead2, order - 4)
+        shortest = where(unknown, before, shortest)
+    return shortest
+
+
+@inlined_kernel
+def _shortest(c, shares, row, lead0, lead1, lead2, order):
+    """Return what the last four terms allow."""
+    shortest = alike(lead0, _FAR)
     for n in range(order - 3, order + 1):
         last = _log2(c[row + n])
         first, second, third = shares[SHARE + n - 1], shares[SHARE + n - 2], shares[SHARE + n - 3]
         step = larger(
             larger((lead0 - last) * first, (lead1 - last) * second), (lead2 - last) * third
         )
-        shortest = smaller(shortest, where(last > _LOG_ZERO, step, 1000.0))
+        shortest = smaller(shortest, where(last > _LOG_ZERO, step, _FAR))
     return shortest
 
 

@@ -257,6 +257,24 @@ def test_terms_that_symmetry_skips_do_not_hide_the_others(time_step: float) -> N
     assert error(got.state, Oracle(scene).solve(got.time), np.array([0.2, 0.2, 3.0, 3.0])) <= 1e-8
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12, 1e-14])
+def test_held_force_on_a_cubic_spring_at_rest_keeps_the_first_integral(tolerance: float) -> None:
+    # One term in six differs from zero.
+    carriage = Carriage(linear_coefficient=0.0, cubic_coefficient=2e6, damping=0.0)
+    scene = Scene(
+        carriage=carriage,
+        control=Control(time_step=0.01, steps=10),
+        interface={"kind": "none"},
+        actuation={"force": {"limit": 50.0}},
+        solver={"tolerance": tolerance},
+    )
+    state = simulate(scene, action=20.0).state
+    x, v = state[:, 0], state[:, 2]
+    work = 20.0 * x
+    stored = 0.5 * carriage.mass * v**2 + 0.25 * carriage.stiffness * 2e6 * x**4
+    assert np.abs(stored - work).max() <= 20.0 * max(tolerance, 1e-14) * np.abs(work).max()
+
+
 def test_rest_stays_at_rest() -> None:
     still = CUBIC.replace(initial={})
     assert not simulate(still, duration=1.0).state.any()
