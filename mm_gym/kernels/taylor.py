@@ -14,7 +14,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, span
 from mm_gym.kernels.friction import NONE, excite, first_exit, sign_of
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels.vector import alike, larger, none, read_bits, smaller, where, write_bits
+from mm_gym.kernels.vector import alike, larger, read_bits, smaller, where, write_bits
 
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
@@ -28,6 +28,7 @@ MOST_STEPS = 20_000
 _LOG_ZERO = -1.0e5  # what stands for the logarithm of zero
 _FAR = 1000.0  # logarithm of a step, beyond which none is limited
 _ROUND_OFF = 2.0**-54
+_SLACK = 10.0  # binary digits that the last four terms may be smaller than the four before them
 _FLOOR = 20.0  # binary digits between the velocities down to which the smaller one is resolved
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
@@ -241,16 +242,15 @@ def is_enough(c, order, enough):
 
 @inlined_kernel
 def _last(c, row, order):
-    """Return the magnitude of the largest of the last four terms; of eight if those are zero.
+    """Return the magnitude of the largest of the last eight terms, the earlier four reduced.
 
     Where only the cubic spring acts, symmetry leaves a term in four; begun at rest under a held
-    force, in six; under a force that rises from zero, in eight.
+    force, in six; under a force that rises from zero, in eight. Reduced, because where no term is
+    missing the last four are to decide.
     """
     last = larger(abs(c[row + order - 3]), _largest(c, row + order - 2))
-    if not none(last == 0.0):
-        before = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
-        last = where(last == 0.0, before, last)
-    return last
+    before = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
+    return larger(last, 2.0**-_SLACK * before)
 
 
 @inlined_kernel
@@ -403,17 +403,14 @@ def _step_of_one(c, shares, row, lead0, lead1, lead2, order):
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
     """
-    shortest = _shortest(c, shares, row, lead0, lead1, lead2, order)
-    unknown = shortest >= _FAR
-    if not none(unknown):
-        before = _shortest(c, shares, row, lead0, lead1, lead2, order - 4)
-        shortest = where(unknown, before, shortest)
-    return shortest
+    last = _shortest(c, shares, row, lead0, lead1, lead2, order)
+    before = _shortest(c, shares, row, lead0, lead1, lead2, order - 4)
+    return smaller(last, before + _SLACK * shares[SHARE + order - 1])
 
 
 @inlined_kernel
 def _shortest(c, shares, row, lead0, lead1, lead2, order):
-    """Return what the last four terms allow."""
+    """Return what four terms allow."""
     shortest = alike(lead0, _FAR)
     for n in range(order - 3, order + 1):
         last = _log2(c[row + n])
