@@ -203,3 +203,19 @@ def test_balance_closes_for_any_linear_scene(masses, dampings, stiffness, step, 
         )
     )
     assert residual(trajectory) < BOUND
+
+
+@pytest.mark.parametrize("time_step", [1e-2, 1e-1])
+def test_terms_that_symmetry_skips_do_not_hide_the_others(time_step):
+    # All but constant, on a cubic spring at rest: one term in six differs from zero.
+    push = {"kind": "harmonic", "amplitude": 20.0, "frequency": 1e-9, "phase": np.pi / 2}
+    trajectory = simulate(
+        Scene(
+            carriage={"linear_coefficient": 0.0, "cubic_coefficient": 2e6, "damping": 0.0},
+            interface={"kind": "none"},
+            excitation=[push],
+            solver={"tolerance": 1e-13},
+            control={"time_step": time_step, "steps": 5},
+        )
+    )
+    assert residual(trajectory) < BOUND
