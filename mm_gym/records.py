@@ -53,8 +53,9 @@ LARGEST = 1e12
 SHORTEST = 1e-9
 """Least spacing of samples [s]."""
 
-NUMBER = re.compile(r"[+-]?(?:\d++\.?\d*+|\.\d++)(?:[EeDd][+-]?\d++)?+", re.ASCII)
-"""A number as Fortran writes it; possessive, so that no line is tried twice."""
+NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDd][+-]?\d+)?", re.ASCII)
+"""A number as Fortran writes it; no two ways to match, so that long lines take no longer. Not
+possessive: before Python 3.11.5 a possessive group may match what it must not."""
 
 NUMERIC = re.compile(r"[+-]?(?:\.?\d|(?:nan|inf|infinity)\b)", re.ASCII | re.IGNORECASE)
 """How a cell begins that is a number, or was meant to be one."""
@@ -331,7 +332,7 @@ def _table(separator: str | None, columns: int) -> re.Pattern[str]:
     """Return the pattern of lines of one or two cells that may be numbers."""
     between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
     row = between.join([r"[0-9.+\-EeDd]++"] * min(columns, 2))
-    return re.compile(rf"(?:{row}\n)*+{row}")
+    return re.compile(rf"(?:{row}\n)*{row}")
 
 
 def _check_columns(file: Path, rows: list[list[str]], numbers: list[int]) -> None:
