@@ -403,23 +403,22 @@ def _step_of_one(c, shares, row, lead0, lead1, lead2, order):
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
     """
-    last = _shortest(c, shares, row, lead0, lead1, lead2, order)
-    before = _shortest(c, shares, row, lead0, lead1, lead2, order - 4)
+    last = alike(lead0, _FAR)
+    for n in range(order - 3, order + 1):
+        allowed = _allowed(shares, _log2(c[row + n]), lead0, lead1, lead2, n)
+        last = smaller(last, allowed)
+    # One logarithm for all four: they are a rough guard.
+    largest = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
+    before = _allowed(shares, _log2(largest), lead0, lead1, lead2, order - 4)
     return smaller(last, before + _SLACK * shares[SHARE + order - 1])
 
 
 @inlined_kernel
-def _shortest(c, shares, row, lead0, lead1, lead2, order):
-    """Return what four terms allow."""
-    shortest = alike(lead0, _FAR)
-    for n in range(order - 3, order + 1):
-        last = _log2(c[row + n])
-        first, second, third = shares[SHARE + n - 1], shares[SHARE + n - 2], shares[SHARE + n - 3]
-        step = larger(
-            larger((lead0 - last) * first, (lead1 - last) * second), (lead2 - last) * third
-        )
-        shortest = smaller(shortest, where(last > _LOG_ZERO, step, _FAR))
-    return shortest
+def _allowed(shares, term, lead0, lead1, lead2, n):
+    """Return the logarithm of the step that term n allows, from the logarithm of the term."""
+    first, second, third = shares[SHARE + n - 1], shares[SHARE + n - 2], shares[SHARE + n - 3]
+    step = larger(larger((lead0 - term) * first, (lead1 - term) * second), (lead2 - term) * third)
+    return where(term > _LOG_ZERO, step, _FAR)
 
 
 @borrowing_kernel
