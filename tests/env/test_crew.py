@@ -53,7 +53,6 @@ def test_a_dismissed_or_forgotten_crew_ends(*, forget: bool) -> None:
         assert not thread.is_alive()
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_crew_works_in_a_forked_process() -> None:
     crew = Crew(2)
