@@ -17,7 +17,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import TransformReward
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.utils import LinearSchedule
 from tqdm import TqdmExperimentalWarning
 
@@ -44,18 +44,19 @@ def train(settings: TrainSettings, run: Run) -> None:
     model = continue_or_begin(settings, run, env)
     left = settings.steps - model.num_timesteps
     if left > 0:
-        watch = Validation(settings, scene, run)
+        watch, bar = Validation(settings, scene, run), ProgressBarCallback()
         fresh = model.num_timesteps == 0
         with warnings.catch_warnings():
             # Stable-Baselines3's progress bar is tqdm's rich one, which calls itself experimental.
             warnings.simplefilter("ignore", TqdmExperimentalWarning)
-            model.learn(
-                left,
-                callback=watch,
-                progress_bar=True,
-                reset_num_timesteps=fresh,
-                tb_log_name="ppo",
-            )
+            try:
+                model.learn(
+                    left, callback=[watch, bar], reset_num_timesteps=fresh, tb_log_name="ppo"
+                )
+            finally:
+                # Left open, it is closed by the garbage collector, be it in the thread that draws.
+                if hasattr(bar, "pbar"):
+                    bar.pbar.close()
     env.close()
     (run.best if run.best.exists() else run.checkpoint).replace(run.model)
 

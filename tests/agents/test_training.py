@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,8 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
         patch.setattr("agents.train.evaluate", next_evaluate)
         with pytest.raises(Killed):
             train(settings, run)
+    drawing = [t for t in threading.enumerate() if type(t).__module__.startswith("rich")]
+    assert not drawing  # the progress bar is closed
     assert not run.finished
     stopped = PPO.load(run.checkpoint, device="cpu").num_timesteps
     assert 0 < stopped < settings.steps
