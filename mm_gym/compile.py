@@ -8,8 +8,11 @@ no interface, no springs                         linear              transition 
 viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
   coefficient 0, nothing randomised but the                          as exosystem
   start
-the same with actuated stretch, or with          parametric linear   Taylor series of the
-  randomised parameters or excitation frequency                      exponential's action
+the same with actuated stretch or randomised     parametric linear   exponential as a cubic in the
+  excitation frequency, in short steps, with                         generator, polynomials in
+  damping, without sampled or ground excitation                      the springs' stiffness
+the same otherwise, or with randomised           parametric linear   Taylor series of the
+  parameters                                                         exponential's action
 dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
 dry friction, cubic coefficient 0, nothing       switched linear     transition matrices, crossings
   randomised but the start                                           bisected
@@ -39,6 +42,7 @@ import numpy as np
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 from mm_gym.methods import (
+    CAYLEY_HAMILTON,
     LINEAR,
     MASSLESS,
     PARAMETRIC,
@@ -49,6 +53,7 @@ from mm_gym.methods import (
     semi_implicit_euler_method,
     taylor_method,
 )
+from mm_gym.methods.cayley_hamilton import applies
 from mm_gym.parameters import Support, support_of
 from mm_gym.plant import Plant
 from mm_gym.scene import Solver
@@ -142,7 +147,9 @@ def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]
         )
     if support.low[at.M1] == 0.0:
         return MASSLESS, ("carriage.mass is 0: the forces on the carriage balance", FIXED)
-    return (PARAMETRIC if moving else LINEAR), (_coupling(scene), *(moves or (FIXED,)))
+    if not moving:
+        return LINEAR, (_coupling(scene), *(moves or (FIXED,)))
+    return (CAYLEY_HAMILTON if applies(support) else PARAMETRIC), (_coupling(scene), *moves)
 
 
 def _others(scene: Scene, support: Support, chosen: Method) -> dict[str, Method]:

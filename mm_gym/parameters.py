@@ -85,8 +85,17 @@ class Support:
     @property
     def frequencies(self) -> NDArray[np.float64]:
         """Highest frequency of each harmonic [rad/s]."""
+        return self.high[self._frequency_rows]
+
+    @property
+    def lowest_frequencies(self) -> NDArray[np.float64]:
+        """Lowest frequency of each harmonic [rad/s]."""
+        return self.low[self._frequency_rows]
+
+    @property
+    def _frequency_rows(self) -> slice:
         first = at.TONES + at.FREQUENCY
-        return self.high[first : first + at.TONE_ROWS * len(self.ground) : at.TONE_ROWS]
+        return slice(first, first + at.TONE_ROWS * len(self.ground), at.TONE_ROWS)
 
     @property
     def sampled(self) -> bool:
@@ -136,6 +145,9 @@ def support_of(scene: Scene) -> Support:
         for lane in () if drawn else (low, high):
             prepare_filter(lane[:, None], row, passes_velocity, time_step, 0)
     start_low, start_high = low.copy(), high.copy()
+    if scene.actuation.force is not None:
+        high[at.FORCE] = scene.actuation.force.limit
+        low[at.FORCE] = -high[at.FORCE]
     if scene.actuation.stretch is not None:
         low[at.STRETCH], high[at.STRETCH] = (
             scene.actuation.stretch.minimum,

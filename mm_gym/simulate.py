@@ -189,7 +189,7 @@ def _sample(substeps: Substeps, place: Place) -> NDArray[np.float64]:
         shorter = plant.at_time_step(part)
         lane, terms, first = Lanes(shorter, 1), plant.support.terms, plant.support.jets
         values = lane.values
-        values[:, 0] = column(substeps, n)
+        values[:, 0] = column(substeps, n, part)
         scales = (part / plant.support.time_step) ** np.arange(terms)
         values[first : first + 2 * terms, 0] *= np.tile(scales, 2)
         lane.raise_for(plant.method.entries.propagate(shorter.model, values, 0, 1))

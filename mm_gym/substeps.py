@@ -102,14 +102,15 @@ def run(lanes: Lanes, commands: Array, substeps: Substeps, first: int = 0) -> No
     lanes.raise_for(status)
 
 
-def column(substeps: Substeps, row: int) -> Array:
-    """Return the lane (rows,) from which a substep was propagated."""
+def column(substeps: Substeps, row: int, duration: float) -> Array:
+    """Return the lane (rows,) from which a substep was propagated, set for a duration [s]."""
     support, lane = substeps.plant.support, substeps.parameters.copy()
     lane[:4], lane[[at.FORCE, at.STRETCH]] = substeps.starts[row], substeps.applied[row]
     lane[support.jets : support.jets + 2 * support.terms] = substeps.jets[row]
     for tone in tone_rows(substeps.plant):
-        angle = phase(substeps, tone, row)
+        angle, turn = phase(substeps, tone, row), lane[tone + at.FREQUENCY] * duration
         lane[tone + at.COSINE], lane[tone + at.SINE] = np.cos(angle), np.sin(angle)
+        lane[tone + at.ROTATE_COSINE], lane[tone + at.ROTATE_SINE] = np.cos(turn), np.sin(turn)
     return lane
 
 

@@ -1,6 +1,7 @@
 """The methods: what each propagates, how, at what order, cost and error bound; one file each."""
 
 from mm_gym.methods.base import Method as Method
+from mm_gym.methods.cayley_hamilton import CAYLEY_HAMILTON as CAYLEY_HAMILTON
 from mm_gym.methods.fixed_step import rk4_method as rk4_method
 from mm_gym.methods.fixed_step import semi_implicit_euler_method as semi_implicit_euler_method
 from mm_gym.methods.linear import LINEAR as LINEAR

@@ -124,7 +124,7 @@ def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
     parameters = own.values[list(PHYSICAL), 0].copy()
     for n, want in zip(truth.rows, truth.states, strict=True):
         # Dry friction that never slips has other parameters in a plant that knows it.
-        own.values[:, 0] = column(episode.substeps, int(n))
+        own.values[:, 0] = column(episode.substeps, int(n), plant.support.time_step)
         own.values[list(PHYSICAL), 0] = parameters
         status = plant.method.entries.propagate(plant.model, own.values, 0, 1)
         if status > at.ENDED or not np.isfinite(own.values[:4, 0]).all():

@@ -1,0 +1,159 @@
+"""Is the exponential as a cubic in the generator right, wherever the decision table takes it?"""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from oracle import System
+
+from mm_gym import Scene, compile_scene, simulate
+from mm_gym.kernels import cayley_hamilton as ch
+from mm_gym.methods import CAYLEY_HAMILTON, PARAMETRIC
+from mm_gym.methods.base import fastest_rate
+
+STEPS = 60
+
+
+def exponents(low, high):
+    return st.floats(low, high).map(lambda x: 10.0**x)
+
+
+systems = st.fixed_dictionaries(
+    {
+        "m1": exponents(-2.0, 1.0),
+        "m2": exponents(-2.0, 1.0),
+        "k1": exponents(0.0, 4.0),
+        "k0": exponents(0.0, 3.0),
+        "c": exponents(-3.0, 1.0),
+        "d": exponents(-3.0, 1.0),
+    }
+)
+stretches = st.lists(st.floats(0.0, 1.0), min_size=STEPS, max_size=STEPS).map(np.array)
+
+
+ABSORBER = {"m1": 0.1, "m2": 0.04, "k1": 400.0, "k0": 35.0, "c": 0.1, "d": 1.0}
+
+
+def scene_of(system, phase, tones=0, *, limit=None, highest=3.0):
+    """Return a scene whose fastest rate times the step is the phase; tones at 2/5 of it or more."""
+    data = {
+        "carriage": {"mass": system["m1"], "stiffness": system["k1"], "damping": system["d"]},
+        "sphere": {"mass": system["m2"]},
+        "interface": {"kind": "viscous", "damping": system["c"]},
+        "springs": {"kind": "small_on_large", "stiffness": system["k0"]},
+        "initial": {"carriage_displacement": 0.01, "sphere_offset": -0.02, "stretch": [1.0, 1.5]},
+        "actuation": {"stretch": {"minimum": 1.0, "maximum": highest}},
+    }
+    if limit is not None:
+        data["actuation"]["force"] = {"limit": limit}
+    rate = fastest_rate(compile_scene(Scene(**data, control={"time_step": 1e-9})).support)
+    data["control"] = {"time_step": phase / rate, "steps": STEPS}
+    data["excitation"] = [
+        {"kind": "harmonic", "amplitude": 3.0, "frequency": 0.4 * rate * (j + 1), "phase": 0.7 * j}
+        for j in range(tones)
+    ]
+    return Scene(**data)
+
+
+def by_series(plant):
+    return replace(plant, method=PARAMETRIC, model=PARAMETRIC.constants(plant.support))
+
+
+def difference(plant, **options):
+    """Largest difference relative to the largest position or velocity until then."""
+    assert plant.method is CAYLEY_HAMILTON
+    got, want = (simulate(one, **options).state[1:] for one in (plant, by_series(plant)))
+    largest = np.maximum.accumulate(np.abs(want))
+    scale = np.repeat([largest[:, :2].max(axis=1), largest[:, 2:].max(axis=1)], 2, axis=0).T
+    return float((np.abs(got - want) / scale).max())
+
+
+@given(systems, st.floats(0.1, 2.0), st.integers(0, 2), stretches)
+def test_any_stretch_and_tones_as_by_the_series(system, phase, tones, stretches):
+    scene = scene_of(system, phase, tones)
+    if tones:  # from rest, so that the motion is no larger than what the force moves
+        scene = scene.replace(
+            **{"initial.carriage_displacement": 0.0, "initial.sphere_offset": 0.0}
+        )
+    plant = compile_scene(scene)
+    assume(plant.method is CAYLEY_HAMILTON)
+    # 60 steps of either, and the difference of motions 256 times as large as one step's.
+    assert difference(plant, action=1.0 + 2.0 * stretches) <= 1e-12
+
+
+@given(systems, st.floats(0.001, 2.0), stretches)
+def test_held_force_as_by_the_series(system, phase, stretches):
+    scene = scene_of(system, phase, limit=100.0)
+    action = np.column_stack([200.0 * stretches[::-1] - 100.0, 1.0 + 2.0 * stretches])
+    assert difference(compile_scene(scene), action=action) <= 1e-13
+
+
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 1.0])
+@given(systems, st.floats(0.01, 2.0))
+def test_cubic_is_the_exponential(part, system, phase):
+    highest = 50.0  # where the springs' stiffness is near its least
+    plant = compile_scene(scene_of(system, phase, highest=highest))
+    assume(plant.method is CAYLEY_HAMILTON)
+    stretch = 1.0 + part * (highest - 1.0)
+    k2 = 2.0 * system["k0"] * (1.0 + 2.0 / stretch**3)
+    h = plant.support.time_step
+    t = plant.model[ch.SCALE] * (h * h / system["m1"] * k2 - plant.model[ch.MIDDLE])
+    assert abs(t) <= 1.0 + 1e-14
+    polynomials = plant.model[ch.OF_STATE : ch.OF_FORCE].reshape(4, ch.COEFFICIENTS)
+    generator = System(**{name: system[name] for name in system if name != "k0"}, k2=k2).matrix()
+    a = np.array((mpmath.mpf(h) * generator).tolist(), dtype=np.float64)
+    cubic = sum(
+        np.polyval(polynomial, t) * np.linalg.matrix_power(a, n)
+        for n, polynomial in enumerate(polynomials)
+    )
+    want = np.array(mpmath.expm(mpmath.mpf(h) * generator).tolist(), dtype=np.float64)
+    # In the energy norm, in which the generator's is at most 2: positions scaled by the rate.
+    scale = np.sqrt([system["m1"], system["m2"]] * 2) * np.array([2.0 / h, 2.0 / h, 1.0, 1.0])
+    assert (
+        np.abs((cubic - want) * scale[:, None] / scale).max()
+        <= 4e-15 * np.abs(want * scale[:, None] / scale).max()
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"carriage.damping": 0.0}, "a steady motion may grow without bound"),
+        ({"interface.damping": 0.0}, "so may that of the sphere"),
+        ({"excitation.0.frequency": 0.01}, "a slow force has a steady motion far beyond a step's"),
+        ({"excitation.0.target": "ground"}, "it is of a force only"),
+        ({"carriage.mass": (0.1, 0.2)}, "another parameter differs between lanes"),
+        ({"control.time_step": 0.1}, "the cubic's terms would grow, and round-off with them"),
+    ],
+)
+def test_series_where_the_cubic_does_not_apply(changes, reason):
+    scene = scene_of(ABSORBER, 1.0, tones=1)
+    assert compile_scene(scene).method is CAYLEY_HAMILTON
+    for name, value in changes.items():
+        if isinstance(value, tuple):
+            scene = scene.replace(randomization={name: value})
+        else:
+            scene = scene.replace(**{name: value})
+    assert compile_scene(scene).method is PARAMETRIC, reason
+
+
+def test_cubic_needs_no_damping_where_no_harmonic_acts():
+    scene = scene_of(ABSORBER | {"c": 0.0, "d": 0.0}, 1.0)
+    assert difference(compile_scene(scene), action=2.0) <= 1e-14
+
+
+def test_blows_change_the_velocities_between_cubics():
+    scene = scene_of(ABSORBER, 1.0).replace(
+        excitation=[{"kind": "impulse", "size": 0.05, "rate": 20.0}]
+    )
+    assert difference(compile_scene(scene), action=2.0, seed=1) <= 1e-14
+    assert np.abs(np.diff(simulate(scene, seed=1).state[:, 2])).max() > 0.1
+
+
+def test_rotation_of_the_phase_is_not_taken_from_another_step():
+    scene = scene_of(ABSORBER, 1.0, tones=2)
+    times = np.sort(np.random.default_rng(0).uniform(0.0, STEPS * scene.control.time_step, 20))
+    assert difference(compile_scene(scene), times=times) <= 1e-13
