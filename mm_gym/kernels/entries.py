@@ -39,7 +39,7 @@ def build(
 
     What `in_turn` returns may be replaced: `at_once` is given it and returns another.
     """
-    move = at_once(in_turn(propagate))
+    step = at_once(in_turn(propagate))
 
     @borrowing_kernel
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
@@ -51,15 +51,7 @@ def build(
         model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
         if not finite(actions, width_of(task), first, last):
             return at.NOT_FINITE
-        status = at.OK
-        for start in range(first, last, at.BLOCK):
-            stop = min(start + at.BLOCK, last)
-            status = max(status, move(task, model, lanes, streams, actions, start, stop))
-            status = max(status, judge(task, lanes, ends, start, stop))
-            if task[at.IS_DERIVED] > 0.0:
-                derive(model, lanes, start, stop)
-            observe(task, lanes, frames, streams, start, stop)
-        return status
+        return step(task, model, lanes, frames, ends, streams, actions, first, last)
 
     @borrowing_kernel
     def run(model, task, lanes, streams, commands, starts, states, applied, jets):
@@ -92,7 +84,7 @@ def build(
 
 
 def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
-    """Return a kernel that commands, propagates and scores lanes, one pass after the other."""
+    """Return a kernel that steps lanes block by block, one pass after the other."""
 
     @borrowing_kernel
     def move(task, model, lanes, streams, actions, first, last):
@@ -105,7 +97,19 @@ def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
             rotate(model, lanes, first, last)
         return max(status, score(task, lanes, first, last))
 
-    return move
+    @borrowing_kernel
+    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        status = at.OK
+        for start in range(first, last, at.BLOCK):
+            stop = min(start + at.BLOCK, last)
+            status = max(status, move(task, model, lanes, streams, actions, start, stop))
+            status = max(status, judge(task, lanes, ends, start, stop))
+            if task[at.IS_DERIVED] > 0.0:
+                derive(model, lanes, start, stop)
+            observe(task, lanes, frames, streams, start, stop)
+        return status
+
+    return step
 
 
 @borrowing_kernel

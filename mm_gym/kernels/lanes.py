@@ -226,10 +226,8 @@ def show(task, lanes, frames, newest, first, last):
     """Write the channels, scaled."""
     prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
-        slot = at.CHANNELS + at.CHANNEL_SIZE * k
-        scale = task[slot + at.SCALE]
-        shift = -task[slot + at.ZERO] * scale
-        plus, minus = channel_rows(int(task[slot + at.CODE]))
+        scale, shift = scaling(task, k)
+        plus, minus = channel_rows(code_of(task, k))
         frame, values = frames[newest + k, first:last], lanes[plus, first:last]
         if minus >= 0:
             subtracted = lanes[minus, first:last]
@@ -251,6 +249,32 @@ def blur(task, frames, newest, streams, first, last):
                 spread = task[at.CHANNELS + at.CHANNEL_SIZE * (k + side) + at.NOISE]
                 row = newest + k + side
                 frames[row, i] = bounded(np.float32(frames[row, i] + spread * pair[side]))
+
+
+@borrowing_kernel
+def scaling(task, k):
+    """Return what a channel is multiplied by, and what is then added."""
+    slot = at.CHANNELS + at.CHANNEL_SIZE * k
+    scale = task[slot + at.SCALE]
+    return scale, -task[slot + at.ZERO] * scale
+
+
+@borrowing_kernel
+def code_of(task, k):
+    """Return a channel's code."""
+    return int(task[at.CHANNELS + at.CHANNEL_SIZE * k + at.CODE])
+
+
+@borrowing_kernel
+def shows_state(task, frames):
+    """Tell whether the newest frame is all that is observed: x1, offset, v1 and v2, noiseless."""
+    count = len(at.STATE_CHANNELS)
+    if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
+        return False
+    same = True
+    for k in range(count):
+        same &= code_of(task, k) == at.STATE_CHANNELS[k]
+    return same
 
 
 @borrowing_kernel

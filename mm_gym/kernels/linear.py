@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.lanes import is_at_once, is_lost, state_cost, state_weights
+from mm_gym.kernels.lanes import (
+    is_at_once,
+    is_lost,
+    judge,
+    scaling,
+    shown,
+    shows_state,
+    state_cost,
+    state_weights,
+)
 from mm_gym.kernels.sources import excited
 
 if TYPE_CHECKING:
@@ -53,37 +62,48 @@ def propagate(model, lanes, first, last):
 
 
 def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
-    """Return a kernel that makes a step of the simplest scenes in one pass, of others `in_turn`."""
+    """Return a kernel that steps the simplest scenes in one pass over all lanes, others `in_turn`.
+
+    What it saves is not arithmetic but memory: each row is read and written once.
+    """
 
     @borrowing_kernel
-    def move(task, model, lanes, streams, actions, first, last):
-        if is_simple(task, model):
-            return push_and_score(task, model, lanes, actions, first, last)
-        return in_turn(task, model, lanes, streams, actions, first, last)
+    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        if not is_simple(task, model, frames):
+            return in_turn(task, model, lanes, frames, ends, streams, actions, first, last)
+        status = _push_score_and_show(task, model, lanes, frames, actions, first, last)
+        for start in range(first, last, at.BLOCK):
+            status = max(status, judge(task, lanes, ends, start, min(start + at.BLOCK, last)))
+        return status
 
-    return move
+    return step
 
 
 @borrowing_kernel
-def is_simple(task, model):
-    """Tell whether only a force acts, as commanded."""
+def is_simple(task, model, frames):
+    """Tell whether only a force acts, as commanded, and the state's channels are observed."""
     pushed = task[at.HAS_FORCE] > 0.0 and not task[at.HAS_STRETCH] > 0.0
     direct = not task[at.FORCE_IS_RATE] > 0.0 and is_at_once(
         task[at.FORCE_RATE], task[at.FORCE_SHARE]
     )
     alone = model[at.TONE_COUNT] == 0.0 and not excited(model)
-    return pushed and direct and alone and model[at.SUBSTEPS] == 1.0
+    shown_only = shows_state(task, frames)
+    return pushed and direct and alone and shown_only and model[at.SUBSTEPS] == 1.0
 
 
 @borrowing_kernel
-def push_and_score(task, model, lanes, actions, first, last):
-    """Command, propagate and score without a detour over memory; return the status."""
+def _push_score_and_show(task, model, lanes, frames, actions, first, last):
+    """Command, propagate, score and observe; return the status."""
     prefer_widest_vectors()
     limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)
     to_x1, to_x2, to_v1, to_v2 = transition(model)
     x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
     us, rewards = lanes[at.FORCE, first:last], lanes[at.REWARD, first:last]
+    first_frame, second_frame = frames[0, first:last], frames[1, first:last]
+    third_frame, fourth_frame = frames[2, first:last], frames[3, first:last]
+    (scale1, shift1), (scale2, shift2) = scaling(task, 0), scaling(task, 1)
+    (scale3, shift3), (scale4, shift4) = scaling(task, 2), scaling(task, 3)
     asked, lost = actions[first:last], False
     for i in range(last - first):
         a, x1, x2, v1, v2 = clip(asked[i], -1.0, 1.0), x1s[i], x2s[i], v1s[i], v2s[i]
@@ -92,6 +112,11 @@ def push_and_score(task, model, lanes, actions, first, last):
         w1, w2 = product(to_v1, x1, x2, v1, v2, u), product(to_v2, x1, x2, v1, v2, u)
         reward = 0.0 - weight * a * a - state_cost(weights, y1, y2, w1)
         x1s[i], x2s[i], v1s[i], v2s[i], us[i], rewards[i] = y1, y2, w1, w2, u, reward
+        first_frame[i], second_frame[i] = (
+            shown(y1, scale1, shift1),
+            shown(y2 - y1, scale2, shift2),
+        )
+        third_frame[i], fourth_frame[i] = shown(w1, scale3, shift3), shown(w2, scale4, shift4)
         lost |= is_lost(reward)
     return at.DIVERGED if lost else at.OK
 
