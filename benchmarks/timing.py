@@ -71,7 +71,9 @@ def side_by_side(
 
 def _calls_for(function: Callable[[], object], seconds: float) -> int:
     """Warm up, then return the number of calls that take about the given time."""
-    function()
+    began = time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        function()
     calls = 1
     while (taken := _time(function, calls)) < seconds / 4.0:
         calls *= 2

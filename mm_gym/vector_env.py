@@ -243,9 +243,8 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
 
     def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
-        if mask is None:
-            return self._everywhere
-        array = np.asarray(mask)
+        # An array of its own: for a read-only one the kernels would be compiled anew.
+        array = np.array(self._everywhere if mask is None else mask)
         if array.shape != (self.num_envs,) or array.dtype != np.bool_:
             msg = (
                 f"reset_mask: got {array.dtype} of shape {array.shape}; "

@@ -6,6 +6,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
+from mm_gym.kernels import lanes as kernels
 
 LANES, STEPS, SEED = 5, 160, 11
 MODES = list(AutoresetMode)
@@ -112,6 +113,16 @@ def test_reset_mask_leaves_other_lanes_alone(scene, assert_same):
         assert_same(before[name][:, ~mask], after[name][:, ~mask])
         assert (before[name][:, mask] != after[name][:, mask]).any()
     assert observations.T[:, ~mask].tobytes() == after["frames"][:, ~mask].tobytes()
+
+
+def test_any_mask_restarts_lanes_by_the_same_compiled_kernel(scene):
+    native = MovingMassVectorEnv(scene, LANES)
+    native.reset(seed=1)
+    mask = np.zeros(2 * LANES, np.bool_)[::2]  # neither contiguous
+    mask.flags.writeable = False  # nor writable
+    before = list(kernels.draw.signatures)
+    native.reset(options={"reset_mask": mask})
+    assert kernels.draw.signatures == before
 
 
 @pytest.mark.parametrize("mask", [[True], [1, 0, 1], "abc", np.ones((3, 1), bool)])
