@@ -33,7 +33,7 @@ _FLOOR = 20.0  # binary digits between the velocities down to which the smaller 
 _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
 # Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
-WIDTH = 34
+WIDTH = 36
 X1, X2, V1, V2, _OFFSET, _W, _FORCE, _GROUND = (WIDTH * k for k in range(8))
 _SQUARE, _LONG, _SHORT, _LONG_POWER, _SHORT_POWER, _SCALED, SHARE = (
     WIDTH * k for k in range(8, 15)

@@ -11,9 +11,11 @@ import pytest
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
+from mm_gym.kernels import taylor
 from mm_gym.kernels.taylor_block import FEWEST_LANES
 from mm_gym.kernels.vector import LANES
 from mm_gym.lanes import Lanes
+from mm_gym.methods.taylor import TIGHTEST
 from mm_gym.reference import Oracle
 from mm_gym.scene import (
     Carriage,
@@ -22,6 +24,7 @@ from mm_gym.scene import (
     FiniteStretch,
     Initial,
     SmallOnLarge,
+    Solver,
 )
 
 from .conftest import assert_lanes_equal_single, error
@@ -284,3 +287,11 @@ def test_force_on_a_system_at_rest_keeps_the_tolerance() -> None:
     scene = CUBIC.replace(initial={}, excitation=[TONES[0].model_dump()], **TIGHT)
     loose = simulate(scene.replace(**{"solver.tolerance": 1e-9}), duration=0.05).state
     assert error(loose, Oracle(scene).solve(np.arange(6) * 0.01)) <= 5e-9
+
+
+def test_longest_series_fits_its_rows() -> None:
+    # Kernels do not check bounds.
+    tightest = Scene(
+        carriage=Carriage(cubic_coefficient=1.0), solver=Solver(tolerance=TIGHTEST / 1e3)
+    )
+    assert compile_scene(tightest).model[taylor.ORDER] < taylor.WIDTH
