@@ -9,14 +9,8 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.sources import jet_value
-from mm_gym.kernels.taylor import (
-    BY_M1,
-    BY_M2,
-    SIZE,
-    coefficients,
-    interface_and_springs,
-    outer_forces,
-)
+from mm_gym.kernels.taylor import coefficients, interface_and_springs, outer_forces
+from mm_gym.kernels.taylor_layout import BY_M1, BY_M2, SIZE
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 

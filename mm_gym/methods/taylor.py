@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import taylor, taylor_block
+from mm_gym.kernels import taylor_layout as series
 from mm_gym.kernels.entries import build
 from mm_gym.methods.base import Method, fastest_rate, header
 
@@ -52,11 +53,11 @@ def _model(support: Support, *, tolerance: float) -> NDArray[np.float64]:
             f"{RATE_PER_STEP * taylor.MOST_STEPS:.0f}. Shorten the step"
         )
         raise CompileError(msg)
-    model[taylor.ORDER] = _order(tolerance)
-    model[taylor.TOLERANCE] = SHARE * max(tolerance, TIGHTEST)
-    model[taylor.HAS_FRICTION] = friction
-    model[taylor.IS_CUBIC] = high[at.BETA] > 0.0
-    model[taylor.IS_FINITE] = high[at.L0] > 0.0
+    model[series.ORDER] = _order(tolerance)
+    model[series.TOLERANCE] = SHARE * max(tolerance, TIGHTEST)
+    model[series.HAS_FRICTION] = friction
+    model[series.IS_CUBIC] = high[at.BETA] > 0.0
+    model[series.IS_FINITE] = high[at.L0] > 0.0
     return model
 
 

@@ -11,7 +11,7 @@ import pytest
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import taylor
+from mm_gym.kernels import taylor_layout
 from mm_gym.kernels.taylor_block import FEWEST_LANES
 from mm_gym.kernels.vector import LANES
 from mm_gym.lanes import Lanes
@@ -294,4 +294,4 @@ def test_longest_series_fits_its_rows() -> None:
     tightest = Scene(
         carriage=Carriage(cubic_coefficient=1.0), solver=Solver(tolerance=TIGHTEST / 1e3)
     )
-    assert compile_scene(tightest).model[taylor.ORDER] < taylor.WIDTH
+    assert compile_scene(tightest).model[taylor_layout.ORDER] < taylor_layout.WIDTH
