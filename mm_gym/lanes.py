@@ -13,8 +13,9 @@ import numpy as np
 
 from mm_gym.crew import Crew
 from mm_gym.errors import ActionError, SceneError, SimulationError
-from mm_gym.kernels import lanes as kernels
+from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.lanes import finite
 from mm_gym.kernels.random import seed_streams
 from mm_gym.kernels.sources import begin_sources
 
@@ -115,13 +116,13 @@ class Lanes:
         plant = self.plant
         if mask is None:
             mask = np.ones(self.count, np.bool_)
-        kernels.draw(plant.template, plant.draws, self._values, self.streams, mask)
+        episodes.draw(plant.template, plant.draws, self._values, self.streams, mask)
         for row, value in (fixed or {}).items():
             self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        kernels.begin(plant.model, plant.task, self._values, mask)
+        episodes.begin(plant.model, plant.task, self._values, mask)
         if plant.support.sampled:
             begin_sources(plant.model, self._values, self.streams, mask)
-        kernels.begin_history(
+        episodes.begin_history(
             plant.model, plant.task, self._values, self._frames, self.streams, mask
         )
 
@@ -162,7 +163,7 @@ class Lanes:
         """
         if self._crew is None:
             return self.advance_some(actions, 0, self.count)
-        if not kernels.finite(actions, len(self.plant.actuators), 0, self.count):
+        if not finite(actions, len(self.plant.actuators), 0, self.count):
             return at.NOT_FINITE  # known before any thread changes a lane
         return max(self._crew.share(partial(self.advance_some, actions), self._chunks))
 

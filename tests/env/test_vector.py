@@ -6,7 +6,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
-from mm_gym.kernels import lanes as kernels
+from mm_gym.kernels import episodes
 
 LANES, STEPS, SEED = 5, 160, 11
 MODES = list(AutoresetMode)
@@ -120,9 +120,9 @@ def test_any_mask_restarts_lanes_by_the_same_compiled_kernel(scene):
     native.reset(seed=1)
     mask = np.zeros(2 * LANES, np.bool_)[::2]  # neither contiguous
     mask.flags.writeable = False  # nor writable
-    before = list(kernels.draw.signatures)
+    before = list(episodes.draw.signatures)
     native.reset(options={"reset_mask": mask})
-    assert kernels.draw.signatures == before
+    assert episodes.draw.signatures == before
 
 
 @pytest.mark.parametrize("mask", [[True], [1, 0, 1], "abc", np.ones((3, 1), bool)])
