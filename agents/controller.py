@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mm_gym import MovingMassVectorEnv, Scene
-    from mm_gym.scene import StretchActuator
+    from mm_gym.interaction import StretchActuator
 
 
 class Controller(Protocol):

@@ -11,7 +11,8 @@ from mm_gym.task import scale_and_zero
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from mm_gym.scene import Actuator, Scene
+    from mm_gym.interaction import Actuator
+    from mm_gym.scene import Scene
     from mm_gym.validation import Part
 
 UNITS = {

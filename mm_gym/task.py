@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from mm_gym.interaction import Channel
 from mm_gym.kernels import layout as at
-from mm_gym.scene import Channel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mm_gym.scene import Scene
 
 CODES = {name: code for code, name in enumerate(get_args(Channel))}
-"""Code of each observation channel, in the order of `mm_gym.scene.Channel`."""
+"""Code of each observation channel, in the order of `mm_gym.interaction.Channel`."""
 
 
 def task_array(scene: Scene) -> NDArray[np.float64]:

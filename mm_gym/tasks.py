@@ -5,18 +5,15 @@ from __future__ import annotations
 from math import tau
 
 from mm_gym.excitation import Harmonic, Impulse, KanaiTajimi, Noise
+from mm_gym.interaction import Actuation, ForceActuator, Sensors, StretchActuator
 from mm_gym.scene import (
-    Actuation,
     Carriage,
     Control,
     DryFriction,
-    ForceActuator,
     Initial,
     Objective,
     Scene,
-    Sensors,
     SmallOnLarge,
-    StretchActuator,
     Viscous,
 )
 

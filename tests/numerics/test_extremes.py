@@ -18,9 +18,10 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.env import MovingMassEnv
+from mm_gym.interaction import ForceActuator
 from mm_gym.kernels import layout as at
 from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, ForceActuator, Initial, Solver
+from mm_gym.scene import Carriage, Control, DryFriction, Initial, Solver
 
 from .conftest import error
 from .sweep import attempt, forces_of, random_scene

@@ -11,9 +11,10 @@ import pytest
 
 from mm_gym import Scene, SceneError, SimulationError, load_scene, work_precision
 from mm_gym.__main__ import main
+from mm_gym.interaction import StretchActuator
 from mm_gym.precision import Setting, WorkPrecision, measure
 from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, Initial, SmallOnLarge, StretchActuator
+from mm_gym.scene import Carriage, Control, DryFriction, Initial, SmallOnLarge
 from mm_gym.tasks import PRE_STRETCH
 
 if TYPE_CHECKING:

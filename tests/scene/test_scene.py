@@ -6,7 +6,8 @@ import pytest
 
 from mm_gym import Scene, SceneError
 from mm_gym.excitation import Harmonic
-from mm_gym.scene import ForceActuator, SmallOnLarge
+from mm_gym.interaction import ForceActuator
+from mm_gym.scene import SmallOnLarge
 from mm_gym.tasks import TASKS
 
 SCENES = {"the default": Scene(), **TASKS}

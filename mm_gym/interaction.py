@@ -1,0 +1,109 @@
+"""What passes between the agent and the plant: actuators and sensors."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mm_gym.excitation import NonNegative, Positive
+from mm_gym.validation import Part, listed
+
+
+class Actuator(Part):
+    """What moves, holding still over each control step: exactly what an action asks for, or less.
+
+    With a lag the actuator goes 1 - exp(-time_step / lag) of the way to its command in a control
+    step; then the rate limit holds, then the limits.
+    """
+
+    rate_limit: Positive | None = None
+    """[N/s] or [1/s]"""
+    lag: NonNegative = 0.0
+    """time constant [s] of a first-order lag; 0 for none"""
+    command: Literal["position", "rate"] = "position"
+    """what an action in [-1, 1] means: a value within the limits, or a share of rate_limit"""
+
+    @model_validator(mode="after")
+    def _rate_is_limited(self) -> Self:
+        if self.command == "rate" and self.rate_limit is None:
+            msg = "rate_limit: missing; command = 'rate' needs it"
+            raise ValueError(msg)
+        return self
+
+
+class ForceActuator(Actuator):
+    """A control force on the carriage [N]; action 1 is +limit."""
+
+    limit: Positive = 4.0
+    """[N]"""
+
+
+class StretchActuator(Actuator):
+    """The pre-stretch of the springs [-]."""
+
+    minimum: Annotated[float, Field(ge=1)] = 1.0
+    """[-]"""
+    maximum: Annotated[float, Field(gt=1)] = 3.0
+    """[-]"""
+
+    @model_validator(mode="after")
+    def _minimum_below_maximum(self) -> Self:
+        if self.minimum >= self.maximum:
+            msg = f"minimum: got {self.minimum}; allowed: less than maximum = {self.maximum}"
+            raise ValueError(msg)
+        return self
+
+
+class Actuation(Part):
+    """What the agent moves."""
+
+    force: ForceActuator | None = None
+    stretch: StretchActuator | None = None
+
+
+Channel = Literal[
+    "carriage_displacement",
+    "sphere_displacement",
+    "sphere_offset",
+    "carriage_velocity",
+    "sphere_velocity",
+    "slip_velocity",
+    "stretch",
+    "carriage_acceleration",
+    "sphere_acceleration",
+    "spring_force",
+    "disturbance_force",
+    "ground_acceleration",
+]
+
+
+class Sensors(Part):
+    """What the agent sees: channels of `history` control steps, oldest first."""
+
+    channels: Annotated[tuple[Channel, ...], BeforeValidator(listed), Field(min_length=1)] = (
+        "carriage_displacement",
+        "sphere_offset",
+        "carriage_velocity",
+        "sphere_velocity",
+    )
+    """accelerations are absolute; the forces are those of the sphere's springs on the carriage and
+    of the disturbance"""
+    noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
+    """standard deviation of a channel's Gaussian noise, in its SI unit"""
+    delay: Annotated[int, Field(ge=0, le=1000)] = 0
+    """control steps by which the newest frame is late"""
+    history: Annotated[int, Field(ge=1, le=1000)] = 1
+    """frames observed"""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for channel in self.channels:
+            if self.channels.count(channel) > 1:
+                msg = f"channels: {channel!r} is listed more than once"
+                raise ValueError(msg)
+        for channel in self.noise:
+            if channel not in self.channels:
+                msg = f"noise.{channel}: has no effect; the channel is not among sensors.channels"
+                raise ValueError(msg)
+        return self
