@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import tau
 
 from mm_gym.excitation import Harmonic, Impulse, KanaiTajimi, Noise
@@ -77,15 +78,16 @@ PRE_STRETCH = Scene(
 FAST = StretchActuator(minimum=1.0, maximum=3.0, rate_limit=100.0)
 """Goes over its range in a fifth of a carriage's period, so that it can switch within one."""
 
-LIGHTLY_DAMPED = Carriage(damping=0.2)
-"""Damping ratio 0.016: what stills the carriage is the sphere."""
-
-PRE_STRETCH_NOISE = Scene(
-    carriage=LIGHTLY_DAMPED,
+_lightly_damped = partial(
+    Scene,
+    carriage=Carriage(damping=0.2),  # damping ratio 0.016: what stills the carriage is the sphere
     interface=Viscous(damping=0.1),
     springs=SmallOnLarge(stiffness=35.0),
-    excitation=(Noise(rms=1.0, low_frequency=44.0, high_frequency=71.0, sample_time=0.005),),
     initial=Initial(stretch=(1.0, 3.0)),
+)
+
+PRE_STRETCH_NOISE = _lightly_damped(
+    excitation=(Noise(rms=1.0, low_frequency=44.0, high_frequency=71.0, sample_time=0.005),),
     actuation=Actuation(stretch=FAST),
     sensors=PRE_STRETCH.sensors,
     objective=Objective(displacement_scale=0.005, velocity_scale=0.3, stroke_scale=0.02),
@@ -93,12 +95,8 @@ PRE_STRETCH_NOISE = Scene(
 )
 """The same springs under band-limited noise, with an actuator fast enough for switching."""
 
-PRE_STRETCH_SHOCK = Scene(
-    carriage=LIGHTLY_DAMPED,
-    interface=Viscous(damping=0.1),
-    springs=SmallOnLarge(stiffness=35.0),
+PRE_STRETCH_SHOCK = _lightly_damped(
     excitation=(Impulse(size=(-0.04, 0.04), rate=1.0, time=0.0),),
-    initial=Initial(stretch=(1.0, 3.0)),
     actuation=Actuation(stretch=FAST),
     sensors=Sensors(channels=PRE_STRETCH.sensors.channels),
     objective=Objective(displacement_scale=0.0025, velocity_scale=0.15, stroke_scale=0.01),
@@ -106,10 +104,7 @@ PRE_STRETCH_SHOCK = Scene(
 )
 """Free decay after random blows on the carriage: springs that switch take energy out."""
 
-HYBRID = Scene(
-    carriage=LIGHTLY_DAMPED,
-    interface=Viscous(damping=0.1),
-    springs=SmallOnLarge(stiffness=35.0),
+HYBRID = _lightly_damped(
     excitation=(
         KanaiTajimi(
             rms=3.0,
@@ -125,7 +120,6 @@ HYBRID = Scene(
         "excitation.0.ground_frequency": (50.0, 100.0),
         "excitation.0.ground_damping": (0.4, 0.8),
     },
-    initial=Initial(stretch=(1.0, 3.0)),
     actuation=Actuation(
         force=ForceActuator(limit=0.25),
         stretch=FAST.model_copy(update={"command": "rate"}),

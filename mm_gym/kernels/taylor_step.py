@@ -65,36 +65,20 @@ def step_of(c, shares, tolerance, order):
     nothing joins to the carriage must not hide the carriage's motion.
     """
     log = _log2(tolerance)
-    one0, one1, one2 = _log2(c[V1]), _log2(c[V1 + 1]), _log2(c[V1 + 2])
-    two0, two1, two2 = _log2(c[V2]), _log2(c[V2 + 1]), _log2(c[V2 + 2])
-    step1 = _step_of_one(
-        c,
-        shares,
-        V1,
-        log + larger(one0, two0 - _FLOOR),
-        log + larger(one1, two1 - _FLOOR),
-        log + larger(one2, two2 - _FLOOR),
-        order,
-    )
-    step2 = _step_of_one(
-        c,
-        shares,
-        V2,
-        log + larger(two0, one0 - _FLOOR),
-        log + larger(two1, one1 - _FLOOR),
-        log + larger(two2, one2 - _FLOOR),
-        order,
-    )
+    step1 = _step_of_one(c, shares, V1, V2, log, order)
+    step2 = _step_of_one(c, shares, V2, V1, log, order)
     return _SAFETY * _exp2(smaller(step1, step2))
 
 
 @inlined_kernel
-def _step_of_one(c, shares, row, lead0, lead1, lead2, order):
+def _step_of_one(c, shares, row, other, log, order):
     """Return the logarithm of the step for one velocity, from what its last terms may reach.
 
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
     """
+    lead0 = log + _lead(c, row, other)
+    lead1, lead2 = log + _lead(c, row + 1, other + 1), log + _lead(c, row + 2, other + 2)
     last = alike(lead0, _FAR)
     for n in range(order - 3, order + 1):
         allowed = _allowed(shares, _log2(c[row + n]), lead0, lead1, lead2, n)
@@ -103,6 +87,12 @@ def _step_of_one(c, shares, row, lead0, lead1, lead2, order):
     largest = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
     before = _allowed(shares, _log2(largest), lead0, lead1, lead2, order - 4)
     return smaller(last, before + _SLACK * shares[SHARE + order - 1])
+
+
+@inlined_kernel
+def _lead(c, term, other):
+    """Return the logarithm of the scale that a leading term of a velocity is judged by."""
+    return larger(_log2(c[term]), _log2(c[other]) - _FLOOR)
 
 
 @inlined_kernel

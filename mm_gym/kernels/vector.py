@@ -235,14 +235,23 @@ def _fma_of_vectors(x, y, z):
     return (lambda x, y, z: _fused(x, y, z)) if VECTOR in (x, y, z) else None
 
 
-@intrinsic
-def _read_bits(_context, x):
-    def build(_context, builder, signature, arguments):
+def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an intrinsic of a number or vector, given the types of integers and numbers."""
+
+    def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         wide = signature.args[0] == VECTOR
         whole, number = (_INTEGERS, _NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
-        return builder.sitofp(builder.bitcast(arguments[0], whole), number)
+        return build(builder, arguments[0], whole, number)
 
-    return x(x), build
+    return intrinsic(lambda _context, x: (x(x), codegen))
+
+
+_read_bits = _recasting(
+    lambda builder, x, whole, number: builder.sitofp(builder.bitcast(x, whole), number)
+)
+_write_bits = _recasting(
+    lambda builder, x, whole, number: builder.bitcast(builder.fptosi(x, whole), number)
+)
 
 
 def read_bits(x: float) -> float:
@@ -253,16 +262,6 @@ def read_bits(x: float) -> float:
 @overload(read_bits)
 def _compiled_read_bits(x):
     return lambda x: _read_bits(x)
-
-
-@intrinsic
-def _write_bits(_context, x):
-    def build(_context, builder, signature, arguments):
-        wide = signature.args[0] == VECTOR
-        whole, number = (_INTEGERS, _NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
-        return builder.bitcast(builder.fptosi(arguments[0], whole), number)
-
-    return x(x), build
 
 
 def write_bits(x: float) -> float:
