@@ -104,7 +104,11 @@ class Lanes:
         seed_streams(self.streams, keys, given if mask is None else given & mask)
 
     def restart(
-        self, mask: NDArray[np.bool_] | None = None, fixed: Mapping[int, Values] | None = None
+        self,
+        mask: NDArray[np.bool_] | None = None,
+        fixed: Mapping[int, Values] | None = None,
+        *,
+        seen: bool = True,
     ) -> None:
         """Begin a new episode in the lanes of the mask (all by default).
 
@@ -112,6 +116,9 @@ class Lanes:
         ----------
         fixed
             Rows to set instead of what is drawn, from `checked`.
+        seen
+            Whether anyone looks at the frames; if not, they are written only where the sensors'
+            noise is drawn, so that what is drawn after it does not depend on who looks.
         """
         plant = self.plant
         if mask is None:
@@ -122,9 +129,10 @@ class Lanes:
         episodes.begin(plant.model, plant.task, self._values, mask)
         if plant.support.sampled:
             begin_sources(plant.model, self._values, self.streams, mask)
-        episodes.begin_history(
-            plant.model, plant.task, self._values, self._frames, self.streams, mask
-        )
+        if seen or plant.task[at.IS_NOISY]:
+            episodes.begin_history(
+                plant.model, plant.task, self._values, self._frames, self.streams, mask
+            )
 
     def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.

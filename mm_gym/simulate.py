@@ -71,7 +71,7 @@ def simulate(
     steps = _steps_until(float(instants[-1]), plant.time_step)
     lanes = Lanes(plant, 1)
     lanes.seed(0 if seed is None else index(seed))
-    lanes.restart()
+    lanes.restart(seen=False)
     start = lanes.values[:, 0].copy()
     substeps = blank(plant, start, steps)
     if callable(action):

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from mm_gym import CompileError, MovingMassEnv, MovingMassVectorEnv, Scene, SceneError, simulate
+from mm_gym import (
+    CompileError,
+    MovingMassEnv,
+    MovingMassVectorEnv,
+    Scene,
+    SceneError,
+    compile_scene,
+    simulate,
+)
+from mm_gym.lanes import Lanes
 
 SHAKEN = Scene(
     carriage={"cubic_coefficient": 2e5},
@@ -171,3 +180,14 @@ def test_a_massless_carriage_shows_no_acceleration():
     scene = QUIET.replace(**{"carriage.mass": 0.0, "sensors.channels": ["carriage_acceleration"]})
     with pytest.raises(CompileError, match=r"sensors\.channels: a carriage of mass 0"):
         MovingMassEnv(scene)
+
+
+@pytest.mark.parametrize("noise", [{}, {"sphere_velocity": 0.02}])
+def test_an_episode_does_not_depend_on_whether_its_frames_are_seen(noise):
+    plant = compile_scene(QUIET.replace(**{"sensors.noise": noise}))
+    seen, unseen = Lanes(plant, 3), Lanes(plant, 3)
+    for lanes in (seen, unseen):
+        lanes.seed(1)
+        lanes.restart(seen=lanes is seen)
+    assert np.array_equal(seen.values, unseen.values)
+    assert np.array_equal(seen.streams, unseen.streams)
