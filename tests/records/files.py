@@ -1,0 +1,34 @@
+"""Record files as the tests write and read them."""
+
+from mm_gym.records import read_record
+
+TITLE = ["PEER NGA STRONG MOTION DATABASE RECORD", "El Centro 5/19/1940, ARRAY #9, 270"]
+QUANTITY = "ACCELERATION TIME SERIES IN UNITS OF G"
+COUNTS = [
+    "NPTS={n:7d}, DT={dt} SEC",
+    "NPTS=  {n}, DT=   {dt} SEC,",
+    "NPTS={n},DT={dt}SEC",
+    "npts = {n} , dt = {dt} sec",
+    "DT= {dt} SEC, NPTS= {n}",
+    "NPTS= {n}, DT= {dt}",
+    "  {n}   {dt}  NPTS, DT",
+    "{n}, {dt}, NPTS,DT",
+]
+
+
+def peer(values, *, counts=COUNTS[0], dt=".0050", columns=5, form="{:15.7E}", newline="\n"):
+    """An AT2 file as PEER writes it."""
+    cells = [form.format(value) for value in values]
+    rows = ["".join(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    head = [*TITLE, QUANTITY, counts.format(n=len(cells), dt=dt)]
+    return newline.join([*head, *rows]) + newline
+
+
+def read(folder, content, name="motion.at2", unit="g", **options):
+    file = folder / name
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_record(file, unit=unit, **options)
+
+
+SAMPLES = [0.001, -0.0234567, 0.5, -1.25, 3e-7, 0.0, -0.1]
+GOOD = peer(SAMPLES)

@@ -1,0 +1,95 @@
+"""Damaged record files are read or refused, in little time."""
+
+import contextlib
+import random
+import time
+
+import numpy as np
+import pytest
+
+from mm_gym import SceneError, records
+from mm_gym.records import read_record
+
+from .files import GOOD, SAMPLES, peer, read
+
+SEEDS = [
+    ("motion.at2", peer(SAMPLES * 3).encode()),
+    ("motion.at2", peer(SAMPLES * 3, form="{:+.7E}", newline="\r\n").encode()),
+    ("motion.csv", b"time,a\n" + b"".join(b"%d,%d.5\n" % (i, -i) for i in range(12))),
+    ("motion.csv", b"".join(b"%d \t-.%dD-2 # x\n" % (i, i) for i in range(12))),
+]
+PIECES = [
+    *[b"\n", b"\r", b",", b";", b" ", b"#", b"-", b"E", b".", b"nan", b"inf", b"1e999", b"\x00"],
+    *[b"\xff", b"NPTS", b"DT=", b"=", b"9" * 400, b"\xe2\x80\xa8", b"\xef\xbb\xbf", b"1_0", b"0x1"],
+]
+
+
+def mutated(chance, content):
+    """The content with some bytes or lines changed, removed, doubled or swapped."""
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        lines = content.split(b"\n")
+        i, j = chance.randrange(len(lines)), chance.randrange(len(lines))
+        at = chance.randrange(len(content) + 1)
+        kind = chance.randrange(7)
+        if kind == 0:
+            lines[i], lines[j] = lines[j], lines[i]
+        elif kind == 1:
+            del lines[i]
+        elif kind == 2:
+            lines.insert(i, lines[j])
+        if kind < 3:
+            content = b"\n".join(lines)
+        elif kind == 3:
+            content = content[:at] + chance.choice(PIECES) + content[at:]
+        elif kind == 4:
+            content = content[:at] + chance.choice(PIECES) + content[at + 1 :]
+        elif kind == 5:
+            content = content[:at] + bytes([chance.randrange(256)]) + content[at + 1 :]
+        else:
+            content = content[:at] + content[at + chance.randrange(1, 30) :]
+    return content
+
+
+@pytest.mark.parametrize("count", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_mutated_file_is_read_or_refused(monkeypatch, count):
+    content = b""
+    # In memory, because to write and open a file takes longer than all the rest.
+    monkeypatch.setattr(records, "read_bytes", lambda *_, **__: content)
+    accepted, slowest, messages = 0, 0.0, []
+    for i in range(count):
+        chance = random.Random(i)  # noqa: S311 - not cryptography
+        name, content = chance.choice(SEEDS)
+        content = mutated(chance, content)
+        start = time.perf_counter()
+        try:
+            record = read_record(name, unit="g")
+        except SceneError as error:
+            messages.append(str(error))
+        else:
+            accepted += 1
+            assert len(record.times) == len(record.values) >= 2, content
+            assert np.all(np.isfinite(record.values)), content
+            assert np.all(np.diff(record.times) > 0.0), content
+        slowest = max(slowest, time.perf_counter() - start)
+    assert 0.1 * count < accepted < 0.9 * count, "the mutations are too tame or too wild"
+    assert all(message and "\n" not in message for message in messages)
+    assert slowest < 5.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *[piece * 10**5 for piece in (b"1", b"1.", b"-", b"1e", b" ", b"1-", b"\xff")],
+        *[b"NPTS= " * 10**5, b"DT=" + b" " * 10**5, b"NPTS" + b"=1" * 10**5, b"UNITS " * 10**5],
+    ],
+)
+def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
+    start = time.perf_counter()
+    for number in range(6):
+        lines = GOOD.encode().split(b"\n")
+        lines[number] = line
+        for name in ("motion.at2", "motion.csv"):
+            with contextlib.suppress(SceneError):
+                read(tmp_path, b"\n".join(lines), name)
+    # A pattern that tries twice would take minutes; what is right takes a tenth of a second.
+    assert time.perf_counter() - start < 30.0
