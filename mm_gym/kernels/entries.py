@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.derived import derive
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.lanes import (
     approach,
     command,
@@ -42,6 +42,7 @@ def build(
     step = at_once(in_turn(propagate))
 
     @borrowing_kernel
+    @named_after(propagate)
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, without resets; return the status.
 
@@ -54,6 +55,7 @@ def build(
         return step(task, model, lanes, frames, ends, streams, actions, first, last)
 
     @borrowing_kernel
+    @named_after(propagate)
     def run(model, task, lanes, streams, commands, starts, states, applied, jets):
         """Simulate lane 0, a row of commands [N, -] a control step.
 

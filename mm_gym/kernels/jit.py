@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core import caching
@@ -52,7 +52,7 @@ class _KernelCache(caching.FunctionCache):
         return (sig, codegen.magic_tuple(), _closed_over(self._py_func))
 
 
-def _closed_over(function: Callable[..., object]) -> tuple[object, ...]:
+def _closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
     """Return the names of the kernels that a kernel closes over, and that those close over."""
     kernels = [cell.cell_contents for cell in function.__closure__ or ()]
     return tuple(
@@ -61,12 +61,12 @@ def _closed_over(function: Callable[..., object]) -> tuple[object, ...]:
     )
 
 
-def kernel(function: Callable[..., object]) -> Callable[..., object]:
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel. No fastmath: results must not depend on how many lanes run together."""
     return _compiled(function, nrt=True)
 
 
-def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
+def borrowing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that allocates no array and returns none.
 
     It leaves out the counting of references to the arrays that it is lent, which for one lane takes
@@ -75,14 +75,28 @@ def borrowing_kernel(function: Callable[..., object]) -> Callable[..., object]:
     return _compiled(function, nrt=False)
 
 
-def inlined_kernel(function: Callable[..., object]) -> Callable[..., object]:
+def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a borrowing kernel into its callers: a call of a dozen arguments has its cost."""
     return _compiled(function, nrt=False, inline=True)
 
 
+def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Give a function that closes over a kernel a name of its own.
+
+    Compiled code is found by the function's name and the types of its arguments, so one name for
+    several closures could lead to the code of another.
+    """
+
+    def name(function: Callable[..., Any]) -> Callable[..., Any]:
+        function.__qualname__ += f"[{kernel.__module__}.{kernel.__qualname__}]"
+        return function
+
+    return name
+
+
 def _compiled(
-    function: Callable[..., object], *, nrt: bool, inline: bool = False
-) -> Callable[..., object]:
+    function: Callable[..., Any], *, nrt: bool, inline: bool = False
+) -> Callable[..., Any]:
     if numba.config.DISABLE_JIT:
         return function
     dispatcher = numba.njit(

@@ -1,12 +1,14 @@
 """Compiled kernels on disk are those of the sources, helpers in other files included."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import mm_gym
+from mm_gym.tasks import TASKS
 
 PROGRAM = """
 import mm_gym
@@ -84,3 +86,17 @@ def test_package_that_cannot_be_written_to_is_cached_elsewhere_by_processes_at_o
     assert results[0][0] == results[1][0] != ""
     assert list(cache.rglob("*.nbi")), "kernels are cached in the user's own directory"
     assert not list(package.rglob("*.nbi"))
+
+
+def test_no_two_kernels_are_compiled_to_code_of_the_same_name():
+    """Else one could be found in place of the other, once both are loaded."""
+    kernels = set()
+    for scene in TASKS.values():
+        env = mm_gym.MovingMassEnv(scene)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        kernels.add(env._advance.func)
+    compiled = [one for kernel in kernels for one in kernel.overloads.values()]
+    # without numba's count of functions, which begins anew in each process that fills the cache
+    names = {re.sub(r"B\d+v\d+", "", one.fndesc.llvm_func_name, count=1) for one in compiled}
+    assert len(names) == len(compiled) >= len(kernels) > 3
