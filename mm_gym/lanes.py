@@ -6,18 +6,17 @@ One object serves the simulation, the single and the vector environment.
 from __future__ import annotations
 
 from functools import partial
-from math import ceil
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 import numpy as np
 
-from mm_gym.crew import Crew
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.lanes import finite
+from mm_gym.kernels.lanes import hand_out
 from mm_gym.kernels.random import seed_streams
 from mm_gym.kernels.sources import begin_sources
+from mm_gym.shares import Shares
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -54,9 +53,13 @@ class Lanes:
         that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
+    advance
+        actions -> status: make one control step of all lanes. The actions are (actuators, count),
+        float32 or float64, flat in C order.
     advance_some
-        (actions, first, last) -> status: make one control step of some lanes; actions as for
-        `advance`.
+        (actions, first, last) -> status: the same for some lanes only.
+    pause
+        mask -> status: let lanes that begin anew in this step earn nothing and end nothing.
 
     Notes
     -----
@@ -80,18 +83,29 @@ class Lanes:
         self.streams = np.zeros((2, count), np.uint64)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
-        self.advance_some = partial(
-            plant.method.entries.advance,
-            np.concatenate([plant.task, plant.model]),
-            self._values,
-            self._frames,
-            self._ends,
-            self.streams,
+        self._shares = Shares(count, threads)
+        constants = np.concatenate([plant.task, plant.model])
+        present = (constants, self._values, self._frames, self._ends, self.streams)
+        self.advance_some = partial(plant.method.entries.advance, *present)
+        self.advance = self._shares.bind(plant.method.entries.advance, *present)
+        self._bind_episodes()
+
+    def _bind_episodes(self) -> None:
+        bind, values, streams = self._shares.bind, self._values, self.streams
+        template, draws, model, task = (
+            self.plant.template,
+            self.plant.draws,
+            self.plant.model,
+            self.plant.task,
         )
-        # Whole blocks for each thread, so that none works on the cache lines of another.
-        length = at.BLOCK * ceil(count / (at.BLOCK * threads))
-        self._chunks = [(first, min(first + length, count)) for first in range(0, count, length)]
-        self._crew = Crew(len(self._chunks) - 1) if len(self._chunks) > 1 else None
+        self._draw = bind(episodes.draw, template, draws, values, streams)
+        self._begin = bind(episodes.begin, model, task, values)
+        self._begin_sources = bind(begin_sources, model, values, streams)
+        self._begin_history = bind(
+            episodes.begin_history, model, task, values, self._frames, streams
+        )
+        self.pause = bind(episodes.pause, values, self._ends)
+        self._hand_out = bind(hand_out, values, self._frames, self._ends, self.applied_rows.start)
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -123,16 +137,14 @@ class Lanes:
         plant = self.plant
         if mask is None:
             mask = np.ones(self.count, np.bool_)
-        episodes.draw(plant.template, plant.draws, self._values, self.streams, mask)
+        self._draw(mask)
         for row, value in (fixed or {}).items():
             self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        episodes.begin(plant.model, plant.task, self._values, mask)
+        self._begin(mask)
         if plant.support.sampled:
-            begin_sources(plant.model, self._values, self.streams, mask)
+            self._begin_sources(mask)
         if seen or plant.task[at.IS_NOISY]:
-            episodes.begin_history(
-                plant.model, plant.task, self._values, self._frames, self.streams, mask
-            )
+            self._begin_history(mask)
 
     def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.
@@ -164,35 +176,13 @@ class Lanes:
             raise SceneError(msg)
         return array.astype(np.float64)
 
-    def advance(self, actions: NDArray[np.float64] | NDArray[np.float32]) -> int:
-        """Make one control step of all lanes and return the status.
-
-        The actions are (actuators, count), flat in C order.
-        """
-        if self._crew is None:
-            return self.advance_some(actions, 0, self.count)
-        if not finite(actions, len(self.plant.actuators), 0, self.count):
-            return at.NOT_FINITE  # known before any thread changes a lane
-        return max(self._crew.share(partial(self.advance_some, actions), self._chunks))
-
     def copies(self, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
         """Return copies of arrays whose last axis are the lanes."""
-        if self._crew is None:
+        if not self._shares.are_several:
             return [array.copy() for array in arrays]
         copies = [np.empty(array.shape, array.dtype) for array in arrays]
-
-        def copy(first: int, last: int) -> None:
-            for source, target in zip(arrays, copies, strict=True):
-                target[..., first:last] = source[..., first:last]
-
-        self._crew.share(copy, self._chunks)
+        self._hand_out(*copies)
         return copies
-
-    def close(self) -> None:
-        """End the threads."""
-        if self._crew is not None:
-            self._crew.dismiss()
-            self._crew = None
 
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""

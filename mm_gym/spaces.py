@@ -57,7 +57,7 @@ def checked_actions(
         type(actions) is np.ndarray
         and actions.dtype is FLOAT32
         and actions.shape == shape
-        and actions.flags.carray
+        and (actions.flags.carray or actions.flags.farray)
     ):
         return actions  # what is usual, at once
     try:

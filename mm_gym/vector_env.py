@@ -46,8 +46,10 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     copy
         If false, the arrays handed out are views of memory that the next step overwrites.
     threads
-        Number of threads that share the lanes of a step; the results do not depend on it. Worth it
-        from some ten thousand lanes on.
+        Number of numba's threads that share the lanes of a step; the results do not depend on it.
+        Worth it from some thousand lanes on, where numba finds OpenMP or TBB
+        (``numba.threading_layer()``; its own work queue takes ten times as long to begin). A
+        process forked from one whose threads ran steps all lanes itself.
 
     Notes
     -----
@@ -156,28 +158,19 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ResetNeeded
             If no episode has begun or, without autoreset, a lane's episode is over.
         """
-        lanes = self._lanes
         if self._any_finished and (
             self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded
         ):
             msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
-        status = lanes.advance(checked_actions(actions, self._shape).T.reshape(-1))
-        if status > at.ENDED:
-            lanes.raise_for(status)
-        if self._any_finished:
-            self._begin_finished_lanes()
-        final: dict[str, Any] | None = None
-        if status == at.ENDED:
-            np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
-            self._any_finished = bool(self._finished.any())
-            if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
-                final = self._final()
-                lanes.restart(self._finished)
-                self._any_finished = False
+        # (actuators, lanes), flat: the environment's own memory order
+        status = self._lanes.advance(checked_actions(actions, self._shape).ravel("F"))
+        final = None
+        if status or self._any_finished:
+            final = self._begin_and_end_episodes(status)
         observations, rewards, terminated, truncated, state, applied = self._handed_out()
         info = self._info(state, applied)
-        if final is not None:
+        if final:
             info |= final
         return observations, rewards, terminated, truncated, info
 
@@ -196,19 +189,28 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._any_finished = bool(finished.any())
         self._seeded = True
 
-    def close_extras(self, **kwargs: object) -> None:
-        """End the threads."""
-        del kwargs
-        self._lanes.close()
+    def _begin_and_end_episodes(self, status: int) -> dict[str, Any] | None:
+        """Let the lanes that had finished begin anew; mark those that have now.
 
-    def _begin_finished_lanes(self) -> None:
+        Return how these ended if they begin anew at once.
+        """
         lanes = self._lanes
-        lanes.restart(self._finished)
-        np.copyto(lanes.values[at.REWARD], 0.0, where=self._finished)
-        for ends in (lanes.terminated, lanes.truncated):
-            np.greater(ends, self._finished, out=ends)
-        self._finished[:] = False
-        self._any_finished = False
+        if status > at.ENDED:
+            lanes.raise_for(status)
+        if self._any_finished:
+            lanes.restart(self._finished)
+            lanes.pause(self._finished)
+            self._finished[:] = False
+            self._any_finished = False
+        if status == at.ENDED:
+            np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
+            self._any_finished = bool(self._finished.any())
+            if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
+                final = self._final()
+                lanes.restart(self._finished)
+                self._any_finished = False
+                return final
+        return None
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.

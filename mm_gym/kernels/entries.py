@@ -15,7 +15,6 @@ from mm_gym.kernels.lanes import (
     observe,
     rotate,
     score,
-    width_of,
 )
 from mm_gym.kernels.sources import excite, excited
 
@@ -46,11 +45,12 @@ def build(
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, without resets; return the status.
 
+        The actions are those of all lanes: where they share a step, none moves if one is wrong.
         The constants are those of the task, then those of the model: a call costs by its arguments.
         """
         task = constants
         model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
-        if not finite(actions, width_of(task), first, last):
+        if not finite(actions):
             return at.NOT_FINITE
         return step(task, model, lanes, frames, ends, streams, actions, first, last)
 

@@ -20,14 +20,14 @@ STRIDE = 64
 
 
 @borrowing_kernel
-def run_end(mask, first):
+def run_end(mask, first, last):
     """Return the end of the run of lanes, from the first on, that the mask treats alike."""
-    last, count, kind = first, mask.shape[0], mask[first]
-    while last + STRIDE <= count and is_uniform(mask[last : last + STRIDE], kind):
-        last += STRIDE
-    while last < count and mask[last] == kind:
-        last += 1
-    return last
+    end, kind = first, mask[first]
+    while end + STRIDE <= last and is_uniform(mask[end : end + STRIDE], kind):
+        end += STRIDE
+    while end < last and mask[end] == kind:
+        end += 1
+    return end
 
 
 @borrowing_kernel
@@ -40,26 +40,26 @@ def is_uniform(mask, kind):
 
 
 @borrowing_kernel
-def draw(template, draws, lanes, streams, mask):
+def draw(template, draws, lanes, streams, mask, first, last):
     """Fill the lanes of the mask with the scene's start and draw what is random.
 
     Draws are rows of (row, low, high). A parameter that is not drawn keeps its value from one
     episode to the next.
     """
-    first = 0
-    while first < mask.shape[0]:
-        last = run_end(mask, first)
+    while first < last:
+        end = run_end(mask, first, last)
         if mask[first]:
-            for i in span(first, last):
+            for i in span(first, end):
                 next_episode(streams, i)
             for row in range(at.STRETCH + 1):
-                fill(lanes, row, template[row], first, last)
-            for start in range(first - first % at.BLOCK, last, at.BLOCK):
-                stop = min(start + at.BLOCK, last)
+                fill(lanes, row, template[row], first, end)
+            for start in range(first - first % at.BLOCK, end, at.BLOCK):
+                stop = min(start + at.BLOCK, end)
                 fill(lanes, at.BEGAN, lanes[at.NOW, start], max(start, first), stop)
             for j in range(draws.shape[0]):
-                draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
-        first = last
+                draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, end)
+        first = end
+    return at.OK
 
 
 @borrowing_kernel
@@ -78,24 +78,24 @@ def draw_row(lanes, row, low, high, streams, first, last):
 
 
 @borrowing_kernel
-def begin(model, task, lanes, mask):
+def begin(model, task, lanes, mask, first, last):
     """Complete drawn lanes: absolute positions, phases, and what rate commands start from.
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
-    first = 0
-    while first < mask.shape[0]:
-        last = run_end(mask, first)
+    while first < last:
+        end = run_end(mask, first, last)
         if mask[first]:
-            for i in span(first, last):
+            for i in span(first, end):
                 lanes[at.X2, i] += lanes[at.X1, i]
             if task[at.FORCE_IS_RATE] > 0.0:
-                copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, last)
+                copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, end)
             if task[at.STRETCH_IS_RATE] > 0.0:
-                copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, last)
+                copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, end)
             for j in range(int(model[at.TONE_COUNT])):
-                begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
-        first = last
+                begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, end)
+        first = end
+    return at.OK
 
 
 @borrowing_kernel
@@ -106,18 +106,29 @@ def copy_row(lanes, source, target, first, last):
 
 
 @borrowing_kernel
-def begin_history(model, task, lanes, frames, streams, mask):
+def begin_history(model, task, lanes, frames, streams, mask, first, last):
     """Fill the history of the lanes of the mask with their first frame."""
-    channels, first = int(task[at.CHANNEL_COUNT]), 0
-    while first < mask.shape[0]:
-        last = run_end(mask, first)
+    channels = int(task[at.CHANNEL_COUNT])
+    while first < last:
+        end = run_end(mask, first, last)
         if mask[first]:
             if task[at.IS_DERIVED] > 0.0:
-                derive(model, lanes, first, last)
-            observe(task, lanes, frames, streams, first, last)
+                derive(model, lanes, first, end)
+            observe(task, lanes, frames, streams, first, end)
             for row in range(frames.shape[0] - channels - 1, -1, -1):
-                copy_row(frames, row + channels, row, first, last)
-        first = last
+                copy_row(frames, row + channels, row, first, end)
+        first = end
+    return at.OK
+
+
+@borrowing_kernel
+def pause(lanes, ends, mask, first, last):
+    """Let the lanes of the mask, which begin anew in this step, earn nothing and end nothing."""
+    for i in span(first, last):
+        lanes[at.REWARD, i] = 0.0 if mask[i] else lanes[at.REWARD, i]
+        ends[at.TERMINATED, i] &= not mask[i]
+        ends[at.TRUNCATED, i] &= not mask[i]
+    return at.OK
 
 
 @borrowing_kernel

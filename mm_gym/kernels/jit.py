@@ -94,8 +94,13 @@ def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Ca
     return name
 
 
+def sharing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a borrowing kernel whose loops over `numba.prange` numba's threads share."""
+    return _compiled(function, nrt=False, parallel=True)
+
+
 def _compiled(
-    function: Callable[..., Any], *, nrt: bool, inline: bool = False
+    function: Callable[..., Any], *, nrt: bool, inline: bool = False, parallel: bool = False
 ) -> Callable[..., Any]:
     if numba.config.DISABLE_JIT:
         return function
@@ -104,6 +109,7 @@ def _compiled(
         error_model="numpy",
         _nrt=nrt,
         forceinline=inline,
+        parallel=parallel,
     )(function)
     # What numba's own `cache=True` sets.
     dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001

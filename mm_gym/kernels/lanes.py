@@ -17,14 +17,12 @@ BOUND = np.float32(at.OBSERVATION_BOUND)
 
 
 @borrowing_kernel
-def finite(actions, width, first, last):
-    """Tell whether all actions of the lanes are finite."""
+def finite(actions):
+    """Tell whether all actions are finite."""
     prefer_widest_vectors()
     wrong = False
-    for column in range(width):
-        start = column_start(actions, width, column)
-        for i in span(start + first, start + last):
-            wrong |= not abs(actions[i]) < np.inf
+    for i in range(actions.shape[0]):
+        wrong |= not abs(actions[i]) < np.inf
     return not wrong
 
 
@@ -317,3 +315,37 @@ def rotate(model, lanes, first, last):
             # One Newton step for 1/norm: without it the amplitude would drift by an ulp a step.
             norm = fma(-0.5, fma(cosine, cosine, sine * sine), 1.5)
             lanes[tone + at.COSINE, i], lanes[tone + at.SINE, i] = cosine * norm, sine * norm
+
+
+@borrowing_kernel
+def hand_out(
+    lanes,
+    frames,
+    ends,
+    applied_row,
+    observed,
+    rewards,
+    terminated,
+    truncated,
+    states,
+    applied,
+    first,
+    last,
+):
+    """Copy what a control step shows."""
+    copy_rows(frames, 0, observed, first, last)
+    copy_rows(lanes, at.X1, states, first, last)
+    copy_rows(lanes, applied_row, applied, first, last)
+    for i in span(first, last):
+        rewards[i] = lanes[at.REWARD, i]
+    for i in span(first, last):
+        terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
+    return at.OK
+
+
+@borrowing_kernel
+def copy_rows(rows, row, target, first, last):
+    """Copy rows from the given one on, as many as the target has."""
+    for k in range(target.shape[0]):
+        for i in span(first, last):
+            target[k, i] = rows[row + k, i]

@@ -85,11 +85,11 @@ def excite(model, lanes, streams, substep, first, last):
 
 
 @kernel
-def begin_sources(model, lanes, streams, mask):
+def begin_sources(model, lanes, streams, mask, first, last):
     """Prepare the sources of the lanes of the mask; the jets show the values at the start."""
     base, jets, terms = int(model[at.SOURCES]), int(model[at.JETS]), int(model[at.TERMS])
     step = model[at.TIME_STEP]
-    for i in range(mask.shape[0]):
+    for i in range(first, last):
         if not mask[i]:
             continue
         for row in range(jets, jets + 2 * terms):
@@ -113,6 +113,7 @@ def begin_sources(model, lanes, streams, mask):
                 value = _record(model, base, source, lanes, row, 0.0, i)
                 lanes[row + RECORD_VALUE, i] = value
                 lanes[jet, i] += value
+    return at.OK
 
 
 @borrowing_kernel

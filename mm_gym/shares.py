@@ -1,0 +1,88 @@
+"""Lanes shared among threads."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from math import ceil
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba.np.ufunc import threading_layer
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.shares import address_of, in_shares
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+_turn = Lock()
+"""Some of numba's threading layers serve one caller at a time."""
+
+_alone = False
+"""Whether this process was forked from one whose threads it has not inherited."""
+
+
+class Shares:
+    """So many lanes, shared among numba's threads.
+
+    Parameters
+    ----------
+    count
+        Number of lanes.
+    threads
+        Number of shares at most. No more of numba's threads work than it lets the caller use.
+    """
+
+    def __init__(self, count: int, threads: int) -> None:
+        # Whole blocks for each thread, so that none works on the cache lines of another.
+        length = at.BLOCK * ceil(count / (at.BLOCK * threads))
+        self._statuses = np.zeros(ceil(count / length), np.int64)
+        self._place = (self._statuses, length, count)
+        self._whole = (0, count)
+        self.are_several = len(self._statuses) > 1
+
+    def bind(self, work: Callable[..., int], *arguments: object) -> Callable[..., int]:
+        """Return a function that has a kernel work on all lanes, and returns the largest status.
+
+        The function's arguments, the first an array, follow those given here; the kernel's last two
+        are the first lane and the one after the last.
+        """
+
+        def do(*more: NDArray[Any]) -> int:
+            return work(*arguments, *more, *self._whole)
+
+        if not self.are_several:
+            return do
+        shared: dict[np.dtype[Any], Callable[..., int]] = {}
+
+        def share(*more: NDArray[Any]) -> int:
+            if _alone:
+                return do(*more)
+            kind = more[0].dtype
+            work_in_shares = shared.get(kind)
+            if work_in_shares is None:
+                address = address_of(work, *arguments, *more, *self._whole)
+                work_in_shares = partial(in_shares, address, *self._place, *arguments)
+                shared[kind] = work_in_shares
+            with _turn:
+                return work_in_shares(*more)
+
+        return share
+
+
+def _after_fork() -> None:
+    """Work alone if numba's threads ran: OpenMP ends a forked process that calls it again."""
+    global _alone  # noqa: PLW0603 - a fact about the process
+    try:
+        threading_layer()
+    except ValueError:  # none ran
+        return
+    _alone = True
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
