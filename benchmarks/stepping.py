@@ -45,6 +45,9 @@ MANY = {
 """A scene of each kind: the tasks CarriageForce, PreStretch and CarriageForceDuffing, figure 8, and
 CarriageForce with that cubic spring; all from random starts."""
 
+WITHOUT_SERIES = ("linear", "actuated stretch")
+"""The quickest, whose steps at 16,384 lanes are so short that sharing them is felt."""
+
 BARE = "bare 4 x 5 product over the lanes"
 
 
@@ -79,9 +82,9 @@ def vector() -> str:
     """Return the section on vector environments at 16,384 lanes, resets included, one core."""
     candidates: dict[str, Callable[[], object]] = {BARE: _bare_product()}
     for name, scene in MANY.items():
-        candidates[f"{name}: compiled step alone"] = _kernel_step_of_many(scene)
-        candidates[f"{name}: `step`, views"] = _step_of_many(scene, copy=False)
-        candidates[f"{name}: `step`, copies"] = _step_of_many(scene, copy=True)
+        candidates[f"{name}: compiled kernels alone"] = _kernel_episodes(scene)
+        candidates[f"{name}: `step`, views"] = _episodes(scene, copy=False)
+        candidates[f"{name}: `step`, copies"] = _episodes(scene, copy=True)
     candidates["Gymnasium CartPole vector"] = _step_of_cart_poles()
     absent: list[str] = []
     for name, peer in {"gymnax": _step_of_gymnax, "envpool": _step_of_envpool}.items():
@@ -89,7 +92,8 @@ def vector() -> str:
             candidates[f"{name} CartPole"] = peer()
         except ImportError as error:
             absent.append(f"{name} ({error})")
-    timings = side_by_side(candidates, work=LANES)
+    steps = {name: LANES * _steps_of(name) for name in candidates}
+    timings = side_by_side(candidates, work=steps)
     bare, pole = timings[BARE], timings["Gymnasium CartPole vector"]
     rows = [
         (
@@ -113,13 +117,11 @@ def vector() -> str:
 def threads() -> str:
     """Return the section on two threads: their gain, beside what the machine itself allows."""
     rows = []
-    for name in ("linear", "actuated stretch"):
-        for lanes in (LANES, MANY_LANES):
+    for name, scene in MANY.items():
+        for lanes in (LANES, MANY_LANES) if name in WITHOUT_SERIES else (LANES,):
             for copy in (False, True):
                 candidates = {
-                    f"{count} threads": _step_of_many(
-                        MANY[name], copy=copy, threads=count, lanes=lanes
-                    )
+                    f"{count} threads": _episodes(scene, copy=copy, threads=count, lanes=lanes)
                     for count in (1, 2)
                 }
                 candidates |= {f"{count} alone": _independent_work(count) for count in (1, 2)}
@@ -151,13 +153,28 @@ def _step_of_peer(name: str) -> Callable[[], object]:
     return step
 
 
-def _step_of_many(
+def _steps_of(candidate: str) -> int:
+    """Return the control steps in one call of a candidate."""
+    scene = MANY.get(candidate.split(":", maxsplit=1)[0])
+    return 1 if scene is None else scene.control.steps
+
+
+def _episodes(
     scene: Scene, *, copy: bool, threads: int = 1, lanes: int = LANES
 ) -> Callable[[], object]:
+    """Return a function that plays an episode in every lane, and the step that begins the next.
+
+    Whole ones, because a step of friction costs three times as much at the start as at the end.
+    """
     env = MovingMassVectorEnv(scene, lanes, copy=copy, threads=threads)
     env.reset(seed=0)
     actions = _actions(env)
-    return lambda: env.step(next(actions))
+
+    def play() -> None:
+        for _ in range(scene.control.steps + 1):
+            env.step(next(actions))
+
+    return play
 
 
 def _actions(env: gymnasium.vector.VectorEnv) -> Iterator[NDArray[np.float32]]:
@@ -166,16 +183,21 @@ def _actions(env: gymnasium.vector.VectorEnv) -> Iterator[NDArray[np.float32]]:
     return cycle([np.asfortranarray(env.action_space.sample()) for _ in range(ACTIONS)])
 
 
-def _kernel_step_of_many(scene: Scene) -> Callable[[], object]:
-    """Return the compiled step without resets, Python and Gymnasium's interface around it."""
+def _kernel_episodes(scene: Scene) -> Callable[[], object]:
+    """Return the same without Python and Gymnasium's interface around each step."""
     plant = compile_scene(scene.replace(**{"control.steps": ENDLESS}))
     lanes = Lanes(plant, LANES)
     lanes.seed(0)
-    lanes.restart()
     rng = np.random.default_rng(0)
     shape = (ACTIONS, LANES * len(plant.actuators))
     actions = cycle(rng.uniform(-1.0, 1.0, shape).astype(np.float32))
-    return lambda: lanes.advance(next(actions))
+
+    def play() -> None:
+        lanes.restart()
+        for _ in range(scene.control.steps):
+            lanes.advance(next(actions))
+
+    return play
 
 
 def _independent_work(count: int) -> Callable[[], object]:
