@@ -125,7 +125,7 @@ def threads() -> str:
                     for count in (1, 2)
                 }
                 candidates |= {f"{count} alone": _independent_work(count) for count in (1, 2)}
-                timings = side_by_side(candidates)
+                timings = side_by_side(candidates, rounds=9)
                 gain = timings["2 threads"].times_faster_than(timings["1 threads"])
                 ceiling = 2.0 * timings["2 alone"].times_faster_than(timings["1 alone"])
                 how = "copies" if copy else "views"

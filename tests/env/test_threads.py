@@ -70,11 +70,17 @@ def test_the_number_of_threads_changes_nothing_over_resets(ending_scene, mode, a
 
 @pytest.mark.parametrize("name", list(TASKS))
 @pytest.mark.parametrize("copy", [False, True])
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_no_task_depends_on_the_number_of_threads(name, copy, kind, assert_same):
+def test_no_task_depends_on_the_number_of_threads(name, copy, assert_same):
     alone, together = envs(TASKS[name], (1, 2), copy=copy)
-    for action in actions_for(alone, 3).astype(kind):
+    for action in actions_for(alone, 3).astype(np.float32):
         assert_same(together.step(action), alone.step(action))
+
+
+def test_actions_of_either_precision_are_shared(assert_same):
+    alone, together = envs(CARRIAGE_FORCE, (1, 2))
+    for action in actions_for(alone, 4):
+        for kind in (np.float32, np.float64):
+            assert_same(together.step(action.astype(kind)), alone.step(action.astype(kind)))
 
 
 def test_a_wrong_action_in_one_share_changes_nothing_in_the_others(assert_same):
