@@ -53,7 +53,7 @@ from mm_gym.methods import (
     semi_implicit_euler_method,
     taylor_method,
 )
-from mm_gym.methods.cayley_hamilton import applies
+from mm_gym.methods.cayley_hamilton import obstacle
 from mm_gym.parameters import Support, support_of
 from mm_gym.plant import Plant
 from mm_gym.scene import Solver
@@ -149,7 +149,10 @@ def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]
         return MASSLESS, ("carriage.mass is 0: the forces on the carriage balance", FIXED)
     if not moving:
         return LINEAR, (_coupling(scene), *(moves or (FIXED,)))
-    return (CAYLEY_HAMILTON if applies(support) else PARAMETRIC), (_coupling(scene), *moves)
+    reasons, against = (_coupling(scene), *moves), obstacle(support)
+    if against is None:
+        return CAYLEY_HAMILTON, reasons
+    return PARAMETRIC, (*reasons, f"not a cubic in the generator: {against}")
 
 
 def _others(scene: Scene, support: Support, chosen: Method) -> dict[str, Method]:

@@ -36,14 +36,22 @@ MOST_AMPLIFIED = 256.0
 the difference of two such motions loses as much in precision."""
 
 
-def applies(support: Support) -> bool:
-    """Tell whether only the stretch and the tones of a force change, and the method is precise."""
-    fixed = all(support.fixed(row) for row in range(at.M1, at.TONES))
-    if not fixed or support.terms or any(support.ground):
-        return False
-    if not fastest_rate(support) * support.time_step <= LONGEST_STEP:
-        return False
-    return _amplification(support) <= MOST_AMPLIFIED
+def obstacle(support: Support) -> str | None:
+    """Return why the method does not apply; None where only stretch and tones of a force change."""
+    if not all(support.fixed(row) for row in range(at.M1, at.TONES)):
+        return "a parameter besides the stretch differs between lanes"
+    if support.terms or any(support.ground):
+        return "of all excitation only harmonic forces enter it"
+    phase = fastest_rate(support) * support.time_step
+    if not phase <= LONGEST_STEP:
+        return f"the fastest rate turns by {phase:.3g} in a step, more than {LONGEST_STEP:g}"
+    amplification = _amplification(support)
+    if not amplification <= MOST_AMPLIFIED:
+        return (
+            "too little damping for a harmonic force: its steady motion may be "
+            f"{amplification:.3g} times that within a step, more than {MOST_AMPLIFIED:g}"
+        )
+    return None
 
 
 def _amplification(support: Support) -> float:
