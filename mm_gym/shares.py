@@ -9,7 +9,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba.np.ufunc import threading_layer
+from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.shares import address_of, in_shares
@@ -44,6 +44,8 @@ class Shares:
         self._place = (self._statuses, length, count)
         self._whole = (0, count)
         self.are_several = len(self._statuses) > 1
+        if self.are_several:
+            _launch()
 
     def bind(self, work: Callable[..., int], *arguments: object) -> Callable[..., int]:
         """Return a function that has a kernel work on all lanes, and returns the largest status.
@@ -72,6 +74,22 @@ class Shares:
                 return work_in_shares(*more)
 
         return share
+
+
+def _launch() -> None:
+    """Start numba's threads, if they are not running, and let them wait awake for some 0.1 ms only.
+
+    GNU's OpenMP lets them for 15 ms. Where there is more to do than there are processors, they
+    would keep the very thread that they wait for from running: a step of 50 us took 3 ms.
+    """
+    if "GOMP_SPINCOUNT" in os.environ or "OMP_WAIT_POLICY" in os.environ:
+        get_num_threads()
+        return
+    os.environ["GOMP_SPINCOUNT"] = "2000"  # read when OpenMP is loaded
+    try:
+        get_num_threads()
+    finally:
+        del os.environ["GOMP_SPINCOUNT"]
 
 
 def _after_fork() -> None:

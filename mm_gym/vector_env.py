@@ -47,9 +47,9 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         If false, the arrays handed out are views of memory that the next step overwrites.
     threads
         Number of numba's threads that share the lanes of a step; the results do not depend on it.
-        Worth it from some thousand lanes on, where numba finds OpenMP or TBB
-        (``numba.threading_layer()``; its own work queue takes ten times as long to begin). A
-        process forked from one whose threads ran steps all lanes itself.
+        Worth it from some thousand lanes on, as long as so many processors are free, and where
+        numba finds OpenMP or TBB (``numba.threading_layer()``; its own work queue takes ten times
+        as long to begin). A process forked from one whose threads ran steps all lanes itself.
 
     Notes
     -----

@@ -115,6 +115,16 @@ def test_numbas_own_number_of_threads_is_left_as_it_was():
         numba.set_num_threads(before)
 
 
+def test_the_process_environment_is_left_as_it_was(monkeypatch):
+    for given in (None, "7"):
+        if given is None:
+            monkeypatch.delenv("GOMP_SPINCOUNT", raising=False)
+        else:
+            monkeypatch.setenv("GOMP_SPINCOUNT", given)
+        envs(CARRIAGE_FORCE, (2,))
+        assert os.environ.get("GOMP_SPINCOUNT") == given
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_forked_process_goes_on():
