@@ -116,7 +116,7 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._state, self._applied = column[:4], column[self._lanes.applied_rows]
         self._reward = column[at.REWARD : at.REWARD + 1]
         self._frame = self._lanes.observed[:, 0]
-        self._advance = self._lanes.advance_some
+        self._advance = self._lanes.advance_of(FLOAT32)
         self._seeded = False
         self._running = False
 
@@ -163,14 +163,15 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
-        if not (
+        if (
             type(action) is np.ndarray
             and action.dtype is FLOAT32
             and action.shape == self._shape
             and action.flags.carray
-        ):
-            action = checked_actions(action, self._shape)
-        status = self._advance(action, 0, 1)
+        ):  # what is usual, at once
+            status = self._advance(action, 0, 1)
+        else:
+            status = self._lanes.advance(checked_actions(action, self._shape))
         terminated = truncated = False
         if status:
             lanes = self._lanes

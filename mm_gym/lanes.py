@@ -13,13 +13,14 @@ import numpy as np
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.lanes import hand_out
 from mm_gym.kernels.random import seed_streams
 from mm_gym.kernels.sources import begin_sources
 from mm_gym.shares import Shares
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -56,8 +57,6 @@ class Lanes:
     advance
         actions -> status: make one control step of all lanes. The actions are (actuators, count),
         float32 or float64, flat in C order.
-    advance_some
-        (actions, first, last) -> status: the same for some lanes only.
     pause
         mask -> status: let lanes that begin anew in this step earn nothing and end nothing.
 
@@ -85,10 +84,25 @@ class Lanes:
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
         self._shares = Shares(count, threads)
         constants = np.concatenate([plant.task, plant.model])
-        present = (constants, self._values, self._frames, self._ends, self.streams)
-        self.advance_some = partial(plant.method.entries.advance, *present)
+        self._present = present = (
+            constants,
+            self._values,
+            self._frames,
+            self._ends,
+            self.streams,
+        )
         self.advance = self._shares.bind(plant.method.entries.advance, *present)
         self._bind_episodes()
+
+    def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
+        """Return (actions, first, last) -> status: `advance` for this precision, in less time.
+
+        Nobody looks at the actions' type: others are misread.
+        """
+        actions = np.zeros(self.count * len(self.plant.actuators), precision)
+        advance = self.plant.method.entries.advance
+        entry = entry_point(advance, *self._present, actions, 0, self.count)
+        return partial(entry, *self._present)
 
     def _bind_episodes(self) -> None:
         bind, values, streams = self._shares.bind, self._values, self.streams

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from functools import partial
 from math import ceil
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.shares import address_of, in_shares
 
 if TYPE_CHECKING:
@@ -50,28 +50,36 @@ class Shares:
     def bind(self, work: Callable[..., int], *arguments: object) -> Callable[..., int]:
         """Return a function that has a kernel work on all lanes, and returns the largest status.
 
-        The function's arguments, the first an array, follow those given here; the kernel's last two
-        are the first lane and the one after the last.
+        The function's arguments, arrays, follow those given here; the kernel's last two are the
+        first lane and the one after the last. The first array's type tells those of the others.
         """
+        ready: dict[np.dtype[Any], Callable[..., int]] = {}
 
         def do(*more: NDArray[Any]) -> int:
-            return work(*arguments, *more, *self._whole)
+            kind = more[0].dtype
+            share = ready.get(kind)
+            if share is None:
+                share = ready[kind] = self._prepare(work, arguments, more)
+            return share(*more)
 
+        return do
+
+    def _prepare(
+        self, work: Callable[..., int], arguments: tuple[object, ...], more: tuple[object, ...]
+    ) -> Callable[..., int]:
+        """Return what `bind` does, for more arguments of these types."""
+        whole = self._whole
+        work_alone = entry_point(work, *arguments, *more, *whole)
         if not self.are_several:
-            return do
-        shared: dict[np.dtype[Any], Callable[..., int]] = {}
+            return lambda *more: work_alone(*arguments, *more, *whole)
+        place = (address_of(work, *arguments, *more, *whole), *self._place)
+        work_in_shares = entry_point(in_shares, *place, (*arguments, *more))
 
         def share(*more: NDArray[Any]) -> int:
             if _alone:
-                return do(*more)
-            kind = more[0].dtype
-            work_in_shares = shared.get(kind)
-            if work_in_shares is None:
-                address = address_of(work, *arguments, *more, *self._whole)
-                work_in_shares = partial(in_shares, address, *self._place, *arguments)
-                shared[kind] = work_in_shares
+                return work_alone(*arguments, *more, *whole)
             with _turn:
-                return work_in_shares(*more)
+                return work_in_shares(*place, (*arguments, *more))
 
         return share
 

@@ -13,6 +13,8 @@ from numba.core import caching
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numba.core.compiler import CompileResult
+
 
 @cache
 def _digest_of_sources() -> str:
@@ -97,6 +99,23 @@ def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Ca
 def sharing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a borrowing kernel whose loops over `numba.prange` numba's threads share."""
     return _compiled(function, nrt=False, parallel=True)
+
+
+def entry_point(kernel: Callable[..., Any], *arguments: object) -> Callable[..., Any]:
+    """Return what Python calls for such arguments, without a look at their types.
+
+    That look takes longer than a control step of one lane. What is called with other types
+    misreads them.
+    """
+    return kernel if numba.config.DISABLE_JIT else compiled_for(kernel, *arguments).entry_point
+
+
+def compiled_for(kernel: Callable[..., Any], *arguments: object) -> CompileResult:
+    """Return what a kernel is compiled to for such arguments."""
+    dispatcher: Any = kernel
+    kinds = tuple([numba.typeof(argument) for argument in arguments])
+    dispatcher.compile(kinds)
+    return dispatcher.overloads[kinds]
 
 
 def _compiled(

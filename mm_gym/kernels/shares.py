@@ -5,11 +5,11 @@ once, it is the very code that a lone thread runs, and one loop serves all kerne
 arguments.
 """
 
-# ruff: noqa: ANN002, ARG001 - numba gives types, and wants intrinsics to be plain functions
+# ruff: noqa: ARG001 - numba gives types, and wants intrinsics to be plain functions
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -18,7 +18,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from mm_gym.kernels.jit import sharing_kernel
+from mm_gym.kernels.jit import compiled_for, sharing_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,10 +29,7 @@ def address_of(work: Callable[..., int], *arguments: object) -> int:
 
     It holds as long as the kernel lives.
     """
-    kernel: Any = work
-    compiled = kernel.get_compile_result(
-        numba.int64(*[numba.typeof(argument) for argument in arguments])
-    )
+    compiled = compiled_for(work, *arguments)
     return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
 
 
@@ -81,7 +78,7 @@ def _use_threads(_context, count):
 
 
 @sharing_kernel
-def in_shares(address, statuses, length, count, *arguments):
+def in_shares(address, statuses, length, count, arguments):
     """Let the kernel at the address work on shares of so many lanes; return the largest status.
 
     Its signature is ``(*arguments, first, last) -> status``. There is a share for each of the

@@ -95,7 +95,7 @@ def test_no_two_kernels_are_compiled_to_code_of_the_same_name():
         env = mm_gym.MovingMassEnv(scene)
         env.reset(seed=0)
         env.step(env.action_space.sample())
-        kernels.add(env._advance.func)
+        kernels.add(env.plant.method.entries.advance)
     compiled = [one for kernel in kernels for one in kernel.overloads.values()]
     # without numba's count of functions, which begins anew in each process that fills the cache
     names = {re.sub(r"B\d+v\d+", "", one.fndesc.llvm_func_name, count=1) for one in compiled}
