@@ -12,7 +12,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors, span
 from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.lanes import observe
+from mm_gym.kernels.lanes import clear, observe
 from mm_gym.kernels.random import next_episode, uniform
 
 STRIDE = 64
@@ -124,10 +124,13 @@ def begin_history(model, task, lanes, frames, streams, mask, first, last):
 @borrowing_kernel
 def pause(lanes, ends, mask, first, last):
     """Let the lanes of the mask, which begin anew in this step, earn nothing and end nothing."""
-    for i in span(first, last):
-        lanes[at.REWARD, i] = 0.0 if mask[i] else lanes[at.REWARD, i]
-        ends[at.TERMINATED, i] &= not mask[i]
-        ends[at.TRUNCATED, i] &= not mask[i]
+    while first < last:
+        end = run_end(mask, first, last)
+        if mask[first]:
+            clear(lanes, at.REWARD, first, end)
+            clear(ends, at.TERMINATED, first, end)
+            clear(ends, at.TRUNCATED, first, end)
+        first = end
     return at.OK
 
 
