@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from mm_gym.compile import compile_scene
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
+from mm_gym.present import Present
 from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ SEEDS = 2**63
 FLOAT32 = np.dtype(np.float32)
 
 
-class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
@@ -100,30 +101,40 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
+    _prepared = frozenset({"plant", "_lanes", "_advance", "_views"})
 
     def __init__(
         self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None
     ) -> None:
         self.scene = scene_of(scene)
-        self.plant = compile_scene(self.scene)
         self.render_mode = render_mode
-        self.action_space = action_space(self.plant)
-        self.observation_space = observation_space(self.plant)
-        self._lanes = Lanes(self.plant, 1)
-        self._shape = self.action_space.shape
-        # Views of the one lane, kept because indexing an array takes as long as a control step.
-        column = self._lanes.values[:, 0]
-        self._state, self._applied = column[:4], column[self._lanes.applied_rows]
-        self._reward = column[at.REWARD : at.REWARD + 1]
-        self._frame = self._lanes.observed[:, 0]
-        self._advance = self._lanes.advance_of(FLOAT32)
         self._seeded = False
         self._running = False
+        self._prepare()
+        self.action_space = action_space(self.plant)
+        self.observation_space = observation_space(self.plant)
+        self._shape = self.action_space.shape
+
+    def _prepare(self) -> None:
+        """Make what follows from the scene, and views of the one lane.
+
+        The views are kept because indexing an array takes as long as a control step.
+        """
+        self.plant = compile_scene(self.scene)
+        self._lanes = lanes = Lanes(self.plant, 1)
+        self._advance = lanes.advance_of(FLOAT32)
+        column = lanes.values[:, 0]
+        self._views = (
+            lanes.observed[:, 0],
+            column[at.REWARD : at.REWARD + 1],
+            column[:4],
+            column[lanes.applied_rows],
+        )
 
     @property
     def state(self) -> NDArray[np.float64]:
         """The state x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
-        return self._state.copy()
+        return self._lanes.values[:4, 0].copy()
 
     def drawn(self, name: str) -> float:
         """Return this episode's value of a field by dotted name, as "excitation.0.frequency"."""
@@ -146,7 +157,8 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._seeded = True
         self._lanes.restart(fixed=fixed)
         self._running = True
-        return self._frame.copy(), self._info()
+        frame, _, state, applied = self._views
+        return frame.copy(), {"state": state.copy(), "applied": applied.copy()}
 
     def step(
         self, action: NDArray[np.floating]
@@ -178,8 +190,9 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
             self._running = False
-        info = {"state": self._state.copy(), "applied": self._applied.copy()}
-        return self._frame.copy(), self._reward.item(), terminated, truncated, info
+        frame, reward, state, applied = self._views
+        info = {"state": state.copy(), "applied": applied.copy()}
+        return frame.copy(), reward.item(), terminated, truncated, info
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact present, random stream included, for `set_state`."""
@@ -190,6 +203,3 @@ class MovingMassEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._lanes.restore(state)
         self._running = bool(state.get("running", True))
         self._seeded = True
-
-    def _info(self) -> dict[str, Any]:
-        return {"state": self._state.copy(), "applied": self._applied.copy()}

@@ -16,6 +16,7 @@ from mm_gym.env import SEEDS
 from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes, is_array
+from mm_gym.present import Present
 from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from mm_gym.scene import Scene
 
 
-class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many independent episodes of one scene.
 
     Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
@@ -57,6 +58,7 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    _prepared = frozenset({"plant", "_lanes", "_present", "_views", "_everywhere"})
 
     def __init__(
         self,
@@ -73,17 +75,25 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
                 raise SceneError(msg)
         self.scene = scene_of(scene)
-        self.plant = compile_scene(self.scene)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
+        self._copy = copy
+        self._threads = threads
+        self._finished = np.ones(num_envs, np.bool_)
+        self._any_finished = True
+        self._seeded = False
+        self._prepare()
         self.single_action_space = action_space(self.plant)
         self.single_observation_space: Space[Any] = observation_space(self.plant)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._shape = (num_envs, *self.single_action_space.shape)
-        self._copy = copy
-        self._lanes = lanes = Lanes(self.plant, num_envs, threads)
+
+    def _prepare(self) -> None:
+        """Make what follows from the scene, and views of the lanes."""
+        self.plant = compile_scene(self.scene)
+        self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
         self._present: tuple[NDArray[Any], ...] = (
             lanes.observed,
             lanes.values[at.REWARD],
@@ -93,11 +103,8 @@ class MovingMassVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             lanes.values[lanes.applied_rows],
         )
         self._views: tuple[NDArray[Any], ...] = tuple([array.T for array in self._present])
-        self._finished = np.ones(num_envs, np.bool_)
-        self._any_finished = True
-        self._everywhere = np.ones(num_envs, np.bool_)
+        self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
-        self._seeded = False
 
     @cached_property
     def observation_space(self) -> Space[Any]:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute

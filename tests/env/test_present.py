@@ -1,5 +1,8 @@
 """The present of an episode is saved and restored exactly; what is refused changes nothing."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
@@ -59,6 +62,35 @@ def test_saved_state_is_a_copy(make, scene):
     env.set_state(saved)
     rollout(env, random_actions(env, 3))
     assert all(np.array_equal(kept[name], saved[name]) for name in kept)
+
+
+def pickled(env):
+    return pickle.loads(pickle.dumps(env))  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickled])
+def test_a_copy_goes_on_alone_as_the_original_would(make, ending_scene, copied, assert_same):
+    env = make(ending_scene)
+    env.reset(seed=3)
+    rollout(env, random_actions(env, 13, seed=1))
+    env.action_space.seed(5)
+    saved, twin = env.get_state(), copied(env)
+    actions = random_actions(env, 80)
+    expected = rollout(env, actions)
+    after = env.get_state()
+    assert_same(twin.get_state(), saved)
+    assert_same(rollout(twin, actions), expected)
+    assert_same(env.get_state(), after)
+    assert_same(twin.action_space.sample(), env.action_space.sample())
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickled])
+def test_a_copy_of_what_was_never_reset_needs_a_reset(make, scene, copied, assert_same):
+    env = make(scene)
+    twin = copied(env)
+    with pytest.raises(ResetNeeded):
+        twin.step(np.zeros(env.action_space.shape, np.float32))
+    assert_same(twin.reset(seed=2), env.reset(seed=2))
 
 
 def spoilt(saved):

@@ -1,0 +1,42 @@
+"""What pickle and copy take of an environment: its scene and its present."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+if TYPE_CHECKING:
+    from mm_gym.lanes import Lanes
+
+
+class Present(ABC):
+    """An environment that can be pickled and copied.
+
+    Its lanes, the views of them and the compiled kernels that work on them belong together; taken
+    one by one, the copy's kernels would go on in the memory of the original.
+    """
+
+    _lanes: Lanes
+    _prepared: ClassVar[frozenset[str]]
+    """Names of the attributes that `_prepare` makes."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Make what follows from the scene."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all attributes but those that `_prepare` makes, and the lanes' present."""
+        kept = {name: value for name, value in vars(self).items() if name not in self._prepared}
+        return kept | {"present": self._lanes.snapshot()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Be where the other one was."""
+        present = state.pop("present")
+        vars(self).update(state)
+        self._prepare()
+        self._lanes.restore(present)
+
+    def __copy__(self) -> Self:
+        """Return a deep copy: half a copy would not be an environment."""
+        return deepcopy(self)
