@@ -54,6 +54,11 @@ class Lanes:
         that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
+    shown
+        Views of what a control step shows: observed, rewards, terminated, truncated, states (4,
+        count) and what was applied (actuators, count).
+    are_shared
+        Whether several threads share them.
     advance
         actions -> status: make one control step of all lanes. The actions are (actuators, count),
         float32 or float64, flat in C order.
@@ -69,9 +74,7 @@ class Lanes:
         self.plant = plant
         self.count = count
         self._values = rows_of(len(plant.template), count, np.float64)
-        for row in np.flatnonzero(
-            plant.template
-        ):  # the other pages need no memory until they are used
+        for row in np.flatnonzero(plant.template):  # others need no memory until they are used
             self._values[row] = plant.template[row]
         frames = (plant.history + plant.delay) * len(plant.channels)
         self._frames = rows_of(frames, count, np.float32)
@@ -82,16 +85,17 @@ class Lanes:
         self.streams = np.zeros((2, count), np.uint64)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
-        self._shares = Shares(count, threads)
-        constants = np.concatenate([plant.task, plant.model])
-        self._present = present = (
-            constants,
-            self._values,
-            self._frames,
-            self._ends,
-            self.streams,
+        self.shown: tuple[NDArray[Any], ...] = (
+            self.observed,
+            self.values[at.REWARD],
+            self.terminated,
+            self.truncated,
+            self.values[:4],
+            self.values[self.applied_rows],
         )
-        self.advance = self._shares.bind(plant.method.entries.advance, *present)
+        self._shares = Shares(count, threads)
+        self.are_shared = self._shares.are_several
+        self._bind_steps()
         self._bind_episodes()
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
@@ -103,6 +107,16 @@ class Lanes:
         advance = self.plant.method.entries.advance
         entry = entry_point(advance, *self._present, actions, 0, self.count)
         return partial(entry, *self._present)
+
+    def _bind_steps(self) -> None:
+        bind, advance = self._shares.bind, self.plant.method.entries.advance
+        rows = (self._values, self._frames, self._ends)
+        constants = np.concatenate([self.plant.task, self.plant.model])
+        shown = (*rows, self.applied_rows.start)
+        self._present = (constants, *rows, self.streams)
+        self.advance = bind(advance, *self._present)
+        self._hand_out = bind(hand_out, *shown)
+        self._advance_and_hand_out = bind(advance, *self._present, then=(hand_out, shown))
 
     def _bind_episodes(self) -> None:
         bind, values, streams = self._shares.bind, self._values, self.streams
@@ -119,7 +133,6 @@ class Lanes:
             episodes.begin_history, model, task, values, self._frames, streams
         )
         self.pause = bind(episodes.pause, values, self._ends)
-        self._hand_out = bind(hand_out, values, self._frames, self._ends, self.applied_rows.start)
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -190,13 +203,25 @@ class Lanes:
             raise SceneError(msg)
         return array.astype(np.float64)
 
-    def copies(self, arrays: Sequence[NDArray[Any]]) -> list[NDArray[Any]]:
-        """Return copies of arrays whose last axis are the lanes."""
-        if not self._shares.are_several:
-            return [array.copy() for array in arrays]
-        copies = [np.empty(array.shape, array.dtype) for array in arrays]
+    def copies(self) -> list[NDArray[Any]]:
+        """Return copies of what a control step shows."""
+        if not self.are_shared:
+            return [array.copy() for array in self.shown]
+        copies = self._space()
         self._hand_out(*copies)
         return copies
+
+    def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
+        """Make a control step of all lanes; return its status and copies of what it shows.
+
+        Each thread copies what it has just written: they meet once, not twice.
+        """
+        copies = self._space()
+        return self._advance_and_hand_out(actions, *copies), copies
+
+    def _space(self) -> list[NDArray[Any]]:
+        """Return arrays for copies of what is shown."""
+        return [np.empty(array.shape, array.dtype) for array in self.shown]
 
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""

@@ -12,12 +12,14 @@ from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import entry_point
-from mm_gym.kernels.shares import address_of, in_shares
+from mm_gym.kernels.shares import address_of, in_shares, nothing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    Kernel = Callable[..., int]
 
 _turn = Lock()
 """Some of numba's threading layers serve one caller at a time."""
@@ -47,39 +49,67 @@ class Shares:
         if self.are_several:
             _launch()
 
-    def bind(self, work: Callable[..., int], *arguments: object) -> Callable[..., int]:
+    def bind(
+        self,
+        work: Kernel,
+        *arguments: object,
+        then: tuple[Kernel, tuple[object, ...]] | None = None,
+    ) -> Kernel:
         """Return a function that has a kernel work on all lanes, and returns the largest status.
 
         The function's arguments, arrays, follow those given here; the kernel's last two are the
         first lane and the one after the last. The first array's type tells those of the others.
+
+        Parameters
+        ----------
+        then
+            A kernel and its arguments that works on each share as soon as the first is done with
+            it. Of the function's arguments it gets all but one.
         """
-        ready: dict[np.dtype[Any], Callable[..., int]] = {}
+        ready: dict[np.dtype[Any], Kernel] = {}
 
         def do(*more: NDArray[Any]) -> int:
             kind = more[0].dtype
             share = ready.get(kind)
             if share is None:
-                share = ready[kind] = self._prepare(work, arguments, more)
+                share = ready[kind] = self._prepare(work, arguments, then, more)
             return share(*more)
 
         return do
 
     def _prepare(
-        self, work: Callable[..., int], arguments: tuple[object, ...], more: tuple[object, ...]
-    ) -> Callable[..., int]:
+        self,
+        work: Kernel,
+        arguments: tuple[object, ...],
+        then: tuple[Kernel, tuple[object, ...]] | None,
+        more: tuple[object, ...],
+    ) -> Kernel:
         """Return what `bind` does, for more arguments of these types."""
-        whole = self._whole
-        work_alone = entry_point(work, *arguments, *more, *whole)
+        whole, own = self._whole, len(more) if then is None else 1
+        second, others = then or (nothing, ())
+        first_call, second_call = (*arguments, *more[:own]), (*others, *more[own:])
+        first_alone = entry_point(work, *first_call, *whole)
+        second_alone = entry_point(second, *second_call, *whole)
+
+        def alone(*more: NDArray[Any]) -> int:
+            status = first_alone(*arguments, *more[:own], *whole)
+            second_alone(*others, *more[own:], *whole)
+            return status
+
         if not self.are_several:
-            return lambda *more: work_alone(*arguments, *more, *whole)
-        place = (address_of(work, *arguments, *more, *whole), *self._place)
-        work_in_shares = entry_point(in_shares, *place, (*arguments, *more))
+            return alone if then else lambda *more: first_alone(*arguments, *more, *whole)
+        place = (
+            address_of(work, *first_call, *whole),
+            address_of(second, *second_call, *whole),
+            *self._place,
+        )
+        in_several = entry_point(in_shares, *place, first_call, second_call)
 
         def share(*more: NDArray[Any]) -> int:
             if _alone:
-                return work_alone(*arguments, *more, *whole)
+                return alone(*more)
             with _turn:
-                return work_in_shares(*place, (*arguments, *more))
+                return in_several(*place, (*arguments, *more[:own]), (*others, *more[own:]))
 
         return share
 

@@ -58,7 +58,7 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
-    _prepared = frozenset({"plant", "_lanes", "_present", "_views", "_everywhere"})
+    _prepared = frozenset({"plant", "_lanes", "_views", "_everywhere"})
 
     def __init__(
         self,
@@ -94,15 +94,8 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         """Make what follows from the scene, and views of the lanes."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._present: tuple[NDArray[Any], ...] = (
-            lanes.observed,
-            lanes.values[at.REWARD],
-            lanes.terminated,
-            lanes.truncated,
-            lanes.values[:4],
-            lanes.values[lanes.applied_rows],
-        )
-        self._views: tuple[NDArray[Any], ...] = tuple([array.T for array in self._present])
+        self._copies_at_once = self._copy and lanes.are_shared
+        self._views = [array.T for array in lanes.shown]
         self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
 
@@ -171,11 +164,17 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
             msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
         # (actuators, lanes), flat: the environment's own memory order
-        status = self._lanes.advance(checked_actions(actions, self._shape).ravel("F"))
+        actions, copies = checked_actions(actions, self._shape).ravel("F"), None
+        if self._copies_at_once and not self._any_finished:
+            status, copies = self._lanes.advance_and_copy(actions)
+        else:
+            status = self._lanes.advance(actions)
         final = None
         if status or self._any_finished:
             final = self._begin_and_end_episodes(status)
-        observations, rewards, terminated, truncated, state, applied = self._handed_out()
+            if final:
+                copies = None  # of the end, not of the new beginning
+        observations, rewards, terminated, truncated, state, applied = self._handed_out(copies)
         info = self._info(state, applied)
         if final:
             info |= final
@@ -241,11 +240,11 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
             "_final_info": mask,
         }
 
-    def _handed_out(self) -> tuple[NDArray[Any], ...]:
+    def _handed_out(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, rewards, ends, states and what was applied."""
         if not self._copy:
             return self._views
-        return tuple([array.T for array in self._lanes.copies(self._present)])
+        return [array.T for array in copies or self._lanes.copies()]
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere

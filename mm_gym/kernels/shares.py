@@ -18,7 +18,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from mm_gym.kernels.jit import compiled_for, sharing_kernel
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import borrowing_kernel, compiled_for, sharing_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,18 +78,26 @@ def _use_threads(_context, count):
     return types.none(types.intp), build
 
 
-@sharing_kernel
-def in_shares(address, statuses, length, count, arguments):
-    """Let the kernel at the address work on shares of so many lanes; return the largest status.
+@borrowing_kernel
+def nothing(first, last):
+    """Do nothing after other work."""
+    return at.OK
 
-    Its signature is ``(*arguments, first, last) -> status``. There is a share for each of the
-    statuses, which are written.
+
+@sharing_kernel
+def in_shares(work, then, statuses, length, count, arguments, more):
+    """Let two kernels, at addresses, work in turn on each share of so many lanes.
+
+    Their signatures are ``(*arguments, first, last) -> status`` and ``(*more, first, last)``. There
+    is a share for each of the statuses, which are written. Return the largest.
     """
     before = _threads()
     _use_threads(min(before, statuses.shape[0]))
     for k in numba.prange(statuses.shape[0]):
         first = np.int64(k) * length
-        statuses[k] = _call(address, (*arguments, first, min(first + length, count)))
+        last = min(first + length, count)
+        statuses[k] = _call(work, (*arguments, first, last))
+        _call(then, (*more, first, last))
     _use_threads(before)
     status = statuses[0]
     for k in range(1, statuses.shape[0]):
