@@ -86,7 +86,6 @@ def test_without_an_action_actuators_rest():
         lambda _t, _x: [1.0, 2.0],
         lambda _t, _x: None,
     ],
-    ids=str,
 )
 def test_action_that_does_not_fit_is_refused(action):
     with pytest.raises(ActionError, match="action: "):
