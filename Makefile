@@ -1,9 +1,10 @@
-# Every target sets up .venv by itself, from any Python >= 3.11 that has venv.
+# Targets set up their environment by themselves, from any Python >= 3.11 that has venv.
 
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
+BENCH := .venv-bench
 
 .PHONY: demo test test-slow check bench tasks clean
 .DELETE_ON_ERROR:
@@ -24,9 +25,8 @@ check: $(INSTALLED)
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/codespell
 
-bench: $(INSTALLED)
-	$(RUN) -m pip install --quiet -c constraints.txt --group bench
-	$(RUN) -m benchmarks
+bench: $(BENCH)/.installed
+	$(BENCH)/bin/python -m benchmarks
 
 # What there is to gain on each task, and the page that says so.
 tasks: $(INSTALLED)
@@ -35,12 +35,23 @@ tasks: $(INSTALLED)
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
 # groups need pip 25.1.
+define install
+@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "mm_gym needs Python 3.11 or newer: make PYTHON=/path/to/it")'
+test -x $(1)/bin/python || $(PYTHON) -m venv $(1)
+$(1)/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+endef
+
 $(INSTALLED): pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "mm_gym needs Python 3.11 or newer: make PYTHON=/path/to/it")'
-	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
-	$(RUN) -m pip install --quiet --upgrade "pip>=25.1"
+	$(call install,$(VENV))
 	$(RUN) -m pip install --quiet -c constraints.txt -e ".[all]" --group dev
 	@touch $@
 
+# An environment of its own: a peer, gymnax, refuses the newest gymnasium.
+$(BENCH)/.installed: pyproject.toml constraints.txt
+	$(call install,$(BENCH))
+	grep -v "^gymnasium==" constraints.txt > $(BENCH)/constraints.txt
+	$(BENCH)/bin/python -m pip install --quiet -c $(BENCH)/constraints.txt -e ".[all]" --group bench
+	@touch $@
+
 clean:
-	rm -rf $(VENV) dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(BENCH) dist .pytest_cache .ruff_cache .hypothesis

@@ -27,9 +27,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
 Written by `make bench`. Every ratio is the median over rounds in which the candidates took turns;
-± is half the interquartile range. Peers that are not installed are left out
-(`pip install --group bench`; for `python -m benchmarks vector`, in an environment of their own,
-`--group bench-vector`).
+± is half the interquartile range. Peers that are not installed are left out.
 """
 
 
