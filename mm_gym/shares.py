@@ -11,7 +11,7 @@ import numpy as np
 from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import entry_point
+from mm_gym.kernels.jit import COMPILED, entry_point
 from mm_gym.kernels.shares import address_of, in_shares, nothing
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Shares:
         self._statuses = np.zeros(ceil(count / length), np.int64)
         self._place = (self._statuses, length, count)
         self._whole = (0, count)
-        self.are_several = len(self._statuses) > 1
+        self.are_several = len(self._statuses) > 1 and COMPILED
         if self.are_several:
             _launch()
 

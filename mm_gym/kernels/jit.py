@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from numba.core.compiler import CompileResult
 
+COMPILED = not numba.config.DISABLE_JIT
+"""Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
+
 
 @cache
 def _digest_of_sources() -> str:
@@ -107,7 +110,7 @@ def entry_point(kernel: Callable[..., Any], *arguments: object) -> Callable[...,
     That look takes longer than a control step of one lane. What is called with other types
     misreads them.
     """
-    return kernel if numba.config.DISABLE_JIT else compiled_for(kernel, *arguments).entry_point
+    return compiled_for(kernel, *arguments).entry_point if COMPILED else kernel
 
 
 def compiled_for(kernel: Callable[..., Any], *arguments: object) -> CompileResult:
@@ -121,7 +124,7 @@ def compiled_for(kernel: Callable[..., Any], *arguments: object) -> CompileResul
 def _compiled(
     function: Callable[..., Any], *, nrt: bool, inline: bool = False, parallel: bool = False
 ) -> Callable[..., Any]:
-    if numba.config.DISABLE_JIT:
+    if not COMPILED:
         return function
     dispatcher = numba.njit(
         nogil=True,
