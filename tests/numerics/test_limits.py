@@ -23,6 +23,12 @@ from .conftest import error
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 BASE = Scene(initial=START, control=Control(time_step=1e-2))
+DRY = {
+    "kind": "dry_friction",
+    "static_coefficient": 0.5,
+    "kinetic_coefficient": 0.5,
+    "reference_velocity": 0.1,
+}
 TONES = [
     Harmonic(amplitude=3.0, frequency=50.0, phase=0.3).model_dump(),
     Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0).model_dump(),
@@ -67,17 +73,7 @@ def test_small_mass_meets_the_massless_carriage(damping: float) -> None:
     [
         ({"carriage.damping": 0.0, "interface": {"kind": "none"}}, "damping > 0"),
         ({"carriage.cubic_coefficient": 1.0}, "linear springs"),
-        (
-            {
-                "interface": {
-                    "kind": "dry_friction",
-                    "static_coefficient": 0.5,
-                    "kinetic_coefficient": 0.5,
-                    "reference_velocity": 0.1,
-                }
-            },
-            "viscous",
-        ),
+        ({"interface": DRY}, "viscous"),
         ({"randomization": {"sphere.mass": (0.1, 0.2)}}, "have one value"),
     ],
 )  # fmt: skip
@@ -86,6 +82,13 @@ def test_massless_carriage_outside_its_domain_is_refused(
 ) -> None:
     with pytest.raises(CompileError, match=rf"carriage.mass: 0 .*{reason}"):
         compile_scene(BASE.replace(**{"carriage.mass": 0.0}, **changes))
+
+
+def test_normal_force_of_a_sphere_of_random_mass_must_be_stated() -> None:
+    changes = {"interface": DRY, "randomization": {"sphere.mass": (0.02, 0.04)}}
+    with pytest.raises(CompileError, match=r"interface.normal_force: missing"):
+        compile_scene(BASE.replace(**changes))
+    assert compile_scene(BASE.replace(**changes | {"interface": DRY | {"normal_force": 0.3}}))
 
 
 def test_massless_carriage_has_a_sampled_system_but_no_continuous_one() -> None:

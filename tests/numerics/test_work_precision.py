@@ -168,6 +168,7 @@ def test_oracle_takes_up_a_motion_and_gives_up_when_told() -> None:
 def test_command_prints_recommends_and_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    pytest.importorskip("matplotlib")
     scene = tmp_path / "scene.toml"
     scene.write_text("[carriage]\ncubic_coefficient = 2e6\n[initial]\nsphere_offset = 0.01\n")
     assert load_scene(scene).carriage.cubic_coefficient == 2e6

@@ -4,7 +4,9 @@ import csv
 
 import pytest
 
+from mm_gym import simulate
 from mm_gym.__main__ import main
+from mm_gym.tasks import TASKS
 
 SCENE = "[initial]\ncarriage_displacement = [0.005, 0.01]\n"
 WRONG = "[carriage]\nmass = -1\nmas = 2\n"
@@ -49,6 +51,21 @@ def test_simulate_writes_what_it_is_asked_for(write, tmp_path, capsys):
     assert image.read_bytes().startswith(b"\x89PNG")
     assert main(command) == 0
     assert capsys.readouterr().out == printed
+
+
+def test_plot_has_a_panel_for_all_that_acts():
+    pytest.importorskip("matplotlib")
+    trajectory = simulate(TASKS["mm_gym/Hybrid-v0"], duration=0.1, action=[0.5, -0.5])
+    panels = trajectory.plot().axes
+    assert [panel.get_ylabel() for panel in panels] == [
+        *["displacement [mm]", "velocity [m/s]", "ground [m/s²]"],
+        *["force [N]", "stretch [-]", "energy [mJ]"],
+    ]
+    for panel, values in zip(
+        panels[2:5], (trajectory.excitation[:, 1], *trajectory.action.T), strict=True
+    ):
+        (line,) = panel.get_lines()
+        assert (line.get_ydata() == values).all()
 
 
 @pytest.mark.parametrize("command", ["validate", "explain", "simulate"])

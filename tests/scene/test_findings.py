@@ -55,6 +55,7 @@ FINDINGS = [
     ({"springs": {"kind": "finite_stretch"}}, "springs.rest_length: missing"),
     # wrong types: strict, so that neither "yes" nor True becomes 1
     ({"carriage": {"mass": "0.1"}}, "carriage.mass: got '0.1'; allowed: a number"),
+    ({"carriage": {"mass": 10**5000}}, "carriage.mass: got a number of type int; allowed: a numb"),
     ({"carriage": {"mass": True}}, "carriage.mass: got True; allowed: a number"),
     ({"carriage": {"mass": None}}, "carriage.mass: got None; allowed: a number"),
     ({"carriage": {"mass": [0.1, 0.2]}}, "carriage.mass: got [0.1, 0.2]; allowed: a number"),
