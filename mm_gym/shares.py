@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from math import ceil
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -66,52 +67,43 @@ class Shares:
             A kernel and its arguments that works on each share as soon as the first is done with
             it. Of the function's arguments it gets all but one.
         """
-        ready: dict[np.dtype[Any], Kernel] = {}
-
-        def do(*more: NDArray[Any]) -> int:
-            kind = more[0].dtype
-            share = ready.get(kind)
-            if share is None:
-                share = ready[kind] = self._prepare(work, arguments, then, more)
-            return share(*more)
-
-        return do
-
-    def _prepare(
-        self,
-        work: Kernel,
-        arguments: tuple[object, ...],
-        then: tuple[Kernel, tuple[object, ...]] | None,
-        more: tuple[object, ...],
-    ) -> Kernel:
-        """Return what `bind` does, for more arguments of these types."""
-        whole, own = self._whole, len(more) if then is None else 1
         second, others = then or (nothing, ())
-        first_call, second_call = (*arguments, *more[:own]), (*others, *more[own:])
-        first_alone = entry_point(work, *first_call, *whole)
-        second_alone = entry_point(second, *second_call, *whole)
+        whole = self._whole
 
         def alone(*more: NDArray[Any]) -> int:
-            status = first_alone(*arguments, *more[:own], *whole)
-            second_alone(*others, *more[own:], *whole)
+            if then is None:
+                return work(*arguments, *more, *whole)
+            status = work(*arguments, more[0], *whole)
+            second(*others, *more[1:], *whole)
             return status
 
         if not self.are_several:
-            return alone if then else lambda *more: first_alone(*arguments, *more, *whole)
-        place = (
-            address_of(work, *first_call, *whole),
-            address_of(second, *second_call, *whole),
-            *self._place,
-        )
-        in_several = entry_point(in_shares, *place, first_call, second_call)
+            return alone
+        ready: dict[np.dtype[Any], Kernel] = {}
 
         def share(*more: NDArray[Any]) -> int:
             if _alone:
                 return alone(*more)
+            own = len(more) if then is None else 1
+            calls = (*arguments, *more[:own]), (*others, *more[own:])
+            kind = more[0].dtype
+            work_in_shares = ready.get(kind)
+            if work_in_shares is None:
+                work_in_shares = ready[kind] = self._compiled((work, second), calls)
             with _turn:
-                return in_several(*place, (*arguments, *more[:own]), (*others, *more[own:]))
+                return work_in_shares(*calls)
 
         return share
+
+    def _compiled(
+        self, works: tuple[Kernel, Kernel], calls: tuple[tuple[object, ...], tuple[object, ...]]
+    ) -> Kernel:
+        """Return what has two kernels work in shares, given such arguments."""
+        addresses = [
+            address_of(work, *call, *self._whole) for work, call in zip(works, calls, strict=True)
+        ]
+        place = (*addresses, *self._place)
+        return partial(entry_point(in_shares, *place, *calls), *place)
 
 
 def _launch() -> None:
