@@ -224,9 +224,9 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         They are laid out as by Gymnasium's SyncVectorEnv.
         """
         mask = self._finished.copy()
+        last = np.ascontiguousarray(self._lanes.observed.T[mask])
         observations = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(mask):
-            observations[i] = self._lanes.observed[:, i].copy()
+        observations[mask] = np.fromiter(last, dtype=object, count=len(last))
         zeroed = {
             name: np.where(mask[:, None], value, 0.0)
             for name, value in self._info(*self._views[4:]).items()
