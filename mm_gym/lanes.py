@@ -62,8 +62,6 @@ class Lanes:
     advance
         actions -> status: make one control step of all lanes. The actions are (actuators, count),
         float32 or float64, flat in C order.
-    pause
-        mask -> status: let lanes that begin anew in this step earn nothing and end nothing.
 
     Notes
     -----
@@ -95,6 +93,7 @@ class Lanes:
         )
         self._shares = Shares(count, threads)
         self.are_shared = self._shares.are_several
+        self._unfixed = self._laid_out({})
         self._bind_steps()
         self._bind_episodes()
 
@@ -126,13 +125,9 @@ class Lanes:
             self.plant.model,
             self.plant.task,
         )
-        self._draw = bind(episodes.draw, template, draws, values, streams)
-        self._begin = bind(episodes.begin, model, task, values)
-        self._begin_sources = bind(begin_sources, model, values, streams)
-        self._begin_history = bind(
-            episodes.begin_history, model, task, values, self._frames, streams
-        )
-        self.pause = bind(episodes.pause, values, self._ends)
+        self._start = bind(episodes.start, template, draws, model, task, values, streams)
+        self._start_sources = bind(begin_sources, model, values, streams)
+        self._show = bind(episodes.show, model, task, values, self._frames, self._ends, streams)
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -150,6 +145,7 @@ class Lanes:
         fixed: Mapping[int, Values] | None = None,
         *,
         seen: bool = True,
+        paused: bool = False,
     ) -> None:
         """Begin a new episode in the lanes of the mask (all by default).
 
@@ -160,18 +156,26 @@ class Lanes:
         seen
             Whether anyone looks at the frames; if not, they are written only where the sensors'
             noise is drawn, so that what is drawn after it does not depend on who looks.
+        paused
+            Whether they begin anew instead of making a control step: they earn nothing in it, and
+            end nothing. It is seen.
         """
         plant = self.plant
         if mask is None:
             mask = np.ones(self.count, np.bool_)
-        self._draw(mask)
-        for row, value in (fixed or {}).items():
-            self.values[row, mask] = np.broadcast_to(value, self.count)[mask]
-        self._begin(mask)
+        rows, values = self._unfixed if not fixed else self._laid_out(fixed)
+        self._start(mask, rows, values)
         if plant.support.sampled:
-            self._begin_sources(mask)
+            self._start_sources(mask)
         if seen or plant.task[at.IS_NOISY]:
-            self._begin_history(mask)
+            self._show(mask, paused)
+
+    def _laid_out(self, fixed: Mapping[int, Values]) -> tuple[NDArray[np.int64], Values]:
+        """Return rows and their values (rows, count)."""
+        values = np.empty((len(fixed), self.count))
+        for k, value in enumerate(fixed.values()):
+            values[k] = value
+        return np.array(list(fixed), np.int64), values
 
     def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.

@@ -58,8 +58,8 @@ class Shares:
     ) -> Kernel:
         """Return a function that has a kernel work on all lanes, and returns the largest status.
 
-        The function's arguments, arrays, follow those given here; the kernel's last two are the
-        first lane and the one after the last. The first array's type tells those of the others.
+        The function's arguments follow those given here; the first is an array, whose type tells
+        those of the others. The kernel's last two are the first lane and the one after the last.
 
         Parameters
         ----------

@@ -204,8 +204,7 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         if status > at.ENDED:
             lanes.raise_for(status)
         if self._any_finished:
-            lanes.restart(self._finished)
-            lanes.pause(self._finished)
+            lanes.restart(self._finished, paused=True)
             self._finished[:] = False
             self._any_finished = False
         if status == at.ENDED:
@@ -223,14 +222,14 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
 
         They are laid out as by Gymnasium's SyncVectorEnv.
         """
-        mask = self._finished.copy()
-        last = np.ascontiguousarray(self._lanes.observed.T[mask])
+        mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
+        observed, *_, state, applied = self._lanes.shown
+        last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
         observations = np.full(self.num_envs, None, dtype=object)
-        observations[mask] = np.fromiter(last, dtype=object, count=len(last))
+        observations[over] = np.fromiter(last, dtype=object, count=len(last))
         zeroed = {
-            name: np.where(mask[:, None], value, 0.0)
-            for name, value in self._info(*self._views[4:]).items()
-            if not name.startswith("_")
+            "state": np.where(mask, state, 0.0).T,
+            "applied": np.where(mask, applied, 0.0).T,
         }
         masks = {f"_{name}": mask for name in zeroed}
         return {

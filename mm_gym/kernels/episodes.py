@@ -40,26 +40,36 @@ def is_uniform(mask, kind):
 
 
 @borrowing_kernel
-def draw(template, draws, lanes, streams, mask, first, last):
-    """Fill the lanes of the mask with the scene's start and draw what is random.
+def start(template, draws, model, task, lanes, streams, mask, rows, values, first, last):
+    """Begin anew in the lanes of the mask: draw what is random, then set rows to given values.
 
-    Draws are rows of (row, low, high). A parameter that is not drawn keeps its value from one
-    episode to the next.
+    Draws are rows of (row, low, high). A parameter that is neither drawn nor given keeps its value
+    from one episode to the next.
     """
     while first < last:
         end = run_end(mask, first, last)
         if mask[first]:
-            for i in span(first, end):
-                next_episode(streams, i)
-            for row in range(at.STRETCH + 1):
-                fill(lanes, row, template[row], first, end)
-            for start in range(first - first % at.BLOCK, end, at.BLOCK):
-                stop = min(start + at.BLOCK, end)
-                fill(lanes, at.BEGAN, lanes[at.NOW, start], max(start, first), stop)
-            for j in range(draws.shape[0]):
-                draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, end)
+            draw(template, draws, lanes, streams, first, end)
+            for k in range(rows.shape[0]):
+                for i in span(first, end):
+                    lanes[rows[k], i] = values[k, i]
+            complete(model, task, lanes, first, end)
         first = end
     return at.OK
+
+
+@borrowing_kernel
+def draw(template, draws, lanes, streams, first, last):
+    """Fill lanes with the scene's start and draw what is random."""
+    for i in span(first, last):
+        next_episode(streams, i)
+    for row in range(at.STRETCH + 1):
+        fill(lanes, row, template[row], first, last)
+    for block in range(first - first % at.BLOCK, last, at.BLOCK):
+        stop = min(block + at.BLOCK, last)
+        fill(lanes, at.BEGAN, lanes[at.NOW, block], max(block, first), stop)
+    for j in range(draws.shape[0]):
+        draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, first, last)
 
 
 @borrowing_kernel
@@ -78,24 +88,19 @@ def draw_row(lanes, row, low, high, streams, first, last):
 
 
 @borrowing_kernel
-def begin(model, task, lanes, mask, first, last):
+def complete(model, task, lanes, first, last):
     """Complete drawn lanes: absolute positions, phases, and what rate commands start from.
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
-    while first < last:
-        end = run_end(mask, first, last)
-        if mask[first]:
-            for i in span(first, end):
-                lanes[at.X2, i] += lanes[at.X1, i]
-            if task[at.FORCE_IS_RATE] > 0.0:
-                copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, end)
-            if task[at.STRETCH_IS_RATE] > 0.0:
-                copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, end)
-            for j in range(int(model[at.TONE_COUNT])):
-                begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, end)
-        first = end
-    return at.OK
+    for i in span(first, last):
+        lanes[at.X2, i] += lanes[at.X1, i]
+    if task[at.FORCE_IS_RATE] > 0.0:
+        copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, last)
+    if task[at.STRETCH_IS_RATE] > 0.0:
+        copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, last)
+    for j in range(int(model[at.TONE_COUNT])):
+        begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
 
 
 @borrowing_kernel
@@ -106,32 +111,32 @@ def copy_row(lanes, source, target, first, last):
 
 
 @borrowing_kernel
-def begin_history(model, task, lanes, frames, streams, mask, first, last):
-    """Fill the history of the lanes of the mask with their first frame."""
-    channels = int(task[at.CHANNEL_COUNT])
+def show(model, task, lanes, frames, ends, streams, mask, paused, first, last):
+    """Fill the history of the lanes of the mask with their first frame.
+
+    Paused lanes, which begin anew instead of making a control step, earn nothing and end nothing.
+    """
     while first < last:
         end = run_end(mask, first, last)
         if mask[first]:
-            if task[at.IS_DERIVED] > 0.0:
-                derive(model, lanes, first, end)
-            observe(task, lanes, frames, streams, first, end)
-            for row in range(frames.shape[0] - channels - 1, -1, -1):
-                copy_row(frames, row + channels, row, first, end)
+            fill_history(model, task, lanes, frames, streams, first, end)
+            if paused:
+                clear(lanes, at.REWARD, first, end)
+                clear(ends, at.TERMINATED, first, end)
+                clear(ends, at.TRUNCATED, first, end)
         first = end
     return at.OK
 
 
 @borrowing_kernel
-def pause(lanes, ends, mask, first, last):
-    """Let the lanes of the mask, which begin anew in this step, earn nothing and end nothing."""
-    while first < last:
-        end = run_end(mask, first, last)
-        if mask[first]:
-            clear(lanes, at.REWARD, first, end)
-            clear(ends, at.TERMINATED, first, end)
-            clear(ends, at.TRUNCATED, first, end)
-        first = end
-    return at.OK
+def fill_history(model, task, lanes, frames, streams, first, last):
+    """Fill the history with the first frame."""
+    channels = int(task[at.CHANNEL_COUNT])
+    if task[at.IS_DERIVED] > 0.0:
+        derive(model, lanes, first, last)
+    observe(task, lanes, frames, streams, first, last)
+    for row in range(frames.shape[0] - channels - 1, -1, -1):
+        copy_row(frames, row + channels, row, first, last)
 
 
 @borrowing_kernel

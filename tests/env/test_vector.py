@@ -120,9 +120,9 @@ def test_any_mask_restarts_lanes_by_the_same_compiled_kernel(scene):
     native.reset(seed=1)
     mask = np.zeros(2 * LANES, np.bool_)[::2]  # neither contiguous
     mask.flags.writeable = False  # nor writable
-    before = list(episodes.draw.signatures)
+    before = list(episodes.start.signatures)
     native.reset(options={"reset_mask": mask})
-    assert episodes.draw.signatures == before
+    assert episodes.start.signatures == before
 
 
 @pytest.mark.parametrize("mask", [[True], [1, 0, 1], "abc", np.ones((3, 1), bool)])
