@@ -90,6 +90,11 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
     `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the
     actuators reached [N, -].
 
+    Continuation
+    ------------
+    `get_state` and `set_state` save and restore an episode exactly; copies and pickles of the
+    environment go on from where it is, and share nothing with it.
+
     Arguments
     ---------
     scene
