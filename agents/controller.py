@@ -105,13 +105,15 @@ class Zero:
         self.columns = len(columns(scene))
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Remember each lane's stretch."""
-        self.initial = env.drawn("initial.stretch") if self.command else np.zeros(env.num_envs)
+        """Hold the stretch of the first step."""
+        self.initial: NDArray[np.float64] | None = None
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
         """Return zero force, or hold the initial stretch."""
         action = np.zeros((len(observation), self.columns))
         if self.command is not None:
+            if self.initial is None:
+                self.initial = info["applied"][:, -1].copy()
             action[:, -1:] = self.command(self.initial, info["applied"][:, -1])
         return action
 

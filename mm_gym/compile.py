@@ -246,8 +246,7 @@ def _fastest_slip(support: Support) -> float:
     x1, offset, v1, v2 = (
         max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
     )
-    k2 = 2.0 * high[at.K0] * (1.0 + 2.0 / low[at.STRETCH] ** 3) if high[at.K0] > 0.0 else 0.0
-    twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + k2 * offset**2
+    twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
     twice += high[at.K1] * (high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
     return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))
 
@@ -342,7 +341,7 @@ def _check_solver(scene: Scene, method: Method) -> None:
         warnings.warn(
             f"solver.{option} has no effect: the {method.plant} plant is propagated by "
             f"{method.name!r}",
-            stacklevel=3,
+            stacklevel=4,  # where `compile_scene` was called
         )
 
 

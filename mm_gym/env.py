@@ -9,10 +9,11 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from mm_gym.compile import compile_scene
+from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
 from mm_gym.present import Present
-from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
+from mm_gym.spaces import FLOAT32, action_space, checked_actions, observation_space, scene_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from mm_gym.scene import Scene
 
 SEEDS = 2**63
-FLOAT32 = np.dtype(np.float32)
 
 
 class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
@@ -142,8 +142,14 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
         return self._lanes.values[:4, 0].copy()
 
     def drawn(self, name: str) -> float:
-        """Return this episode's value of a field by dotted name, as "excitation.0.frequency"."""
-        return float(self._lanes.values[self.plant.support.row_of(name), 0])
+        """Return this episode's value of a field by dotted name, as "excitation.0.frequency".
+
+        Raises
+        ------
+        SceneError
+            If the field is unknown, or of the initial state, which is no more; see `reset`'s info.
+        """
+        return float(self._lanes.drawn(name)[0])
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
@@ -205,6 +211,10 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
+        running = state.get("running")
+        if type(running) is not bool:
+            msg = f"state.running: got {running!r}; allowed: what get_state returned"
+            raise SceneError(msg)
         self._lanes.restore(state)
-        self._running = bool(state.get("running", True))
+        self._running = running
         self._seeded = True

@@ -62,6 +62,8 @@ class Lanes:
     advance
         actions -> status: make one control step of all lanes. The actions are (actuators, count),
         float32 or float64, flat in C order.
+    rest
+        mask -> status: let lanes rest at zero.
 
     Notes
     -----
@@ -128,6 +130,7 @@ class Lanes:
         self._start = bind(episodes.start, template, draws, model, task, values, streams)
         self._start_sources = bind(begin_sources, model, values, streams)
         self._show = bind(episodes.show, model, task, values, self._frames, self._ends, streams)
+        self.rest = bind(episodes.rest, values)
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -176,6 +179,14 @@ class Lanes:
         for k, value in enumerate(fixed.values()):
             values[k] = value
         return np.array(list(fixed), np.int64), values
+
+    def drawn(self, name: str) -> Values:
+        """Return the row of a field by dotted name; raise `SceneError` if it changes in a step."""
+        row = self.plant.support.row_of(name)
+        if row <= at.STRETCH:
+            msg = f"{name}: changes in every step; allowed: fields that an episode keeps"
+            raise SceneError(msg)
+        return self.values[row]
 
     def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.

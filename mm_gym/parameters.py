@@ -106,6 +106,13 @@ class Support:
         """Tell whether a row has one value only."""
         return bool(self.low[row] == self.high[row])
 
+    @property
+    def stiffest(self) -> float:
+        """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
+        if self.high[at.K0] <= 0.0:
+            return 0.0
+        return float(2.0 * self.high[at.K0] * (1.0 + 2.0 / self.low[at.STRETCH] ** 3))
+
     def row_of(self, name: str) -> int:
         """Return the row of a dotted name, or raise `SceneError` with the nearest name."""
         try:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.errors import CompileError
+from mm_gym.errors import CompileError, SceneError
 from mm_gym.exponential import ASSEMBLY_DIGITS
 from mm_gym.kernels import layout as at
+from mm_gym.propagators import massless_transition, transition
 from mm_gym.state_space import StateSpace, state_space
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class Plant:
         Frames observed, control steps by which they are late, and the names of the channels.
     steps, time_step
         Control steps of an episode, and their length [s].
+    digest
+        Identifies the scene that it was compiled from.
     """
 
     method: Method
@@ -76,6 +79,13 @@ class Plant:
         Notes
         -----
         A randomised parameter enters with the middle of its range, a cubic spring with its tangent.
+
+        Raises
+        ------
+        SceneError
+            If the stretch is below 1 or not finite.
+        CompileError
+            If the carriage has no mass.
         """
         system = self.system(stretch)
         return system.a.astype(np.float64), system.force.astype(np.float64)[:, None]
@@ -84,9 +94,6 @@ class Plant:
         self, stretch: float | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over each step."""
-        # Imported here: the layer of methods lies above the plant it builds.
-        from mm_gym.propagators import massless_transition, transition  # noqa: PLC0415
-
         row = self._middle(stretch)
         massless = row[at.M1] == 0.0
         both = (
@@ -107,6 +114,9 @@ class Plant:
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         middle = 0.5 * (self.support.start_low + self.support.start_high)
         if stretch is not None:
+            if not 1.0 <= stretch < np.inf:
+                msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
+                raise SceneError(msg)
             middle[at.STRETCH] = stretch
         return middle
 

@@ -48,7 +48,8 @@ class Shares:
         self._whole = (0, count)
         self.are_several = len(self._statuses) > 1 and COMPILED
         if self.are_several:
-            _launch()
+            with _turn:
+                _launch()
 
     def bind(
         self,

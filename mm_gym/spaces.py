@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +14,6 @@ from mm_gym.scene import Scene
 from mm_gym.scene_file import load_scene
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from numpy.typing import NDArray
 
     from mm_gym.plant import Plant
@@ -25,7 +23,7 @@ FLOAT32 = np.dtype(np.float32)
 
 def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
     """Return the scene itself, or the one in the file at this path, with at least one actuator."""
-    if isinstance(scene, str | Path):
+    if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
         msg = f"scene: got {type(scene).__name__}; allowed: a Scene or the path of a TOML file"

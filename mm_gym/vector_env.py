@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from mm_gym.compile import compile_scene
 from mm_gym.env import SEEDS
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, suggest
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes, is_array
 from mm_gym.present import Present
@@ -77,7 +77,7 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         self.scene = scene_of(scene)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self._copy = copy
         self._threads = threads
@@ -94,7 +94,6 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         """Make what follows from the scene, and views of the lanes."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._copies_at_once = self._copy and lanes.are_shared
         self._views = [array.T for array in lanes.shown]
         self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
@@ -113,11 +112,8 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         return self._lanes.values[:4].copy().T
 
     def drawn(self, name: str) -> NDArray[np.float64]:
-        """Return every lane's present value of a field by its dotted name.
-
-        For example "excitation.0.frequency".
-        """
-        return self._lanes.values[self.plant.support.row_of(name)].copy()
+        """Return every lane's present value of a field by its dotted name, see `MovingMassEnv`."""
+        return self._lanes.drawn(name).copy()
 
     def reset(
         self,
@@ -165,7 +161,9 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
             raise ResetNeeded(msg)
         # (actuators, lanes), flat: the environment's own memory order
         actions, copies = checked_actions(actions, self._shape).ravel("F"), None
-        if self._copies_at_once and not self._any_finished:
+        if self._any_finished:
+            self._rest(actions)
+        if self._copy and self._lanes.are_shared and not self._any_finished:
             status, copies = self._lanes.advance_and_copy(actions)
         else:
             status = self._lanes.advance(actions)
@@ -187,13 +185,23 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         finished = state.get("finished")
-        if not is_array(finished) or finished.shape != self._finished.shape:
+        if (
+            not is_array(finished)
+            or finished.dtype != np.bool_
+            or finished.shape != self._finished.shape
+        ):
             msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
             raise SceneError(msg)
         self._lanes.restore(state)
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = True
+
+    def _rest(self, actions: NDArray[np.floating]) -> None:
+        """Let the lanes rest that begin anew in this step: unseen, they must not make it fail."""
+        if not np.isfinite(actions).all():
+            self._lanes.raise_for(at.NOT_FINITE)
+        self._lanes.rest(self._finished)
 
     def _begin_and_end_episodes(self, status: int) -> dict[str, Any] | None:
         """Let the lanes that had finished begin anew; mark those that have now.
@@ -266,12 +274,24 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         elif (
             not isinstance(seed, Sequence)
             or len(seed) != self.num_envs
-            or not all(value is None or isinstance(value, int) for value in seed)
+            or not all(value is None or (type(value) is int and value >= 0) for value in seed)
         ):
-            msg = f"seed: got {seed!r}; allowed: an integer, or {self.num_envs} of them"
+            msg = (
+                f"seed: got {seed!r}; allowed: a Python integer of at least 0, "
+                f"or a sequence of {self.num_envs} of them"
+            )
             raise SceneError(msg)
         if not self._seeded:
             self._lanes.seed(int(self.np_random.integers(SEEDS)))
             self._seeded = True
         if seed is not None:
             self._lanes.seed(seed, mask)
+
+
+def _autoreset_mode(name: str | AutoresetMode) -> AutoresetMode:
+    try:
+        return AutoresetMode(name)
+    except ValueError:
+        allowed = [mode.value for mode in AutoresetMode]
+        msg = f"autoreset_mode: got {name!r}{suggest(str(name), allowed)}; allowed: {allowed}"
+        raise SceneError(msg) from None

@@ -140,6 +140,18 @@ def fill_history(model, task, lanes, frames, streams, first, last):
 
 
 @borrowing_kernel
+def rest(lanes, mask, first, last):
+    """Let the lanes of the mask rest at zero."""
+    while first < last:
+        end = run_end(mask, first, last)
+        if mask[first]:
+            for row in range(4):
+                clear(lanes, row, first, end)
+        first = end
+    return at.OK
+
+
+@borrowing_kernel
 def begin_tone(lanes, tone, time_step, first, last):
     """Write cosine and sine of a tone's phase, and of its turn in one substep."""
     for i in span(first, last):

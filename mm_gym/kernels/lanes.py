@@ -27,27 +27,16 @@ def finite(actions):
 
 
 @borrowing_kernel
-def width_of(task):
-    """Return the number of actions per lane."""
-    return int(task[at.HAS_FORCE] + task[at.HAS_STRETCH])
-
-
-@borrowing_kernel
-def column_start(actions, width, column):
-    """Return where an actuator's actions begin in the flat array (actuators, lanes)."""
-    return column * (actions.shape[0] // width)
-
-
-@borrowing_kernel
 def command(task, lanes, actions, first, last):
     """Turn actions in [-1, 1] into force [N] and stretch; begin the rewards with their cost."""
-    width = width_of(task)
-    if task[at.HAS_FORCE] > 0.0:
+    has_force = task[at.HAS_FORCE] > 0.0
+    if has_force:
         push(task, lanes, actions, first, last)
     else:
         clear(lanes, at.REWARD, first, last)
     if task[at.HAS_STRETCH] > 0.0:
-        tune(task, lanes, actions, column_start(actions, width, width - 1), first, last)
+        behind_forces = actions.shape[0] // 2 if has_force else 0
+        tune(task, lanes, actions[behind_forces:], first, last)
 
 
 @borrowing_kernel
@@ -78,12 +67,11 @@ def push(task, lanes, actions, first, last):
 
 
 @borrowing_kernel
-def tune(task, lanes, actions, start, first, last):
+def tune(task, lanes, asked, first, last):
     """Set the stretch [-] within its limits; add its cost."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
     share, weight = task[at.STRETCH_SHARE], task[at.WEIGHT_EFFORT]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
-    asked = actions[start:]
     if task[at.STRETCH_IS_RATE] > 0.0:
         integrate(lanes, at.STRETCH_ASKED, asked, rate, low, high, first, last)
         for i in span(first, last):

@@ -88,11 +88,8 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
 
 def fastest_oscillation(support: Support) -> float:
     """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
-    low, high = support.low, support.high
-    k1 = high[at.K1] * high[at.ALPHA]
-    # k2 falls with stretch and never exceeds 6 k0.
-    k2 = 2.0 * high[at.K0] * (1.0 + 2.0 / low[at.STRETCH] ** 3) if high[at.K0] > 0.0 else 0.0
-    return math.sqrt(_largest_eigenvalue(support, k1, k2))
+    k1 = support.high[at.K1] * support.high[at.ALPHA]
+    return math.sqrt(_largest_eigenvalue(support, k1, support.stiffest))
 
 
 def fastest_rate(support: Support, damping: float | None = None) -> float:

@@ -76,8 +76,7 @@ def test_classical_laws_rank_as_theory_says() -> None:
         < results["ConstantStretch"]
         < results["Zero"]
     )
-    # Measured independently on a prototype: 1.01, 0.43 and 0.31; 60 episodes scatter by a few per
-    # cent.
+    # As in docs/tasks.md, from more episodes; 60 scatter by a few per cent.
     assert results["ConstantStretch"] == pytest.approx(1.01, abs=0.05)
     assert results["PhaseLaw"] == pytest.approx(0.43, abs=0.03)
     assert results["MatchingStretch"] == pytest.approx(0.31, abs=0.03)

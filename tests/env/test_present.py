@@ -96,7 +96,7 @@ def test_a_copy_of_what_was_never_reset_needs_a_reset(make, scene, copied, asser
 def spoilt(saved):
     """States that belong to something else."""
     values = saved["values"]
-    yield {}, "missing|finished"
+    yield {}, "running|finished"
     yield {name: value for name, value in saved.items() if name != "streams"}, "streams"
     yield saved | {"scene": "0123456789abcdef"}, "scene"
     yield saved | {"values": values.tolist()}, "values"
@@ -104,6 +104,10 @@ def spoilt(saved):
     yield saved | {"values": values.astype(np.float32)}, "values"
     yield saved | {"frames": saved["frames"][:-1]}, "frames"
     yield saved | {"streams": saved["streams"].astype(np.int64)}, "streams"
+    if "running" in saved:
+        yield saved | {"running": 1.0}, "running"
+    else:
+        yield saved | {"finished": np.full(LANES, 0.5)}, "finished"
 
 
 def test_foreign_state_is_refused_and_changes_nothing(make, scene, assert_same):
@@ -214,6 +218,12 @@ def test_step_needs_a_running_episode(ending_scene):
         env.step(action)
 
 
+@pytest.mark.parametrize("name", ["initial.stretch", "initial.sphere_offset"])
+def test_what_a_step_changes_is_not_called_drawn(make, name):
+    with pytest.raises(SceneError, match=rf"{name}: changes in every step"):
+        make(PRE_STRETCH).drawn(name)
+
+
 def test_options_fix_what_would_be_drawn(make):
     env = make(PRE_STRETCH)
     options = {
@@ -223,9 +233,9 @@ def test_options_fix_what_would_be_drawn(make):
         "initial.sphere_offset": -0.001,
         "initial.sphere_velocity": 0.2,
     }
-    env.reset(seed=0, options=options)
+    _, info = env.reset(seed=0, options=options)
+    assert np.all(info["applied"] == 2.0)
     assert np.all(env.drawn("excitation.0.frequency") == 50.0)
-    assert np.all(env.drawn("initial.stretch") == 2.0)
     expected = np.array([0.003, 0.003 - 0.001, 0.0, 0.2])
     assert (np.atleast_2d(env.state) == expected).all()
 

@@ -20,12 +20,13 @@ SECONDS = 60
 
 TWO_AT_A_TIME = """
 import threading
+from hashlib import sha256
 import numba
 import numpy as np
 from mm_gym import MovingMassVectorEnv
 from mm_gym.tasks import CARRIAGE_FORCE
 
-envs = [MovingMassVectorEnv(CARRIAGE_FORCE, 2000, threads=2) for _ in range(3)]
+envs = [MovingMassVectorEnv(CARRIAGE_FORCE, 2000, threads=count) for count in (1, 2, 2, 2)]
 for env in envs:
     env.reset(seed=0)
 action = np.ones((2000, 1), np.float32)
@@ -39,7 +40,7 @@ for thread in threads:
     thread.start()
 for thread in threads:
     thread.join()
-print(numba.threading_layer(), *{env.state.tobytes().hex()[:64] for env in envs})
+print(numba.threading_layer(), *{sha256(env.state.tobytes()).hexdigest() for env in envs})
 """
 
 

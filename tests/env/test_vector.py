@@ -5,8 +5,9 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, SimulationError
 from mm_gym.kernels import episodes
+from mm_gym.tasks import CARRIAGE_FORCE
 
 LANES, STEPS, SEED = 5, 160, 11
 MODES = list(AutoresetMode)
@@ -41,6 +42,32 @@ def test_lanes_equal_single_environments_over_resets(ending_scene, mode, assert_
         truncations += (got[3] & ~got[2]).sum()
     assert terminations >= 3
     assert truncations >= 3
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_motion_that_nobody_sees_does_not_make_a_step_fail(mode, assert_same):
+    """A lane that is over would overflow in its next step, had it one."""
+    scene = CARRIAGE_FORCE.replace(
+        **{
+            "carriage.cubic_coefficient": 2e9,
+            "objective.displacement_limit": 0.02,
+            "solver": {"method": "rk4", "substeps": 1},
+        }
+    )
+    single = MovingMassEnv(scene)
+    single.reset(seed=SEED)
+    action = np.ones(1, np.float32)
+    while not single.step(action)[2]:
+        pass
+    single._running = True
+    with pytest.raises(SimulationError):
+        single.step(action)
+    native, sync = twins(scene, mode)
+    native.reset(seed=SEED)
+    sync.reset(seed=SEED)
+    for actions in actions_for(native):
+        got, expected = native.step(actions), sync.step(actions)
+        assert_same(without_layout(got), without_layout(expected))
 
 
 def test_lanes_without_autoreset_equal_single_environments(ending_scene, assert_same):
@@ -179,7 +206,14 @@ def test_number_of_lanes_is_checked(scene, count):
         MovingMassVectorEnv(scene, count)
 
 
+@pytest.mark.parametrize("seed", [[-1, 0, 1], [True, 0, 1], [0, 1], "abc", np.int64(3), 1.0])
+def test_seeds_are_checked(scene, seed):
+    env = MovingMassVectorEnv(scene, 3)
+    with pytest.raises(SceneError, match="seed: got"):
+        env.reset(seed=seed)
+
+
 @pytest.mark.parametrize("mode", ["nextstep", None, 1])
 def test_unknown_autoreset_mode_is_refused(scene, mode):
-    with pytest.raises(ValueError, match=r"AutoresetMode|autoreset_mode"):
+    with pytest.raises(SceneError, match=r"autoreset_mode: got .*allowed: \['NextStep'"):
         MovingMassVectorEnv(scene, 2, autoreset_mode=mode)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from oracle import System
 
-from mm_gym import CompileError, Scene, compile_scene
+from mm_gym import CompileError, Scene, SceneError, compile_scene
 from mm_gym.exponential import exponential
+from mm_gym.tasks import PRE_STRETCH
 
 SYSTEMS = {
     "the default": System(),
@@ -71,6 +72,14 @@ def test_exponential_over_no_time_is_the_identity():
 def test_exponential_refuses_what_would_take_minutes():
     with pytest.raises(OverflowError, match=r"at most 1e200"):
         exponential(np.array([[Decimal("1e3000")]]), 1.0)
+
+
+@pytest.mark.parametrize("stretch", [0.5, 0.0, -1.0, np.nan, np.inf])
+def test_stretch_that_springs_do_not_have_is_refused(stretch):
+    plant = compile_scene(PRE_STRETCH)
+    for equations in (plant.linear, plant.discrete, plant.system):
+        with pytest.raises(SceneError, match=r"stretch: got .* allowed: a finite number of at"):
+            equations(stretch)
 
 
 def test_linear_is_the_derivative_of_discrete():

@@ -231,8 +231,9 @@ def test_method_outside_its_domain_is_refused(method: str) -> None:
 
 
 def test_option_without_effect_warns() -> None:
-    with pytest.warns(UserWarning, match=r"solver.substeps has no effect"):
+    with pytest.warns(UserWarning, match=r"solver.substeps has no effect") as caught:
         compile_scene(CUBIC.replace(**{"solver.substeps": 3}))
+    assert caught[0].filename == __file__
     with pytest.warns(UserWarning, match=r"solver.tolerance has no effect"):
         compile_scene(CUBIC.replace(**{"solver.tolerance": 1e-3, "solver.method": "rk4"}))
     with warnings.catch_warnings():

@@ -9,8 +9,8 @@ import mm_gym
 
 EXTRAS = ["torch", "stable_baselines3", "control", "matplotlib", "pygame", "tyro", "tensorboard"]
 
-# The public names of the design, as far as they exist.
 PUBLIC = [
+    "work_precision",
     *["Scene", "load_scene", "SceneError", "CompileError", "ActionError", "SimulationError"],
     *["compile_scene", "Plant", "simulate", "Trajectory", "MovingMassEnv", "MovingMassVectorEnv"],
 ]
