@@ -9,11 +9,17 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from mm_gym.compile import compile_scene
-from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.lanes import Lanes
-from mm_gym.present import Present
-from mm_gym.spaces import FLOAT32, action_space, checked_actions, observation_space, scene_of
+from mm_gym.present import Present, flag_of
+from mm_gym.spaces import (
+    FLOAT32,
+    action_space,
+    checked_actions,
+    checked_options,
+    observation_space,
+    scene_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -161,7 +167,7 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
         SceneError
             If a name or value is not allowed.
         """
-        fixed = self._lanes.checked(options)
+        fixed = self._lanes.checked(checked_options(options))
         super().reset(seed=seed)
         if seed is not None or not self._seeded:
             self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
@@ -182,6 +188,8 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
             If the action is not finite or misshapen. Nothing is changed.
         ResetNeeded
             If the episode has ended or none has begun.
+        SimulationError
+            If the motion cannot be followed to the step's end. It ends the episode.
         """
         if not self._running:
             msg = "the episode is over: call reset() before step()"
@@ -198,23 +206,20 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
         terminated = truncated = False
         if status:
             lanes = self._lanes
+            self._running = status == at.NOT_FINITE  # then nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
-            self._running = False
         frame, reward, state, applied = self._views
         info = {"state": state.copy(), "applied": applied.copy()}
         return frame.copy(), reward.item(), terminated, truncated, info
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact present, random stream included, for `set_state`."""
-        return self._lanes.snapshot() | {"running": self._running}
+        flags = {"running": self._running, "seeded": self._seeded}
+        return self._lanes.snapshot() | flags
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
-        running = state.get("running")
-        if type(running) is not bool:
-            msg = f"state.running: got {running!r}; allowed: what get_state returned"
-            raise SceneError(msg)
+        running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
         self._lanes.restore(state)
-        self._running = running
-        self._seeded = True
+        self._running, self._seeded = running, seeded

@@ -188,7 +188,7 @@ class Lanes:
             raise SceneError(msg)
         return self.values[row]
 
-    def checked(self, fixed: Mapping[str, ArrayLike] | None) -> dict[int, Values]:
+    def checked(self, fixed: Mapping[str, ArrayLike]) -> dict[int, Values]:
         """Return rows and values of fields by dotted name, a number or one per lane.
 
         Raises
@@ -197,13 +197,10 @@ class Lanes:
             If a name is unknown, or a value is not a number within the scene's support.
         """
         support = self.plant.support
-        return {
-            support.row_of(name): self._checked(name, value)
-            for name, value in (fixed or {}).items()
-        }
+        return {support.row_of(name): self._checked(name, value) for name, value in fixed.items()}
 
     def _checked(self, name: str, value: ArrayLike) -> Values:
-        support, array = self.plant.support, np.asarray(value)
+        support, array = self.plant.support, array_of(value, name)
         if array.dtype.kind not in "fiu" or array.shape not in ((), (self.count,)):
             msg = f"{name}: got {value!r}; allowed: a number, or {self.count} of them"
             raise SceneError(msg)
@@ -278,6 +275,15 @@ class Lanes:
         for name in SNAPSHOT:
             getattr(self, name)[...] = snapshot[name]
         self._ends[at.MARKED] = True
+
+
+def array_of(value: ArrayLike, name: str) -> NDArray[Any]:
+    """Return the value as an array, or raise `SceneError` if its parts differ in shape."""
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        msg = f"{name}: got {value!r}; allowed: a number, or as many as there are lanes: {error}"
+        raise SceneError(msg) from None
 
 
 def is_array(value: object) -> TypeGuard[NDArray[Any]]:

@@ -6,8 +6,21 @@ from abc import ABC, abstractmethod
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from mm_gym.errors import SceneError
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from mm_gym.lanes import Lanes
+
+
+def flag_of(state: Mapping[str, object], name: str) -> bool:
+    """Return a flag of what `get_state` returned, or raise `SceneError`."""
+    flag = state.get(name)
+    if type(flag) is not bool:
+        msg = f"state.{name}: got {flag!r}; allowed: true or false, from get_state"
+        raise SceneError(msg)
+    return flag
 
 
 class Present(ABC):

@@ -37,12 +37,20 @@ def make_vec_env(id: str, num_envs: int, **kwargs: Any) -> VectorEnvAdapter:  # 
     **kwargs
         Passed to the environment, for example ``scene``.
 
+    Raises
+    ------
+    ValueError
+        If ``copy`` is false: Stable-Baselines3 keeps observations over the next step.
+
     Examples
     --------
     >>> from mm_gym.sb3 import make_vec_env
     >>> make_vec_env("mm_gym/PreStretch-v0", 64).num_envs
     64
     """
+    if not kwargs.get("copy", True):
+        message = "copy: got False; allowed: True, for observations are kept over the next step"
+        raise ValueError(message)
     env = gymnasium.make_vec(
         id,
         num_envs=num_envs,
@@ -77,14 +85,16 @@ class VectorEnvAdapter(VecEnv):
         """Begin an episode in every lane, with the seeds and options set before."""
         seeds = self._seeds
         seed = None if all(value is None for value in seeds) else list(seeds)
-        observations, infos = self.env.reset(
-            seed=seed,  # pyright: ignore[reportArgumentType] - Gymnasium's SyncVectorEnv takes a list too
-            options=self._merged_options(),
-        )
+        try:
+            observations, infos = self.env.reset(
+                seed=seed,  # pyright: ignore[reportArgumentType] - Gymnasium's SyncVectorEnv takes a list too
+                options=self._merged_options(),
+            )
+        finally:  # also what was refused is not asked for again
+            self._reset_seeds()
+            self._reset_options()
         self.reset_infos = self._split(infos)
         self._returns[:], self._lengths[:] = 0.0, 0
-        self._reset_seeds()
-        self._reset_options()
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:

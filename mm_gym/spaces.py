@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -14,7 +15,7 @@ from mm_gym.scene import Scene
 from mm_gym.scene_file import load_scene
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.plant import Plant
 
@@ -45,6 +46,16 @@ def observation_space(plant: Plant) -> Box:
     """Return the scaled channels of each observed frame, oldest frame first."""
     size = plant.history * len(plant.channels)
     return Box(-at.OBSERVATION_BOUND, at.OBSERVATION_BOUND, (size,), np.float32)
+
+
+def checked_options(options: object) -> dict[str, ArrayLike]:
+    """Return a copy of the options of `reset`, or raise `SceneError`."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        msg = f"options: got {options!r}; allowed: a dictionary of fields by dotted name"
+        raise SceneError(msg)
+    return dict(cast("Mapping[str, ArrayLike]", options))
 
 
 def checked_actions(

@@ -15,9 +15,15 @@ from mm_gym.compile import compile_scene
 from mm_gym.env import SEEDS
 from mm_gym.errors import SceneError, suggest
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes, is_array
-from mm_gym.present import Present
-from mm_gym.spaces import action_space, checked_actions, observation_space, scene_of
+from mm_gym.lanes import Lanes, array_of, is_array
+from mm_gym.present import Present, flag_of
+from mm_gym.spaces import (
+    action_space,
+    checked_actions,
+    checked_options,
+    observation_space,
+    scene_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -126,9 +132,9 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         Other options set drawn fields by dotted name, a number or one per lane, as in
         `MovingMassEnv`.
         """
-        options = dict(options or {})
-        mask = self._mask(options.pop("reset_mask", None))
-        fixed = self._lanes.checked(options)
+        fields = checked_options(options)
+        mask = self._mask(fields.pop("reset_mask", None))
+        fixed = self._lanes.checked(fields)
         self._seed(seed, mask)
         self._lanes.restart(mask, fixed)
         self._finished[mask] = False
@@ -153,6 +159,8 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
             If an action is not finite or the array misshapen. Nothing is changed.
         ResetNeeded
             If no episode has begun or, without autoreset, a lane's episode is over.
+        SimulationError
+            If a lane's motion cannot be followed to the step's end. It ends all episodes.
         """
         if self._any_finished and (
             self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded
@@ -180,7 +188,8 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
 
     def get_state(self) -> dict[str, object]:
         """Return the exact present of all lanes, random streams included, for `set_state`."""
-        return self._lanes.snapshot() | {"finished": self._finished.copy()}
+        flags = {"finished": self._finished.copy(), "seeded": self._seeded}
+        return self._lanes.snapshot() | flags
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
@@ -192,10 +201,11 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         ):
             msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
             raise SceneError(msg)
+        seeded = flag_of(state, "seeded")
         self._lanes.restore(state)
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
-        self._seeded = True
+        self._seeded = seeded
 
     def _rest(self, actions: NDArray[np.floating]) -> None:
         """Let the lanes rest that begin anew in this step: unseen, they must not make it fail."""
@@ -210,20 +220,26 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         """
         lanes = self._lanes
         if status > at.ENDED:
+            if status != at.NOT_FINITE:  # then nothing has changed
+                self._finished[:] = True
+                self._any_finished = True
             lanes.raise_for(status)
         if self._any_finished:
-            lanes.restart(self._finished, paused=True)
-            self._finished[:] = False
-            self._any_finished = False
+            self._restart(paused=True)
         if status == at.ENDED:
             np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
             self._any_finished = bool(self._finished.any())
             if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
                 final = self._final()
-                lanes.restart(self._finished)
-                self._any_finished = False
+                self._restart()
                 return final
         return None
+
+    def _restart(self, *, paused: bool = False) -> None:
+        """Let the finished lanes begin anew."""
+        self._lanes.restart(self._finished, paused=paused)
+        self._finished[:] = False
+        self._any_finished = False
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.
@@ -259,7 +275,7 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
 
     def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
         # An array of its own: for a read-only one the kernels would be compiled anew.
-        array = np.array(self._everywhere if mask is None else mask)
+        array = array_of(self._everywhere if mask is None else mask, "reset_mask").copy()
         if array.shape != (self.num_envs,) or array.dtype != np.bool_:
             msg = (
                 f"reset_mask: got {array.dtype} of shape {array.shape}; "

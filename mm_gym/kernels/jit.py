@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,17 +18,20 @@ COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
 
 
-@cache
 def _digest_of_sources() -> str:
     files = sorted(Path(__file__).parent.glob("*.py"))
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+
+
+_DIGEST = _digest_of_sources()
+"""Of the sources as imported: edited later, they are not those that this process runs."""
 
 
 class _StampOfPackage:
     """Numba watches one file only: a kernel whose helper in another changed would stay stale."""
 
     def get_source_stamp(self) -> str:
-        return _digest_of_sources()
+        return _DIGEST
 
 
 class _Provided(_StampOfPackage, caching.UserProvidedCacheLocator):

@@ -74,6 +74,12 @@ def test_unequal_options_are_refused() -> None:
     env.set_options([{"initial.carriage_displacement": 0.001}, {}])
     with pytest.raises(ValueError, match="same fields"):
         env.reset()
+    env.reset()  # what was refused is not asked for again
+
+
+def test_views_are_refused_because_observations_are_kept() -> None:
+    with pytest.raises(ValueError, match="copy: got False"):
+        make_vec_env("mm_gym/CarriageForce-v0", 2, copy=False)
 
 
 def test_other_autoreset_modes_are_refused() -> None:

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 
-from mm_gym import ActionError, MovingMassEnv, MovingMassVectorEnv, Scene, SceneError
+from mm_gym import (
+    ActionError,
+    MovingMassEnv,
+    MovingMassVectorEnv,
+    Scene,
+    SceneError,
+    SimulationError,
+)
 from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 LANES = 4
@@ -62,6 +69,36 @@ def test_saved_state_is_a_copy(make, scene):
     env.set_state(saved)
     rollout(env, random_actions(env, 3))
     assert all(np.array_equal(kept[name], saved[name]) for name in kept)
+
+
+def test_state_from_before_the_first_episode_is_restored_as_such(make, scene):
+    env = make(scene)
+    env.set_state(make(scene).get_state())
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(env.action_space.shape, np.float32))
+    starts = [make(scene) for _ in range(2)]
+    for one in starts:
+        one.set_state(one.get_state())
+        one.reset()
+    streams = [one.get_state()["streams"] for one in starts]
+    assert not np.array_equal(*streams)
+
+
+def test_failed_step_ends_the_episode(make):
+    scene = CARRIAGE_FORCE.replace(
+        **{"carriage.cubic_coefficient": 1e15, "solver": {"method": "rk4", "substeps": 1}}
+    )
+    env = make(scene)
+    env.reset(seed=0)
+    action = np.ones(env.action_space.shape, np.float32)
+    with pytest.raises(SimulationError):
+        rollout(env, [action] * 100)
+    if isinstance(env, MovingMassEnv):
+        with pytest.raises(ResetNeeded):
+            env.step(action)
+        env.reset()
+    _, reward, *_ = env.step(0.0 * action)  # all lanes begin anew
+    assert np.isfinite(reward).all()
 
 
 def pickled(env):
@@ -268,8 +305,11 @@ def test_options_of_the_vector_may_differ_by_lane():
         ({"initial.carriage_displacement": np.inf}, "initial.carriage_displacement: got inf"),
         ({"initial.stretch": 3.5}, "initial.stretch: got 3.5; allowed: 1 to 3"),
         ({"carriage.mass": 0.2}, "carriage.mass: got 0.2; allowed: 0.1 to 0.1"),
+        ({"initial.stretch": [1, [2]]}, "initial.stretch: got [1, [2]]"),
         ({"seed": 3}, "seed: not a field"),
         ({3: 3.0}, "3: not a field"),
+        ([], "options: got []; allowed: a dictionary"),
+        (3, "options: got 3; allowed: a dictionary"),
     ],
     ids=str,
 )

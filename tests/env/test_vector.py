@@ -45,6 +45,21 @@ def test_lanes_equal_single_environments_over_resets(ending_scene, mode, assert_
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_lanes_are_restored_and_partly_reset_after_any_end(ending_scene, mode, assert_same):
+    env = MovingMassVectorEnv(ending_scene, LANES, autoreset_mode=mode)
+    other = MovingMassVectorEnv(ending_scene, LANES, autoreset_mode=mode)
+    env.reset(seed=SEED)
+    mask = np.arange(LANES) == 1
+    for step, action in enumerate(actions_for(env)):
+        env.step(action)
+        if step % 5 == 0:
+            env.reset(options={"reset_mask": mask})
+        other.set_state(env.get_state())
+        assert_same(other.get_state(), env.get_state())
+        other.step(action)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_motion_that_nobody_sees_does_not_make_a_step_fail(mode, assert_same):
     """A lane that is over would overflow in its next step, had it one."""
     scene = CARRIAGE_FORCE.replace(
@@ -152,7 +167,9 @@ def test_any_mask_restarts_lanes_by_the_same_compiled_kernel(scene):
     assert episodes.start.signatures == before
 
 
-@pytest.mark.parametrize("mask", [[True], [1, 0, 1], "abc", np.ones((3, 1), bool)])
+@pytest.mark.parametrize(
+    "mask", [[True], [[True], [True, False]], [1, 0, 1], "abc", np.ones((3, 1), bool)]
+)
 def test_reset_mask_that_does_not_fit_is_refused(scene, mask, assert_same):
     native = MovingMassVectorEnv(scene, 3)
     native.reset(seed=0)
