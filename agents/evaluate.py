@@ -47,7 +47,7 @@ def report_run(run: Run, episodes: int = 200) -> list[Evaluation]:
     if not run.finished:
         msg = f"{run.folder}: training is not over; continue it: python -m agents.train"
         raise RunError(msg)
-    scene = Scene(**record["scene"])  # pyright: ignore[reportCallIssue]
+    scene = Scene(**record["scene"])
     controllers = [*baselines(scene), Learned(PPO.load(run.model, device="cpu"))]
     results = [evaluate(scene, controller, episodes=episodes) for controller in controllers]
     write_results(run, results)

@@ -26,8 +26,9 @@ SECTIONS = {
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
-Written by `make bench`. Every ratio is the median over rounds in which the candidates took turns;
-± is half the interquartile range. Peers that are not installed are left out.
+Written by `make bench`. Unless a section says otherwise, every ratio is the median over rounds in
+which the candidates took turns; ± is half the interquartile range. Peers that are not installed are
+left out.
 """
 
 

@@ -31,11 +31,11 @@ class Stopwatch:
     def __init__(self, env: VecEnv) -> None:
         self.env, self.seconds = env, 0.0
         self.step = env.step
-        env.step = self._timed  # type: ignore[method-assign]
+        env.step = self._timed
 
     def _timed(self, actions: object) -> object:
         began = time.perf_counter()
-        result = self.step(actions)  # type: ignore[arg-type]
+        result = self.step(actions)
         self.seconds += time.perf_counter() - began
         return result
 

@@ -75,7 +75,7 @@ class Motion:
         """x1, x2, v1, v2 at rest."""
         initial = self.scene.initial
         x1, offset = initial.carriage_displacement, initial.sphere_offset
-        return np.array([x1, x1 + offset, 0.0, 0.0])  # type: ignore[operator]
+        return np.array([x1, x1 + offset, 0.0, 0.0])
 
     @property
     def reference_velocity(self) -> float:
@@ -167,7 +167,7 @@ def _scipy_events(regime: int, vr: float) -> list[Callable[..., float]] | None:
         def event(_: float, y: State) -> float:
             return side * (y[3] - y[2]) - vr
 
-        event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
+        event.terminal, event.direction = True, direction
         return event
 
     return [leaving(1, 1), leaving(-1, 1)] if regime == 0 else [leaving(regime, -1)]
@@ -213,8 +213,8 @@ class _Cvode:
                 for k, side in enumerate(sides):
                     out[k] = side * (y[3] - y[2]) - vr
 
-            leaving.terminal = [True] * len(sides)  # type: ignore[attr-defined]
-            leaving.direction = [1 if regime == 0 else -1] * len(sides)  # type: ignore[attr-defined]
+            leaving.terminal = [True] * len(sides)
+            leaving.direction = [1 if regime == 0 else -1] * len(sides)
             options |= {"eventsfn": leaving, "num_events": len(sides)}
         self.solver = CVODE(field, max_num_steps=MOST_STEPS, **options)
 

@@ -178,7 +178,7 @@ def _section(comparison: Comparison) -> str:
         for name in comparison.measured
         if name != OURS
     ]
-    error = max(one.error for one in comparison.measured[OURS][-1:])
+    error = min(one.error for one in comparison.measured[OURS])
     notes = [f"Tightest error of mm_gym: {error:.0e}.", _verdict(comparison)]
     if comparison.gave_up:
         late = "; ".join(f"{name} from {at:.0e} on" for name, at in comparison.gave_up.items())

@@ -123,11 +123,11 @@ def vector() -> str:
 def threads() -> str:
     """Return the section on two threads: their gain, beside what the machine itself allows."""
     rows = []
+    alone, both = (_timed(_independent_work(count)) for count in (1, 2))
     for name, scene in MANY.items():
         for lanes in (LANES, MANY_LANES) if name in WITHOUT_SERIES else (LANES,):
             for copy in (False, True):
                 one, two = (_timed_episodes(scene, count, lanes, copy=copy) for count in (1, 2))
-                alone, both = (_timed(_independent_work(count)) for count in (1, 2))
                 turns = [(one(), two(), alone(), both()) for _ in range(ROUNDS)]
                 times = [np.array(turn) for turn in zip(*turns, strict=True)]  # (rounds, steps)
                 whole = [seconds.sum(axis=1) for seconds in times]

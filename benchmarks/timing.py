@@ -43,7 +43,7 @@ class Timing:
 def side_by_side(
     candidates: Mapping[str, Callable[[], object]],
     *,
-    work: Mapping[str, float] | float = 1.0,
+    work: Mapping[str, float] | None = None,
     rounds: int = 15,
     seconds: float = 0.05,
 ) -> dict[str, Timing]:
@@ -54,7 +54,7 @@ def side_by_side(
     candidates
         Name -> function without arguments; set-up belongs outside.
     work
-        Units of work that one call does.
+        Units of work that one call does, where they are not one.
     rounds
         Turns of each candidate.
     seconds
@@ -65,8 +65,11 @@ def side_by_side(
     for _ in range(rounds):
         for name, function in candidates.items():
             measured[name].append(_time(function, calls[name]) / calls[name])
-    units = work if isinstance(work, dict) else dict.fromkeys(candidates, work)
-    return {name: Timing(name, np.array(values) / units[name]) for name, values in measured.items()}  # pyright: ignore[reportArgumentType, reportIndexIssue]
+    units = work or {}
+    return {
+        name: Timing(name, np.array(values) / units.get(name, 1.0))
+        for name, values in measured.items()
+    }
 
 
 def _calls_for(function: Callable[[], object], seconds: float) -> int:

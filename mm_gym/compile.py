@@ -18,7 +18,7 @@ dry friction, cubic coefficient 0, nothing       switched linear     transition 
   randomised but the start                                           bisected
 the same with actuated stretch, randomised       parametric          Taylor series for each regime
   parameters or excitation frequency, or         switched linear
-  sampled excitation
+  excitation beyond harmonics and blows
 cubic coefficient or finite stretch              smooth nonlinear    adaptive Taylor series
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
                                                                      crossings located

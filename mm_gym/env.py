@@ -39,7 +39,7 @@ class MovingMassEnv(Present, gymnasium.Env[np.ndarray, np.ndarray]):
     -----------
     A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface
     and, optionally, by pre-stretched springs (docs/model.md). Each control step holds the action
-    and propagates the motion exactly; see `Plant.explain` for how.
+    and propagates the motion within its plant's bound, which `Plant.explain` tells.
 
     Action Space
     ------------
