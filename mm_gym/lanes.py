@@ -129,7 +129,9 @@ class Lanes:
         )
         self._start = bind(episodes.start, template, draws, model, task, values, streams)
         self._start_sources = bind(begin_sources, model, values, streams)
-        self._show = bind(episodes.show, model, task, values, self._frames, self._ends, streams)
+        self._show = bind(
+            episodes.show_first, model, task, values, self._frames, self._ends, streams
+        )
         self.rest = bind(episodes.rest, values)
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:

@@ -12,7 +12,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors, span
 from mm_gym.kernels.derived import derive
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.lanes import clear, observe
+from mm_gym.kernels.lanes import fill, observe
 from mm_gym.kernels.random import next_episode, uniform
 
 STRIDE = 64
@@ -73,13 +73,6 @@ def draw(template, draws, lanes, streams, first, last):
 
 
 @borrowing_kernel
-def fill(lanes, row, value, first, last):
-    """Set a row's lanes to a value."""
-    for i in span(first, last):
-        lanes[row, i] = value
-
-
-@borrowing_kernel
 def draw_row(lanes, row, low, high, streams, first, last):
     """Draw a row's lanes, uniform in [low, high]."""
     prefer_widest_vectors()
@@ -111,7 +104,7 @@ def copy_row(lanes, source, target, first, last):
 
 
 @borrowing_kernel
-def show(model, task, lanes, frames, ends, streams, mask, paused, first, last):
+def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, last):
     """Fill the history of the lanes of the mask with their first frame.
 
     Paused lanes, which begin anew instead of making a control step, earn nothing and end nothing.
@@ -121,9 +114,9 @@ def show(model, task, lanes, frames, ends, streams, mask, paused, first, last):
         if mask[first]:
             fill_history(model, task, lanes, frames, streams, first, end)
             if paused:
-                clear(lanes, at.REWARD, first, end)
-                clear(ends, at.TERMINATED, first, end)
-                clear(ends, at.TRUNCATED, first, end)
+                fill(lanes, at.REWARD, 0.0, first, end)
+                fill(ends, at.TERMINATED, False, first, end)
+                fill(ends, at.TRUNCATED, False, first, end)
         first = end
     return at.OK
 
@@ -146,7 +139,7 @@ def rest(lanes, mask, first, last):
         end = run_end(mask, first, last)
         if mask[first]:
             for row in range(4):
-                clear(lanes, row, first, end)
+                fill(lanes, row, 0.0, first, end)
         first = end
     return at.OK
 

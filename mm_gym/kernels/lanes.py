@@ -33,7 +33,7 @@ def command(task, lanes, actions, first, last):
     if has_force:
         push(task, lanes, actions, first, last)
     else:
-        clear(lanes, at.REWARD, first, last)
+        fill(lanes, at.REWARD, 0.0, first, last)
     if task[at.HAS_STRETCH] > 0.0:
         behind_forces = actions.shape[0] // 2 if has_force else 0
         tune(task, lanes, actions[behind_forces:], first, last)
@@ -160,8 +160,8 @@ def judge(task, lanes, ends, first, last):
             ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
     if not ended:  # as nearly always
         if ends[at.MARKED, first]:
-            clear(ends, at.TERMINATED, first, last)
-            clear(ends, at.TRUNCATED, first, last)
+            fill(ends, at.TERMINATED, False, first, last)
+            fill(ends, at.TRUNCATED, False, first, last)
             ends[at.MARKED, first] = False
         return at.OK
     ended, steps, oldest = False, task[at.STEPS], 0
@@ -184,10 +184,10 @@ def judge(task, lanes, ends, first, last):
 
 
 @borrowing_kernel
-def clear(rows, row, first, last):
-    """Set a row's lanes to zero or false."""
+def fill(rows, row, value, first, last):
+    """Set a row's lanes to a value."""
     for i in span(first, last):
-        rows[row, i] = 0
+        rows[row, i] = value
 
 
 @borrowing_kernel
@@ -198,13 +198,13 @@ def observe(task, lanes, frames, streams, first, last):
     for row in range(newest):
         for i in span(first, last):
             frames[row, i] = frames[row + channels, i]
-    show(task, lanes, frames, newest, first, last)
+    write_channels(task, lanes, frames, newest, first, last)
     if task[at.IS_NOISY] > 0.0:
         blur(task, frames, newest, streams, first, last)
 
 
 @borrowing_kernel
-def show(task, lanes, frames, newest, first, last):
+def write_channels(task, lanes, frames, newest, first, last):
     """Write the channels, scaled."""
     prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
