@@ -33,6 +33,7 @@ def test_validate_and_explain(file, capsys):
 
 
 def test_simulate_prints_the_end_and_writes_files(file, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
     outputs = ["--csv", str(tmp_path / "t.csv"), "--plot", str(tmp_path / "t.png")]
     assert main(["simulate", file, "--duration", "0.1", *outputs]) == 0
     assert "dissipated" in capsys.readouterr().out
@@ -42,6 +43,7 @@ def test_simulate_prints_the_end_and_writes_files(file, tmp_path, capsys):
 
 
 def test_paper_draws_the_figure_asked_for(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
     assert main(["paper", "--figure", "fig12", "--out", str(tmp_path / "new")]) == 0
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["fig12.png"]
     assert "fig12.png" in capsys.readouterr().out
