@@ -33,6 +33,9 @@ Number = TypeVar("Number", bound=np.generic)
 SNAPSHOT = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the present of a set of lanes."""
 
+SHOWN_LANES = 5
+"""At most so many are named in a message."""
+
 CACHE_LINE = 64
 """Bytes. Rows begin on a cache line, so that no vector of lanes straddles two."""
 
@@ -240,11 +243,20 @@ class Lanes:
     def raise_for(self, status: int) -> None:
         """Raise the error that a status code stands for, if it is one."""
         if status > at.NOT_FINITE:
-            msg = f"{self.plant.method.name}: {at.MESSAGES[status]}"
+            msg = f"{self.plant.method.name}{self._lost()}: {at.MESSAGES[status]}"
             raise SimulationError(msg)
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
+
+    def _lost(self) -> str:
+        """Name the lanes whose state or cost is not finite, if there are several to tell apart."""
+        rows = self.values[[at.X1, at.X2, at.V1, at.V2, at.REWARD]]
+        lost = np.flatnonzero(~np.isfinite(rows).all(axis=0))
+        if self.count == 1 or not lost.size:
+            return ""
+        shown = ", ".join(map(str, lost[:SHOWN_LANES]))
+        return f", lane {shown}" + (", ..." if lost.size > SHOWN_LANES else "")
 
     def snapshot(self) -> dict[str, object]:
         """Return everything that the lanes are, as copies, for `restore`."""

@@ -91,7 +91,8 @@ def test_failed_step_ends_the_episode(make):
     env = make(scene)
     env.reset(seed=0)
     action = np.ones(env.action_space.shape, np.float32)
-    with pytest.raises(SimulationError):
+    where = "" if isinstance(env, MovingMassEnv) else ", lane [0-3](, [1-3])*"
+    with pytest.raises(SimulationError, match=rf"^rk4{where}: "):
         rollout(env, [action] * 100)
     if isinstance(env, MovingMassEnv):
         with pytest.raises(ResetNeeded):
