@@ -71,9 +71,12 @@ def checked_actions(
         return actions  # what is usual, at once
     try:
         array = np.asarray(actions)
-    except ValueError as error:
+    except (ValueError, TypeError, RuntimeError) as error:  # tensors raise what they like
         msg = f"action: not an array: {error}"
         raise ActionError(msg) from None
+    if isinstance(actions, np.ma.MaskedArray):
+        msg = "action: got a masked array; allowed: a number for every lane"
+        raise ActionError(msg)
     if array.dtype.kind not in "fiu":
         msg = f"action: got type {array.dtype}; allowed: numbers"
         raise ActionError(msg)

@@ -171,6 +171,13 @@ def test_state_of_another_scene_or_lane_count_is_refused(make):
         env.set_state(more.get_state())
 
 
+class Stubborn:
+    """Refuses to become an array, as a tensor does that needs its gradient."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError
+
+
 BAD_ACTIONS = {
     "nan": lambda shape: np.full(shape, np.nan, np.float32),
     "nan, double": lambda shape: np.full(shape, np.nan),
@@ -189,6 +196,8 @@ BAD_ACTIONS = {
     "objects": lambda shape: np.full(shape, object()),
     "complex": lambda shape: np.zeros(shape, np.complex128),
     "booleans": lambda shape: np.zeros(shape, np.bool_),
+    "masked": np.ma.masked_all,
+    "what refuses to be one": lambda _: Stubborn(),
     "ragged": lambda _: [[0.0], [0.0, 1.0]],
     "a dictionary": lambda _: {"force": 0.0},
 }
