@@ -11,8 +11,6 @@ from mm_gym.errors import SceneError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from mm_gym.lanes import Lanes
-
 
 def flag_of(state: Mapping[str, object], name: str) -> bool:
     """Return a flag of what `get_state` returned, or raise `SceneError`."""
@@ -30,7 +28,6 @@ class Present(ABC):
     one by one, the copy's kernels would go on in the memory of the original.
     """
 
-    _lanes: Lanes
     _prepared: ClassVar[frozenset[str]]
     """Names of the attributes that `_prepare` makes."""
 
@@ -38,17 +35,25 @@ class Present(ABC):
     def _prepare(self) -> None:
         """Make what follows from the scene."""
 
+    @abstractmethod
+    def get_state(self) -> dict[str, object]:
+        """Return the present."""
+
+    @abstractmethod
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from there."""
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return all attributes but those that `_prepare` makes, and the lanes' present."""
+        """Return all attributes but those that `_prepare` makes, and the present."""
         kept = {name: value for name, value in vars(self).items() if name not in self._prepared}
-        return kept | {"present": self._lanes.snapshot()}
+        return kept | {"present": self.get_state()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Be where the other one was."""
         present = state.pop("present")
         vars(self).update(state)
         self._prepare()
-        self._lanes.restore(present)
+        self.set_state(present)
 
     def __copy__(self) -> Self:
         """Return a deep copy: half a copy would not be an environment."""

@@ -64,7 +64,9 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
-    _prepared = frozenset({"plant", "_lanes", "_views", "_everywhere"})
+    _prepared = frozenset(
+        {"plant", "_lanes", "_views", "_finished", "_any_finished", "_everywhere"}
+    )
 
     def __init__(
         self,
@@ -87,8 +89,6 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self._copy = copy
         self._threads = threads
-        self._finished = np.ones(num_envs, np.bool_)
-        self._any_finished = True
         self._seeded = False
         self._prepare()
         self.single_action_space = action_space(self.plant)
@@ -97,10 +97,12 @@ class MovingMassVectorEnv(Present, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
         self._shape = (num_envs, *self.single_action_space.shape)
 
     def _prepare(self) -> None:
-        """Make what follows from the scene, and views of the lanes."""
+        """Make what follows from the scene: lanes before their first episode, and views of them."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
         self._views = [array.T for array in lanes.shown]
+        self._finished = np.ones(self.num_envs, np.bool_)
+        self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
 

@@ -106,7 +106,17 @@ def pickled(env):
     return pickle.loads(pickle.dumps(env))  # noqa: S301 - our own
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickled])
+def received(env):
+    """As from another process that hands arrays over in memory that nobody may write to."""
+    buffers = []
+    data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
+    return pickle.loads(data, buffers=[bytes(one.raw()) for one in buffers])  # noqa: S301 - our own
+
+
+COPIED = [copy.deepcopy, copy.copy, pickled, received]
+
+
+@pytest.mark.parametrize("copied", COPIED)
 def test_a_copy_goes_on_alone_as_the_original_would(make, ending_scene, copied, assert_same):
     env = make(ending_scene)
     env.reset(seed=3)
@@ -122,7 +132,7 @@ def test_a_copy_goes_on_alone_as_the_original_would(make, ending_scene, copied, 
     assert_same(twin.action_space.sample(), env.action_space.sample())
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickled])
+@pytest.mark.parametrize("copied", COPIED)
 def test_a_copy_of_what_was_never_reset_needs_a_reset(make, scene, copied, assert_same):
     env = make(scene)
     twin = copied(env)
