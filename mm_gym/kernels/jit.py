@@ -18,8 +18,15 @@ COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
 
 
+def sources() -> list[Path]:
+    """Return the files that compiled code is made from."""
+    package = Path(__file__).parents[1]
+    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py", "methods/*/simd.py")
+    return sorted({file for place in places for file in package.glob(place)})
+
+
 def _digest_of_sources() -> str:
-    files = sorted(Path(__file__).parent.glob("*.py"))
+    files = sources()
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
 
 
