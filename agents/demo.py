@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from agents.config import read_settings
 from agents.evaluate import report_run
-from agents.runs import Run
 from agents.train import train
+from agents.training.config import read_settings
+from agents.training.runs import Run
 
 SETTINGS = Path(__file__).parent.parent / "configs" / "agents" / "pre_stretch.toml"
 

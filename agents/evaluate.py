@@ -15,10 +15,10 @@ from rich.console import Console
 from rich.table import Table
 from stable_baselines3 import PPO
 
-from agents.evaluation import Evaluation, baselines, evaluate
-from agents.figures import draw_response, draw_scores
-from agents.learned import Learned
-from agents.runs import Run, RunError
+from agents.controllers.learned import Learned
+from agents.evaluation.episodes import Evaluation, baselines, evaluate
+from agents.report.figures import draw_response, draw_scores
+from agents.training.runs import Run, RunError
 from mm_gym import Scene, SceneError
 from mm_gym.files import write_csv
 

@@ -21,10 +21,10 @@ from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.utils import LinearSchedule
 from tqdm import TqdmExperimentalWarning
 
-from agents.config import TrainSettings, settings_from_command_line
-from agents.evaluation import VALIDATION_SEED, evaluate
-from agents.learned import Learned
-from agents.runs import Run, RunError, save_whole
+from agents.controllers.learned import Learned
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.runs import Run, RunError, save_whole
 from mm_gym import SceneError
 from mm_gym.files import write_csv
 from mm_gym.sb3 import VectorEnvAdapter

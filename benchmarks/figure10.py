@@ -12,7 +12,7 @@ from benchmarks.report import table
 from mm_gym.analysis import bifurcation
 from mm_gym.paper import scene as paper_scene
 from mm_gym.paper.scenes import CHI, RATIOS
-from mm_gym.reference import Oracle
+from mm_gym.precision.oracle import Oracle
 
 if TYPE_CHECKING:
     from mm_gym import Scene

@@ -14,8 +14,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from benchmarks.report import table
 from mm_gym import MovingMassEnv
+from mm_gym.env.tasks import PRE_STRETCH
 from mm_gym.sb3 import make_vec_env
-from mm_gym.tasks import PRE_STRETCH
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv

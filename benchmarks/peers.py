@@ -17,8 +17,8 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.report import installed
 from mm_gym import compile_scene
-from mm_gym.lanes import Lanes
-from mm_gym.scene import GRAVITY
+from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Callable

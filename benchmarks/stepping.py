@@ -15,9 +15,9 @@ import numpy as np
 from benchmarks.report import table
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
-from mm_gym.lanes import Lanes
+from mm_gym.env.tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_DUFFING, PRE_STRETCH, TASKS
 from mm_gym.paper import scene as paper_scene
-from mm_gym.tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_DUFFING, PRE_STRETCH, TASKS
+from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

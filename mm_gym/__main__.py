@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
-from mm_gym.compile import compile_scene
 from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
-from mm_gym.scene_file import load_scene
-from mm_gym.schema import scene_schema
-from mm_gym.simulate import simulate
+from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.schema import scene_schema
+from mm_gym.scene.toml_file import load_scene
+from mm_gym.simulation.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

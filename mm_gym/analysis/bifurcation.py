@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from mm_gym.analysis.bifurcation_kernel import final_offsets
 from mm_gym.analysis.values import row_of
-from mm_gym.compile import compile_scene
-from mm_gym.energy import mechanical_energy
 from mm_gym.errors import SceneError, SimulationError
-from mm_gym.kernels import ladder
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.bifurcation import final_offsets
-from mm_gym.parameters import support_of
-from mm_gym.scene import GRAVITY
-from mm_gym.simulate import simulate
+from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.support_of import support_of
+from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.simulation.energy import precise_integration_kernel as precise
+from mm_gym.simulation.energy.work import mechanical_energy
+from mm_gym.simulation.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 CHUNK = 64
 """Points that one worker takes at a time."""
@@ -181,7 +181,7 @@ def _follow(scene: Scene) -> float:
     plant, steps = compile_scene(scene), FIRST_STEPS
     while steps <= MOST_STEPS:
         trajectory = simulate(plant, duration=steps * plant.time_step)
-        p, damping = trajectory.parameters, cast("float", ladder.damping_of(trajectory.parameters))
+        p, damping = trajectory.parameters, cast("float", precise.damping_of(trajectory.parameters))
         for state in trajectory.state:
             if _sticks_for_good(p, state, damping):
                 x1, x2, _, v2 = state

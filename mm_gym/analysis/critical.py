@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from scipy.optimize import brentq  # pyright: ignore[reportUnknownVariableType]
 
+from mm_gym.analysis.critical_kernel import fastest_slip
 from mm_gym.analysis.values import row_of
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.peak import fastest_slip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 TIGHTEST = np.float64(1e-15)
 """Tolerance of the logarithm of the velocity: a few units of round-off."""

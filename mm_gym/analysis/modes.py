@@ -13,7 +13,7 @@ from mm_gym.analysis.values import Linear, characteristic, linear_values
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
     Roots = NDArray[np.complex128]
 

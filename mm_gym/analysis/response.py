@@ -13,7 +13,7 @@ from mm_gym.errors import SceneError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,13 @@ import numpy as np
 
 from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.ladder import damping_of, stiffness_of
-from mm_gym.parameters import support_of
+from mm_gym.plant.support_of import support_of
+from mm_gym.simulation.energy.precise_integration_kernel import damping_of, stiffness_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 
 class Linear(NamedTuple):

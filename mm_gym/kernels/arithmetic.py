@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numba import types
 from numba.extending import intrinsic, overload
 
@@ -65,13 +64,3 @@ def _compiled_prefer_widest_vectors() -> Callable[..., None]:
 def clip(value, low, high):
     """Return the value limited to [low, high]."""
     return min(max(value, low), high)
-
-
-@kernel
-def span(first, last):
-    """Return range(first, last) of unsigned integers.
-
-    A signed index might be negative and count from the end: that possibility keeps a loop from
-    being vectorised.
-    """
-    return range(np.uintp(first), np.uintp(last))

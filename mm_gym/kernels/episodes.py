@@ -6,13 +6,12 @@ them.
 
 from __future__ import annotations
 
-import math
-
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors, span
-from mm_gym.kernels.derived import derive
+from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors
+from mm_gym.kernels.excitation import begin_harmonic
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.kernels.lanes import fill, observe
+from mm_gym.kernels.memory import copy_row, fill, span
+from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.random import next_episode, uniform
 
 STRIDE = 64
@@ -92,15 +91,10 @@ def complete(model, task, lanes, first, last):
         copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, last)
     if task[at.STRETCH_IS_RATE] > 0.0:
         copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, last)
-    for j in range(int(model[at.TONE_COUNT])):
-        begin_tone(lanes, at.TONES + at.TONE_ROWS * j, model[at.TIME_STEP], first, last)
-
-
-@borrowing_kernel
-def copy_row(lanes, source, target, first, last):
-    """Copy a row's lanes."""
-    for i in span(first, last):
-        lanes[target, i] = lanes[source, i]
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        begin_harmonic(
+            lanes, at.HARMONICS + at.HARMONIC_ROWS * j, model[at.SAMPLE_INTERVAL], first, last
+        )
 
 
 @borrowing_kernel
@@ -142,14 +136,3 @@ def rest(lanes, mask, first, last):
                 fill(lanes, row, 0.0, first, end)
         first = end
     return at.OK
-
-
-@borrowing_kernel
-def begin_tone(lanes, tone, time_step, first, last):
-    """Write cosine and sine of a tone's phase, and of its turn in one substep."""
-    for i in span(first, last):
-        phase, turn = lanes[tone + at.PHASE, i], lanes[tone + at.FREQUENCY, i] * time_step
-        lanes[tone + at.COSINE, i] = math.cos(phase)
-        lanes[tone + at.SINE, i] = math.sin(phase)
-        lanes[tone + at.ROTATE_COSINE, i] = math.cos(turn)
-        lanes[tone + at.ROTATE_SINE, i] = math.sin(turn)

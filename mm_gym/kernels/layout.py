@@ -64,27 +64,31 @@ K0, L0 = 27, 28
 # of its episodes has had its steps. So no step counts for every lane.
 NOW, DUE = 29, 30
 
-# Rows of the first harmonic tone; the next tone follows TONE_ROWS further down. COSINE and SINE are
-# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one substep.
-TONES = 31
-TONE_ROWS = 7
+# Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE are
+# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample interval.
+HARMONICS = 31
+HARMONIC_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 
-# Behind the tones come the jets: what all other sources of force, then of ground acceleration, do
-# in the present substep h, as coefficients of (t / h)^n; then each source's own rows.
+# Behind the harmonics come the jets: what all other sources of force, then of ground acceleration, do
+# in the present sample interval h, as coefficients of (t / h)^n; then each source's own rows.
 
 # Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
-TIME_STEP, TONE_COUNT, GROUND = 0, 1, 2  # of a substep; bit j of GROUND: tone j shakes the ground
-SUBSTEPS = 3  # substeps in a control step
+SAMPLE_INTERVAL, HARMONIC_COUNT, GROUND = (
+    0,
+    1,
+    2,
+)  # [s]; bit j of GROUND: harmonic j shakes the ground
+INTERVALS = 3  # sample intervals in a control step
 JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no other sources
-SOURCES = 6  # slot where the sources are described
+EXCITATION = 6  # slot where the sampled excitation is described
 MODEL_OWN = 7
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
-FORCE_IS_RATE, FORCE_SHARE = 3, 4  # SHARE: of the way to its command that a lag lets it go
+FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # SHARE: of the way to its command that a lag lets it go
 HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
-STRETCH_IS_RATE, STRETCH_SHARE = 9, 10
+STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
 WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
 DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
 IS_DERIVED, IS_NOISY = 18, 19  # whether a channel shows what follows from the state; has noise

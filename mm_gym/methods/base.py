@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mm_gym.kernels.entries import Entries
-    from mm_gym.parameters import Support
+    from mm_gym.kernels.control_step import Entries
+    from mm_gym.methods.support import Support
 
 ROUND_OFF = 2.0**-54
 """Relative size below which a term of a series changes nothing."""
@@ -60,8 +60,8 @@ class Method:
     def constants(self, support: Support) -> NDArray[np.float64]:
         """Return the model array, the sources' description at its end."""
         model = self.model(support)
-        model[at.SOURCES] = len(model)
-        return np.concatenate([model, support.sources])
+        model[at.EXCITATION] = len(model)
+        return np.concatenate([model, support.excitation])
 
 
 @contextmanager
@@ -70,60 +70,21 @@ def refuse_overflow(support: Support) -> Generator[None]:
     try:
         yield
     except OverflowError as error:
-        msg = (
-            f"control.time_step: {support.time_step} s is too long for this scene's rates: {error}"
-        )
+        msg = f"control.time_step: {support.sample_interval} s is too long for this scene's rates: {error}"
         raise CompileError(msg) from error
 
 
 def header(support: Support, own: int) -> NDArray[np.float64]:
     """Return a model array with the slots that every method shares, and `own` slots more."""
     model = np.zeros(at.MODEL_OWN + own)
-    model[at.TIME_STEP], model[at.SUBSTEPS] = support.time_step, support.substeps
+    model[at.SAMPLE_INTERVAL], model[at.INTERVALS] = (
+        support.sample_interval,
+        support.intervals_per_step,
+    )
     model[at.JETS], model[at.TERMS] = support.jets, support.terms
-    model[at.TONE_COUNT] = len(support.ground)
+    model[at.HARMONIC_COUNT] = len(support.ground)
     model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
     return model
-
-
-def fastest_oscillation(support: Support) -> float:
-    """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
-    k1 = support.high[at.K1] * support.high[at.ALPHA]
-    return math.sqrt(_largest_eigenvalue(support, k1, support.stiffest))
-
-
-def fastest_rate(support: Support, damping: float | None = None) -> float:
-    """Return a bound of the excitation's frequencies and of the norm of A [1/s].
-
-    The norm is the spectral one, in the energy norm.
-
-    With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew
-    matrix of the undamped motion minus the scaled damping; the norm of A is at most the sum of
-    theirs.
-
-    Parameters
-    ----------
-    support
-        The values that the parameters can take.
-    damping
-        Damping of the interface [N s/m]; by default the highest of the support.
-    """
-    high = support.high
-    c = float(high[at.C]) if damping is None else damping
-    dissipation = _largest_eigenvalue(support, high[at.D], c)
-    tones = support.frequencies.max(initial=0.0)
-    return float(max(fastest_oscillation(support) + dissipation, tones))
-
-
-def _largest_eigenvalue(support: Support, outer: float, inner: float) -> float:
-    """Return the largest eigenvalue of [[outer + inner, -inner], [-inner, inner]] v = s M v.
-
-    It rises with both coefficients and falls with the masses, so the least masses give the most.
-    """
-    m1, m2 = float(support.low[at.M1]), float(support.low[at.M2])
-    first, second = (outer + inner) / m1, inner / m2
-    both = inner / math.sqrt(m1) / math.sqrt(m2)
-    return float(0.5 * (first + second) + math.hypot(0.5 * (first - second), both))
 
 
 def degree(phase: float) -> int:

@@ -22,7 +22,7 @@ from mm_gym.analysis import (
 )
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.paper.scenes import CHI, RATIOS, REFERENCE_VELOCITY, STATIC, scene
-from mm_gym.simulate import simulate
+from mm_gym.simulation.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 MILLI = 1e3
 TIME, DISPLACEMENT = "time [s]", "displacement [mm]"

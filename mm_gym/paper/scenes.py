@@ -9,18 +9,16 @@ chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
 from __future__ import annotations
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.scene import (
+from mm_gym.scene.mechanics import (
     Carriage,
-    Control,
     DryFriction,
-    Initial,
     NoInterface,
     NoSprings,
-    Scene,
     SmallOnLarge,
     Sphere,
     Viscous,
 )
+from mm_gym.scene.scene import Control, Initial, Scene
 
 CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Slip dampings of figure 10 [N s/m]; the legend's list is not in the text."""

@@ -10,19 +10,19 @@ import numpy as np
 
 from mm_gym.errors import SimulationError
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes
-from mm_gym.methods.base import fastest_oscillation
-from mm_gym.reference import Oracle
-from mm_gym.substeps import Place, blank, excitation, first, run
+from mm_gym.methods.support import fastest_oscillation
+from mm_gym.precision.oracle import Oracle
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.recording import Place, blank, excitation, first, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from mm_gym.plant import Plant
-    from mm_gym.scene import Scene
-    from mm_gym.substeps import Substeps
+    from mm_gym.plant.plant import Plant
+    from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.recording import Recording
 
     Values = NDArray[np.float64]
 
@@ -55,30 +55,30 @@ class Episode:
         Of what the scene draws, and of the commands.
     commands
         (n, 2) force [N] and stretch [-], asked for in each control step.
-    substeps
+    recording
         What they led to; with excitation besides harmonics a control step has several.
     """
 
     seed: int
     commands: Values
-    substeps: Substeps
+    recording: Recording
 
     @property
     def scale(self) -> Values:
         """(4,) the largest position [m] and velocity [m/s] of the episode, where the errors are."""
-        known = np.abs(np.vstack([self.substeps.starts, self.substeps.states])).max(axis=0)
+        known = np.abs(np.vstack([self.recording.starts, self.recording.states])).max(axis=0)
         scale = np.repeat([known[:2].max(), known[2:].max()], 2)
         return np.where(scale > 0.0, scale, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ends of substeps as the oracle sees them.
+    """Ends of recording as the oracle sees them.
 
     Attributes
     ----------
     rows
-        (k,) which substeps.
+        (k,) which recording.
     states
         (k, 4) their ends.
     oracle
@@ -98,18 +98,18 @@ def record(plant: Plant, seed: int) -> Episode:
     lanes, rng = Lanes(plant, 1), np.random.default_rng(seed)
     lanes.seed(seed)
     lanes.restart()
-    count, many = min(plant.steps, MOST_STEPS), plant.support.substeps
+    count, many = min(plant.steps, MOST_STEPS), plant.support.intervals_per_step
     commands = _commands(plant, lanes, rng, count)
-    substeps = blank(plant, lanes.values[:, 0].copy(), count)
+    recording = blank(plant, lanes.values[:, 0].copy(), count)
     began = time.perf_counter()
     for n in range(count):
-        run(lanes, commands[n : n + 1], substeps, n * many)
+        run(lanes, commands[n : n + 1], recording, n * many)
         if n == 0:
             began = time.perf_counter()  # the first call may compile
         elif time.perf_counter() - began > LONGEST_RUN:
             count = n + 1
             break
-    return Episode(seed, commands[:count], first(substeps, count * many))
+    return Episode(seed, commands[:count], first(recording, count * many))
 
 
 def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) -> Values:
@@ -138,7 +138,7 @@ def truth_of(scene: Scene, plant: Plant, episode: Episode) -> Truth:
         try:
             # A trial step of SciPy may overflow; it then tries a shorter one.
             with np.errstate(over="ignore", invalid="ignore"):
-                return _truth(_Pair.of(drawn, episode.substeps, method, rtol), episode)
+                return _truth(_Pair.of(drawn, episode.recording, method, rtol), episode)
         except SimulationError as error:
             problem = str(error)
     msg = f"work_precision: SciPy cannot follow this scene to measure errors against: {problem}"
@@ -153,23 +153,23 @@ class _Pair:
     coarse: Oracle
 
     @classmethod
-    def of(cls, scene: Scene, substeps: Substeps, method: str, rtol: float) -> _Pair:
-        longest, support = np.inf, substeps.plant.support
+    def of(cls, scene: Scene, recording: Recording, method: str, rtol: float) -> _Pair:
+        longest, support = np.inf, recording.plant.support
         if scene.interface.kind == "dry_friction":
             # An event shows only between steps: some sixty to an oscillation.
-            longest = min(0.1 / fastest_oscillation(support), support.time_step / 4.0)
-        disturbance = _disturbance(substeps) if support.sampled else None
+            longest = min(0.1 / fastest_oscillation(support), support.sample_interval / 4.0)
+        disturbance = _disturbance(recording) if support.sampled else None
         fine = Oracle(scene, method, rtol, longest, disturbance, EVALUATIONS)
         return cls(fine, replace(fine, rtol=10.0 * rtol, max_step=2.0 * longest))
 
 
-def _disturbance(substeps: Substeps) -> Callable[[float, str], float]:
+def _disturbance(recording: Recording) -> Callable[[float, str], float]:
     """Return what excites the scene, because the oracle knows harmonics only."""
 
     def disturbance(time: float, target: str) -> float:
-        row = int(time / substeps.plant.support.time_step * (1.0 + 1e-12))
-        part = time - row * substeps.plant.support.time_step
-        both = excitation(substeps, Place(np.array([row]), np.array([part])))
+        row = int(time / recording.plant.support.sample_interval * (1.0 + 1e-12))
+        part = time - row * recording.plant.support.sample_interval
+        both = excitation(recording, Place(np.array([row]), np.array([part])))
         return float(both[0, int(target == "ground")])
 
     return disturbance
@@ -178,7 +178,7 @@ def _disturbance(substeps: Substeps) -> Callable[[float, str], float]:
 def _truth(pair: _Pair, episode: Episode) -> Truth:
     ends: dict[int, Values] = {}
     resolution, until = float(np.finfo(np.float64).eps), time.perf_counter() + PATIENCE
-    for n in _spread(len(episode.substeps.starts)):
+    for n in _spread(len(episode.recording.starts)):
         if ends and time.perf_counter() > until:
             break
         fine, coarse = (_end(oracle, episode, n) for oracle in (pair.fine, pair.coarse))
@@ -196,15 +196,15 @@ def _spread(count: int) -> list[int]:
 
 
 def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
-    """Return the end of a substep; times are the oracle's own, so it starts at that substep's."""
-    substeps = episode.substeps
-    step, (force, stretch) = substeps.plant.support.time_step, substeps.applied[n]
+    """Return the end of a sample interval; times are the oracle's own, so it starts at that interval's."""
+    recording = episode.recording
+    step, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
     count = int(np.ceil((n + 1) * step / oracle.scene.control.time_step)) + 1
     return replace(oracle).solve(  # a fresh one: its budget is for its life
         [(n + 1) * step],
         forces=np.full(count, force),
         stretches=np.full(count, stretch),
-        start=substeps.starts[n],
+        start=recording.starts[n],
         begin=n * step,
     )[0]
 
@@ -213,7 +213,7 @@ def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
     """Return the scene with what was drawn in place of ranges; the start is stated apart."""
     support = plant.support
     values: dict[str, object] = {
-        name: float(episode.substeps.parameters[row])
+        name: float(episode.recording.parameters[row])
         for name, row in support.names.items()
         if support.start_low[row] != support.start_high[row] and not name.startswith("initial.")
     }

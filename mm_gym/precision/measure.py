@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.compile import PHYSICAL, compile_scene
 from mm_gym.errors import CompileError, SimulationError
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes
+from mm_gym.plant.compile import PHYSICAL, compile_scene
 from mm_gym.precision.episode import record, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision
-from mm_gym.substeps import blank, column, run
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.recording import blank, column, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mm_gym.plant import Plant
+    from mm_gym.plant.plant import Plant
     from mm_gym.precision.episode import Episode, Truth
-    from mm_gym.scene import Scene
+    from mm_gym.scene.scene import Scene
 
 SETTINGS: dict[str, tuple[str, tuple[float, ...]]] = {
     "exact": ("", (np.nan,)),
@@ -119,12 +119,12 @@ def _family(
 
 
 def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
-    """Return the largest error of the substeps that the oracle integrated."""
+    """Return the largest error of the recording that the oracle integrated."""
     own, worst = _lane(plant, episode), 0.0
     parameters = own.values[list(PHYSICAL), 0].copy()
     for n, want in zip(truth.rows, truth.states, strict=True):
         # Dry friction that never slips has other parameters in a plant that knows it.
-        own.values[:, 0] = column(episode.substeps, int(n), plant.support.time_step)
+        own.values[:, 0] = column(episode.recording, int(n), plant.support.sample_interval)
         own.values[list(PHYSICAL), 0] = parameters
         status = plant.method.entries.propagate(plant.model, own.values, 0, 1)
         if status > at.ENDED or not np.isfinite(own.values[:4, 0]).all():
@@ -144,13 +144,13 @@ def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
     """Return a function that runs the episode and returns its seconds, infinite if it diverges."""
     lanes = _lane(plant, episode)
     start = lanes.snapshot()
-    substeps = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
+    recording = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
 
     def stopwatch() -> float:
         lanes.restore(start)
         began = time.perf_counter()
         try:
-            run(lanes, episode.commands, substeps)
+            run(lanes, episode.commands, recording)
         except SimulationError:
             return np.inf
         return time.perf_counter() - began

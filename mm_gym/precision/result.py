@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mm_gym.drawing import draw_work_precision, save, style
 from mm_gym.errors import SceneError
 from mm_gym.files import write_csv
-from mm_gym.scene import Solver
+from mm_gym.scene.scene import Solver
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from agents.controller import (
+from agents.controllers.controller import (
     ConstantStretch,
     RandomActions,
     StretchCommand,
     Zero,
     columns,
 )
-from agents.evaluation import baselines, best_constant_stretch, evaluate, regulators
-from agents.semi_active import ClippedLQR, PhaseLaw
-from agents.tuned_mass_damper import MatchingStretch
+from agents.controllers.neutraliser import MatchingStretch
+from agents.controllers.semi_active import ClippedLQR, PhaseLaw
+from agents.evaluation.episodes import baselines, best_constant_stretch, evaluate, regulators
 from mm_gym import MovingMassVectorEnv
-from mm_gym.tasks import (
+from mm_gym.env.tasks import (
     CARRIAGE_FORCE,
     CARRIAGE_FORCE_FRICTION,
     PRE_STRETCH,

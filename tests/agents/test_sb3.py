@@ -8,8 +8,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv
+from mm_gym.env.tasks import CARRIAGE_FORCE
 from mm_gym.sb3 import VectorEnvAdapter, make_vec_env
-from mm_gym.tasks import CARRIAGE_FORCE
 
 SHORT = CARRIAGE_FORCE.replace(**{"control.steps": 9, "objective.displacement_limit": 0.0095})
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from stable_baselines3 import PPO
 
-from agents.config import TrainSettings, read_settings
-from agents.controller import Zero
+from agents.controllers.controller import Zero
+from agents.controllers.learned import Learned
 from agents.evaluate import report_run
-from agents.evaluation import evaluate
-from agents.learned import Learned
-from agents.runs import Run, RunError
+from agents.evaluation.episodes import evaluate
 from agents.train import train
+from agents.training.config import TrainSettings, read_settings
+from agents.training.runs import Run, RunError
 from mm_gym import SceneError
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ import pytest
 
 from mm_gym import Scene, SceneError, SimulationError, simulate
 from mm_gym.analysis import asymptotic_offset, bifurcation, critical_reference_velocity
-from mm_gym.reference import Oracle
+from mm_gym.precision.oracle import Oracle
 
 from .conftest import friction_scene, golden, linear_scene
 

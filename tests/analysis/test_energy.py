@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mm_gym import Scene, simulate
-from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
+from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 RELEASE = {"carriage_displacement": 0.01, "sphere_offset": 0.02}
 STEPS = {"time_step": 0.005, "steps": 100}
@@ -21,7 +21,7 @@ STIFF = FRICTION | {"reference_velocity": 1e-6}
 SMALL = {"kind": "small_on_large"}
 FINITE = {"kind": "finite_stretch", "rest_length": 0.05}
 CUBIC = {"cubic_coefficient": 2e6}
-TONES = [
+HARMONICS = [
     {"kind": "harmonic", "target": "ground", "amplitude": 3.0, "frequency": 50.0},
     {"kind": "harmonic", "target": "force", "amplitude": 1.0, "frequency": 57.0, "phase": 0.4},
 ]
@@ -36,7 +36,7 @@ SHAKEN = [
         "end_frequency": 70.0,
         "duration": 0.3,
     },
-    TONES[0],
+    HARMONICS[0],
 ]
 BOTH = {"force": {"limit": 4.0}, "stretch": {"minimum": 1.0, "maximum": 3.0}}
 
@@ -51,20 +51,20 @@ SCENES = {
     "locked": {"interface": {"kind": "viscous", "damping": 1e9}},
     "loose": {"interface": {"kind": "viscous", "damping": 1e-12}},
     "carriage alone": {"interface": {"kind": "none"}},
-    "tones": {"springs": SMALL, "excitation": TONES},
+    "harmonics": {"springs": SMALL, "excitation": HARMONICS},
     "long steps": {
         "springs": SMALL,
-        "excitation": TONES,
+        "excitation": HARMONICS,
         "control": {"time_step": 10.0, "steps": 5},
     },
-    "parametric": {"springs": SMALL, "excitation": TONES, "actuation": BOTH},
+    "parametric": {"springs": SMALL, "excitation": HARMONICS, "actuation": BOTH},
     "friction": {"interface": FRICTION},
     "stiff friction": {"interface": STIFF},
-    "driven friction": {"interface": FRICTION, "excitation": TONES},
+    "driven friction": {"interface": FRICTION, "excitation": HARMONICS},
     "parametric friction": {
         "interface": FRICTION,
         "springs": SMALL,
-        "excitation": TONES,
+        "excitation": HARMONICS,
         "actuation": BOTH,
     },
     "shaken": {"excitation": SHAKEN},
@@ -74,14 +74,14 @@ SCENES = {
     "shaken finite stretch": {"springs": FINITE, "excitation": SHAKEN, "actuation": BOTH},
     "cubic": {"carriage": CUBIC},
     "finite stretch": {"springs": FINITE},
-    "driven finite stretch": {"springs": FINITE, "excitation": TONES, "actuation": BOTH},
+    "driven finite stretch": {"springs": FINITE, "excitation": HARMONICS, "actuation": BOTH},
     "cubic with friction": {"carriage": CUBIC, "interface": FRICTION},
     "cubic with stiff friction": {"carriage": CUBIC, "interface": STIFF},
     "everything": {
         "carriage": CUBIC,
         "interface": FRICTION,
         "springs": FINITE,
-        "excitation": TONES,
+        "excitation": HARMONICS,
         "actuation": BOTH,
     },
 }
@@ -107,7 +107,8 @@ def test_balance_closes(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["tones", "parametric", "friction", "cubic", "everything", "shaken", "shaken friction"]
+    "name",
+    ["harmonics", "parametric", "friction", "cubic", "everything", "shaken", "shaken friction"],
 )
 def test_balance_closes_between_control_steps(name):
     rng = np.random.default_rng(2)

@@ -15,7 +15,7 @@ from mm_gym import (
     SceneError,
     SimulationError,
 )
-from mm_gym.tasks import CARRIAGE_FORCE, PRE_STRETCH
+from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 LANES = 4
 

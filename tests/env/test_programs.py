@@ -9,7 +9,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 import mm_gym  # noqa: F401 - registers the tasks
-from mm_gym.tasks import TASKS
+from mm_gym.env.tasks import TASKS
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -12,7 +12,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.lanes import Lanes
+from mm_gym.simulation.lanes import Lanes
 
 SHAKEN = Scene(
     carriage={"cubic_coefficient": 2e5},

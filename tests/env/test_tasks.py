@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, load_scene
-from mm_gym.tasks import TASKS
+from mm_gym.env.tasks import TASKS
 
 FILES = Path(__file__).parents[2] / "configs" / "scenes"
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mm_gym import ActionError, MovingMassVectorEnv, SimulationError
+from mm_gym.env.tasks import CARRIAGE_FORCE, TASKS
 from mm_gym.kernels import layout as at
-from mm_gym.tasks import CARRIAGE_FORCE, TASKS
 
 LANES = 3 * at.BLOCK - 100
 """Two or three shares, the last one short and no multiple of a vector."""

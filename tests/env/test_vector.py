@@ -6,8 +6,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, SimulationError
+from mm_gym.env.tasks import CARRIAGE_FORCE
 from mm_gym.kernels import episodes
-from mm_gym.tasks import CARRIAGE_FORCE
 
 LANES, STEPS, SEED = 5, 160, 11
 MODES = list(AutoresetMode)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes
+from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     import pytest

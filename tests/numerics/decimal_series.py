@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import mpmath as mp
 import numpy as np
 
-from mm_gym.scene import GRAVITY
+from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -130,16 +130,16 @@ class ControlStep:
 
     def _excitation(self, now: Decimal, target: str) -> Terms:
         terms, factorial = [Decimal(0)] * (ORDER + 1), Decimal(1)
-        tones = [tone for tone in self.scene.excitation if tone.target == target]
-        for tone in tones:
+        harmonics = [harmonic for harmonic in self.scene.excitation if harmonic.target == target]
+        for harmonic in harmonics:
             with mp.workdps(DIGITS):
                 time = mp.mpf(self.begin) + mp.mpf(str(now))
-                phase = mp.mpf(tone.frequency) * time + mp.mpf(tone.phase)
+                phase = mp.mpf(harmonic.frequency) * time + mp.mpf(harmonic.phase)
                 sine, cosine = (Decimal(mp.nstr(f(phase), DIGITS)) for f in (mp.sin, mp.cos))
-            gain, factorial = Decimal(tone.amplitude), Decimal(1)
+            gain, factorial = Decimal(harmonic.amplitude), Decimal(1)
             for n in range(ORDER + 1):
                 terms[n] += gain * (sine, cosine, -sine, -cosine)[n % 4] / factorial
-                gain, factorial = gain * Decimal(tone.frequency), factorial * (n + 1)
+                gain, factorial = gain * Decimal(harmonic.frequency), factorial * (n + 1)
         return terms
 
     def _exit(self, rows: list[Terms], regime: int, length: Decimal) -> Decimal | None:

@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym import CompileError, Scene, SceneError, SimulationError, compile_scene, simulate
 
 if TYPE_CHECKING:
-    from mm_gym.trajectory import Trajectory
+    from mm_gym.simulation.trajectory import Trajectory
 
 STEPS = 20
 

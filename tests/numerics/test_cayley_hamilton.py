@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from oracle import System
 
 from mm_gym import Scene, compile_scene, simulate
-from mm_gym.kernels import cayley_hamilton as ch
-from mm_gym.methods import CAYLEY_HAMILTON, PARAMETRIC
-from mm_gym.methods.base import fastest_rate
+from mm_gym.methods import CAYLEY_HAMILTON, EXPONENTIAL_ACTION
+from mm_gym.methods.cayley_hamilton import kernel as ch
+from mm_gym.methods.support import fastest_rate
 
 STEPS = 60
 
@@ -37,8 +37,8 @@ stretches = st.lists(st.floats(0.0, 1.0), min_size=STEPS, max_size=STEPS).map(np
 ABSORBER = {"m1": 0.1, "m2": 0.04, "k1": 400.0, "k0": 35.0, "c": 0.1, "d": 1.0}
 
 
-def scene_of(system, phase, tones=0, *, limit=None, highest=3.0):
-    """Return a scene whose fastest rate times the step is the phase; tones at 2/5 of it or more."""
+def scene_of(system, phase, harmonics=0, *, limit=None, highest=3.0):
+    """Return a scene whose fastest rate times the step is the phase; harmonics at 2/5 of it or more."""
     data = {
         "carriage": {"mass": system["m1"], "stiffness": system["k1"], "damping": system["d"]},
         "sphere": {"mass": system["m2"]},
@@ -53,13 +53,15 @@ def scene_of(system, phase, tones=0, *, limit=None, highest=3.0):
     data["control"] = {"time_step": phase / rate, "steps": STEPS}
     data["excitation"] = [
         {"kind": "harmonic", "amplitude": 3.0, "frequency": 0.4 * rate * (j + 1), "phase": 0.7 * j}
-        for j in range(tones)
+        for j in range(harmonics)
     ]
     return Scene(**data)
 
 
 def by_series(plant):
-    return replace(plant, method=PARAMETRIC, model=PARAMETRIC.constants(plant.support))
+    return replace(
+        plant, method=EXPONENTIAL_ACTION, model=EXPONENTIAL_ACTION.constants(plant.support)
+    )
 
 
 def difference(plant, **options):
@@ -72,9 +74,9 @@ def difference(plant, **options):
 
 
 @given(systems, st.floats(0.1, 2.0), st.integers(0, 2), stretches)
-def test_any_stretch_and_tones_as_by_the_series(system, phase, tones, stretches):
-    scene = scene_of(system, phase, tones)
-    if tones:  # from rest, so that the motion is no larger than what the force moves
+def test_any_stretch_and_harmonics_as_by_the_series(system, phase, harmonics, stretches):
+    scene = scene_of(system, phase, harmonics)
+    if harmonics:  # from rest, so that the motion is no larger than what the force moves
         scene = scene.replace(
             **{"initial.carriage_displacement": 0.0, "initial.sphere_offset": 0.0}
         )
@@ -99,7 +101,7 @@ def test_cubic_is_the_exponential(part, system, phase):
     assume(plant.method is CAYLEY_HAMILTON)
     stretch = 1.0 + part * (highest - 1.0)
     k2 = 2.0 * system["k0"] * (1.0 + 2.0 / stretch**3)
-    h = plant.support.time_step
+    h = plant.support.sample_interval
     t = plant.model[ch.SCALE] * (h * h / system["m1"] * k2 - plant.model[ch.MIDDLE])
     assert abs(t) <= 1.0 + 1e-14
     polynomials = plant.model[ch.OF_STATE : ch.OF_FORCE].reshape(4, ch.COEFFICIENTS)
@@ -130,7 +132,7 @@ def test_cubic_is_the_exponential(part, system, phase):
     ],
 )
 def test_series_where_the_cubic_does_not_apply(changes, why):
-    scene = scene_of(ABSORBER, 1.0, tones=1)
+    scene = scene_of(ABSORBER, 1.0, harmonics=1)
     assert compile_scene(scene).method is CAYLEY_HAMILTON
     for name, value in changes.items():
         if isinstance(value, tuple):
@@ -138,7 +140,7 @@ def test_series_where_the_cubic_does_not_apply(changes, why):
         else:
             scene = scene.replace(**{name: value})
     plant = compile_scene(scene)
-    assert plant.method is PARAMETRIC
+    assert plant.method is EXPONENTIAL_ACTION
     assert "not a cubic in the generator" in plant.reasons[-1]
     assert why in plant.reasons[-1]
 
@@ -148,7 +150,7 @@ def test_cubic_needs_no_damping_where_no_harmonic_acts():
     assert difference(compile_scene(scene), action=2.0) <= 1e-14
 
 
-def test_blows_change_the_velocities_between_cubics():
+def test_impulses_change_the_velocities_between_cubics():
     scene = scene_of(ABSORBER, 1.0).replace(
         excitation=[{"kind": "impulse", "size": 0.05, "rate": 20.0}]
     )
@@ -157,6 +159,6 @@ def test_blows_change_the_velocities_between_cubics():
 
 
 def test_rotation_of_the_phase_is_not_taken_from_another_step():
-    scene = scene_of(ABSORBER, 1.0, tones=2)
+    scene = scene_of(ABSORBER, 1.0, harmonics=2)
     times = np.sort(np.random.default_rng(0).uniform(0.0, STEPS * scene.control.time_step, 20))
     assert difference(compile_scene(scene), times=times) <= 1e-13

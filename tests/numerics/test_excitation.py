@@ -1,4 +1,4 @@
-"""Sources of force and ground acceleration: what they are, and how every plant answers to them."""
+"""Layout of force and ground acceleration: what they are, and how every plant answers to them."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2, kstest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
-from mm_gym.kernels import sources as kernels
-from mm_gym.reference import Oracle
+from mm_gym.kernels import excitation as kernels
+from mm_gym.precision.oracle import Oracle
 
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 60})
 FRICTION = {
@@ -33,7 +33,7 @@ PLANTS = {
         "springs": {"kind": "finite_stretch", "rest_length": 0.05},
         "solver.tolerance": 1e-12,
     },
-    "rk4": {"solver": {"method": "rk4", "substeps": 400}},
+    "rk4": {"solver": {"method": "rk4", "recording": 400}},
 }
 SWEEP = {
     "kind": "sweep",
@@ -90,7 +90,7 @@ def test_record_is_its_interpolant(record, scales):
     own = times / scales.get("time_scale", 1.0) + scales.get("start", 0.0)
     knots = MOTION_STEP * np.arange(81)
     expected = np.interp(own, knots, np.append(MOTION, 0.0), right=0.0) * scales.get("scale", 1.0)
-    # An instant within 1e-12 of a substep's start counts as that start, and the record is steep.
+    # An instant within 1e-12 of a sample interval's start counts as that start, and the record is steep.
     assert np.abs(shown - expected).max() < 1e-12 * 60 * np.abs(MOTION).max()
 
 
@@ -101,7 +101,7 @@ def test_plants_answer_as_the_oracle(plant, kind, record):
     scene = BASE.replace(**PLANTS[plant]).replace(excitation=[part])
     times = np.array([0.05, 0.123, 0.3])
     trajectory = simulate(scene, times=times, seed=4)
-    step = trajectory.substeps.plant.support.time_step
+    step = trajectory.recording.plant.support.sample_interval
     if kind == "sweep":
         ground = lambda t: LOGARITHMIC["amplitude"] * np.sin(phase(t, LOGARITHMIC))  # noqa: E731
     else:
@@ -221,7 +221,7 @@ def _filter(part):
 @pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
 def test_law_of_the_samples_is_lyapunovs(part):
     plant = compile_scene(BASE.replace(excitation=[part]))
-    rows, h = plant.template, plant.support.time_step
+    rows, h = plant.template, plant.support.sample_interval
     first = plant.support.names["excitation.0.rms"]
     f, g, out = _scaled_filter(part)
     stationary = solve_continuous_lyapunov(f, -g @ g.T)
@@ -277,27 +277,27 @@ def test_envelope_shapes_the_noise():
     assert np.abs(damped - envelope * bare).max() < 1e-14
 
 
-def test_blow_on_the_carriage_is_a_jump_of_its_velocity():
-    blow = {"kind": "impulse", "size": 0.05, "time": 0.1}
-    struck = simulate(BASE.replace(initial={}, excitation=[blow]))
+def test_impulse_on_the_carriage_is_a_jump_of_its_velocity():
+    impulse = {"kind": "impulse", "size": 0.05, "time": 0.1}
+    struck = simulate(BASE.replace(initial={}, excitation=[impulse]))
     free = simulate(BASE.replace(initial={"carriage_velocity": 0.05 / 0.1}))
     assert not struck.state[:11].any()
     assert np.abs(struck.state[11:] - free.state[1:51]).max() < 1e-15
 
 
-def test_blow_of_the_ground_moves_both_masses():
-    blow = {"kind": "impulse", "target": "ground", "size": 0.2, "time": 0.0}
-    struck = simulate(BASE.replace(initial={}, excitation=[blow]))
+def test_impulse_of_the_ground_moves_both_masses():
+    impulse = {"kind": "impulse", "target": "ground", "size": 0.2, "time": 0.0}
+    struck = simulate(BASE.replace(initial={}, excitation=[impulse]))
     start = {"carriage_velocity": -0.2, "sphere_velocity": -0.2}
     free = simulate(BASE.replace(initial=start))
     assert np.abs(struck.state[1:] - free.state[1:]).max() < 1e-15
 
 
-def test_random_blows_have_their_rate_and_sizes():
-    blow = {"kind": "impulse", "size": [-0.02, 0.05], "rate": 30.0}
-    scene = Scene(excitation=[blow], control={"time_step": 0.001})
-    substeps = simulate(scene, duration=300.0, seed=2).substeps
-    jumps = 0.1 * (substeps.starts[:, 2] - substeps.states[:-1, 2])
+def test_random_impulses_have_their_rate_and_sizes():
+    impulse = {"kind": "impulse", "size": [-0.02, 0.05], "rate": 30.0}
+    scene = Scene(excitation=[impulse], control={"time_step": 0.001})
+    recording = simulate(scene, duration=300.0, seed=2).recording
+    jumps = 0.1 * (recording.starts[:, 2] - recording.states[:-1, 2])
     sizes = jumps[np.abs(jumps) > 1e-12]
     expected = 300.0 * 1000.0 * -np.expm1(-30.0 * 0.001)
     assert abs(len(sizes) - expected) < 4.0 * np.sqrt(expected)
@@ -307,8 +307,8 @@ def test_random_blows_have_their_rate_and_sizes():
 def test_sweep_without_duration_has_its_last_frequency_at_once():
     part = SWEEP | {"duration": 5e-324, "phase": 0.0}
     trajectory = simulate(BASE.replace(excitation=[part]))
-    step = trajectory.substeps.plant.support.time_step
-    first = 0.5 * (20.0 + 70.0) * step  # the phase that the first substep adds
+    step = trajectory.recording.plant.support.sample_interval
+    first = 0.5 * (20.0 + 70.0) * step  # the phase that the first sample interval adds
     expected = np.sin(first + 70.0 * (trajectory.time[1:] - step))
     assert np.abs(trajectory.excitation[1:, 0] - expected).max() < 1e-12
 
@@ -350,7 +350,7 @@ def test_findings_name_the_field(part, finding):
     assert finding in str(caught.value)
 
 
-def test_force_blow_on_a_massless_carriage_is_refused():
-    blow = {"kind": "impulse", "size": 1.0, "rate": 1.0}
+def test_force_impulse_on_a_massless_carriage_is_refused():
+    impulse = {"kind": "impulse", "size": 1.0, "rate": 1.0}
     with pytest.raises(CompileError, match=r"excitation\.0: a carriage of mass 0"):
-        compile_scene(BASE.replace(excitation=[blow], **{"carriage.mass": 0.0}))
+        compile_scene(BASE.replace(excitation=[impulse], **{"carriage.mass": 0.0}))

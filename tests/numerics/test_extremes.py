@@ -17,17 +17,18 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.env import MovingMassEnv
-from mm_gym.interaction import ForceActuator
+from mm_gym.env.single import MovingMassEnv
 from mm_gym.kernels import layout as at
-from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, Initial, Solver
+from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.actuators import ForceActuator
+from mm_gym.scene.mechanics import Carriage, DryFriction
+from mm_gym.scene.scene import Control, Initial, Solver
 
 from .conftest import error
 from .sweep import attempt, forces_of, random_scene
 
 if TYPE_CHECKING:
-    from mm_gym.trajectory import Trajectory
+    from mm_gym.simulation.trajectory import Trajectory
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 BASE = Scene(initial=START, control=Control(time_step=1e-2))
@@ -171,7 +172,7 @@ def _deviation(scene: Scene, trajectory: Trajectory, seed: int) -> float:
     k1 = p[at.K1] * (1.0 + 3.0 * p[at.BETA] * x1**2)
     oscillation = np.sqrt((k1 + k2) / p[at.M1] + k2 / p[at.M2])
     rate = oscillation + (stick + p[at.D]) / p[at.M1] + stick / p[at.M2]
-    rate = max(rate, p[at.TONES + at.FREQUENCY :: at.TONE_ROWS].max(initial=0.0))
+    rate = max(rate, p[at.HARMONICS + at.FREQUENCY :: at.HARMONIC_ROWS].max(initial=0.0))
     if scene.springs.kind == "finite_stretch" or rate * trajectory.time[-1] > 100.0:
         return 0.0
     longest = 2.0 / rate if p[at.VR] > 0.0 else np.inf

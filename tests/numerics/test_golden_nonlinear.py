@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mm_gym import Scene, simulate
-from mm_gym.scene import Carriage, Control, DryFriction, Initial, Solver, Sphere, Viscous
+from mm_gym.scene.mechanics import Carriage, DryFriction, Sphere, Viscous
+from mm_gym.scene.scene import Control, Initial, Solver
 
 from .conftest import error, golden, numbers
 

@@ -104,12 +104,12 @@ def test_control_step_does_not_change_the_answer(time_step):
     assert error_of_scale(state, expected, [START]) <= 1e-12
 
 
-def test_several_tones_add_up():
-    tones = [
+def test_several_harmonics_add_up():
+    harmonics = [
         {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0},
         {"kind": "harmonic", "amplitude": -0.5, "frequency": 0.0, "phase": 1.0},
         {"kind": "harmonic", "amplitude": 2.0, "frequency": 31.0, "phase": 0.4, "target": "ground"},
     ]
-    together = simulate(Scene(excitation=tones)).state
-    apart = sum(simulate(Scene(excitation=[tone])).state for tone in tones)
+    together = simulate(Scene(excitation=harmonics)).state
+    apart = sum(simulate(Scene(excitation=[harmonic])).state for harmonic in harmonics)
     assert error_of_scale(together, apart) <= BOUND

@@ -118,8 +118,8 @@ def test_motion_continues_from_any_instant_with_the_phase_reached(
     system, start, frequency, phase, split
 ):
     def run(start, phase, steps):
-        tone = {"kind": "harmonic", "amplitude": 2.0, "frequency": frequency, "phase": phase}
-        return simulate(scene_of(system, start, excitation=[tone]), duration=0.01 * steps).state
+        harmonic = {"kind": "harmonic", "amplitude": 2.0, "frequency": frequency, "phase": phase}
+        return simulate(scene_of(system, start, excitation=[harmonic]), duration=0.01 * steps).state
 
     whole = run(start, phase, STEPS)
     x1, x2, v1, v2 = whole[split]

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
-from mm_gym.excitation import Harmonic
-from mm_gym.reference import Oracle
-from mm_gym.scene import (
+from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.excitation import Harmonic
+from mm_gym.scene.mechanics import (
     Carriage,
-    Control,
     DryFriction,
     FiniteStretch,
-    Initial,
     NoInterface,
     SmallOnLarge,
     Viscous,
 )
+from mm_gym.scene.scene import Control, Initial
 
 from .conftest import error
 
@@ -29,13 +28,13 @@ DRY = {
     "kinetic_coefficient": 0.5,
     "reference_velocity": 0.1,
 }
-TONES = [
+HARMONICS = [
     Harmonic(amplitude=3.0, frequency=50.0, phase=0.3).model_dump(),
     Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0).model_dump(),
 ]
 FORCES = np.random.default_rng(4).uniform(-20.0, 20.0, 50)
 DRIVEN = BASE.replace(
-    excitation=TONES,
+    excitation=HARMONICS,
     springs=SmallOnLarge(stiffness=35.0).model_dump(),
     **{"actuation.force": {"limit": 20.0}},
 )

@@ -8,8 +8,8 @@ import pytest
 from oracle import System
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene
-from mm_gym.exponential import exponential
-from mm_gym.tasks import PRE_STRETCH
+from mm_gym.env.tasks import PRE_STRETCH
+from mm_gym.state_space.matrix_exponential import exponential
 
 SYSTEMS = {
     "the default": System(),

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from mm_gym import Scene, compile_scene, simulate
-from mm_gym.excitation import Harmonic
-from mm_gym.kernels.friction import NONE, first_exit
-from mm_gym.reference import Oracle
-from mm_gym.scene import Control, DryFriction, Initial, SmallOnLarge
+from mm_gym.kernels.events import NONE, first_exit
+from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.excitation import Harmonic
+from mm_gym.scene.mechanics import DryFriction, SmallOnLarge
+from mm_gym.scene.scene import Control, Initial
 
 from .conftest import assert_lanes_equal_single, error
 
@@ -18,14 +19,14 @@ FIG8 = DryFriction(
 )
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 BASE = Scene(interface=FIG8, initial=START, control=Control(time_step=1e-3))
-TONES = (
+HARMONICS = (
     Harmonic(amplitude=3.0, frequency=50.0, phase=0.3),
     Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0),
 )
 SCENES = {
     "free": BASE,
     "springs": BASE.replace(springs=SmallOnLarge(stiffness=35.0, stretch=1.5).model_dump()),
-    "tones": BASE.replace(excitation=[tone.model_dump() for tone in TONES]),
+    "harmonics": BASE.replace(excitation=[harmonic.model_dump() for harmonic in HARMONICS]),
     "force": BASE.replace(**{"actuation.force": {"limit": 20.0}}),
     "no jump": BASE.replace(**{"interface.kinetic_coefficient": 0.509}),
     "creep": BASE.replace(**{"interface.reference_velocity": 1e-3}),
@@ -135,7 +136,7 @@ def test_touching_without_crossing_is_no_exit() -> None:
     assert first_exit(series, 0, 7, 0.25 - 1e-12, 1.0) == pytest.approx(0.5 - 1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["force", "tones"])
+@pytest.mark.parametrize("name", ["force", "harmonics"])
 @pytest.mark.parametrize("time_step", [1e-3, 1e-2])
 def test_lane_among_many_equals_lane_alone(name: str, time_step: float) -> None:
     changes = {"initial.carriage_displacement": (-0.01, 0.01), "actuation.force": {"limit": 20.0}}

@@ -9,28 +9,21 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
-from mm_gym.excitation import Harmonic
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import taylor_layout
-from mm_gym.kernels.taylor_block import FEWEST_LANES
-from mm_gym.kernels.vector import LANES
-from mm_gym.lanes import Lanes
-from mm_gym.methods.taylor import TIGHTEST
-from mm_gym.reference import Oracle
-from mm_gym.scene import (
-    Carriage,
-    Control,
-    DryFriction,
-    FiniteStretch,
-    Initial,
-    SmallOnLarge,
-    Solver,
-)
+from mm_gym.methods.taylor import layout as taylor_layout
+from mm_gym.methods.taylor.blocks_kernel import FEWEST_LANES
+from mm_gym.methods.taylor.method import TIGHTEST
+from mm_gym.methods.taylor.simd import LANES
+from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.excitation import Harmonic
+from mm_gym.scene.mechanics import Carriage, DryFriction, FiniteStretch, SmallOnLarge
+from mm_gym.scene.scene import Control, Initial, Solver
+from mm_gym.simulation.lanes import Lanes
 
 from .conftest import assert_lanes_equal_single, error
 
 if TYPE_CHECKING:
-    from mm_gym.plant import Plant
+    from mm_gym.plant.plant import Plant
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02, carriage_velocity=0.2)
 CUBIC = Scene(
@@ -39,7 +32,7 @@ CUBIC = Scene(
 FRICTION = DryFriction(
     static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
 )
-TONES = (
+HARMONICS = (
     Harmonic(amplitude=3.0, frequency=50.0, phase=0.3),
     Harmonic(target="ground", amplitude=20.0, frequency=37.0, phase=-1.0),
 )
@@ -50,20 +43,22 @@ FINITE = CUBIC.replace(
 SCENES = {
     "cubic": CUBIC,
     "cubic with springs": CUBIC.replace(springs=SmallOnLarge(stiffness=35.0).model_dump()),
-    "cubic with tones": CUBIC.replace(excitation=[tone.model_dump() for tone in TONES]),
+    "cubic with harmonics": CUBIC.replace(
+        excitation=[harmonic.model_dump() for harmonic in HARMONICS]
+    ),
     "cubic with friction": CUBIC.replace(interface=FRICTION.model_dump()),
     "finite stretch": FINITE,
     "finite stretch with friction": FINITE.replace(interface=FRICTION.model_dump()),
     "everything": FINITE.replace(
         interface=FRICTION.model_dump(),
-        excitation=[tone.model_dump() for tone in TONES],
+        excitation=[harmonic.model_dump() for harmonic in HARMONICS],
         **{"carriage.cubic_coefficient": 1e5},
     ),
 }
 TIGHT = {"solver.tolerance": 1e-14}
-SPRINGS_AND_TONES = Scene(
+SPRINGS_AND_HARMONICS = Scene(
     springs=SmallOnLarge(stiffness=35.0),
-    excitation=TONES,
+    excitation=HARMONICS,
     initial=START,
     control=Control(time_step=1e-2),
 )
@@ -116,12 +111,12 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
     lane = Lanes(plant, 1)
     lane.restart()
     lane.values[:4, 0] = start
-    for tone in range(at.TONES, len(lane.values), at.TONE_ROWS):
+    for harmonic in range(at.HARMONICS, len(lane.values), at.HARMONIC_ROWS):
         angle = (
-            lane.values[tone + at.PHASE, 0]
-            + lane.values[tone + at.FREQUENCY, 0] * n * plant.time_step
+            lane.values[harmonic + at.PHASE, 0]
+            + lane.values[harmonic + at.FREQUENCY, 0] * n * plant.time_step
         )
-        lane.values[tone + at.COSINE, 0], lane.values[tone + at.SINE, 0] = (
+        lane.values[harmonic + at.COSINE, 0], lane.values[harmonic + at.SINE, 0] = (
             np.cos(angle),
             np.sin(angle),
         )
@@ -129,14 +124,14 @@ def _one_step(plant: Plant, start: np.ndarray, n: int) -> np.ndarray:
     return lane.values[:4, 0].copy()
 
 
-@pytest.mark.parametrize("kind", ["viscous", "dry friction", "tones"])
+@pytest.mark.parametrize("kind", ["viscous", "dry friction", "harmonics"])
 def test_series_meets_the_exact_plants(kind: str) -> None:
     scene = {
         "viscous": CUBIC.replace(**{"carriage.cubic_coefficient": 0.0}),
         "dry friction": CUBIC.replace(
             interface=FRICTION.model_dump(), **{"carriage.cubic_coefficient": 0.0}
         ),
-        "tones": SPRINGS_AND_TONES,
+        "harmonics": SPRINGS_AND_HARMONICS,
     }[kind]
     asked = scene.replace(**TIGHT, **{"solver.method": "taylor"})
     assert compile_scene(asked).method.name == "taylor"
@@ -153,7 +148,7 @@ def test_one_long_step_equals_many_short_ones(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["cubic with tones", "everything"])
+@pytest.mark.parametrize("name", ["cubic with harmonics", "everything"])
 def test_lane_among_many_equals_lane_alone(name: str) -> None:
     changes = {"initial.carriage_displacement": (-0.01, 0.01), "actuation.force": {"limit": 20.0}}
     assert_lanes_equal_single(compile_scene(SCENES[name].replace(**changes)), 50)
@@ -196,10 +191,10 @@ def test_lane_that_diverges_among_many_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])
-@pytest.mark.parametrize("name", ["cubic with tones", "finite stretch", "linear"])
+@pytest.mark.parametrize("name", ["cubic with harmonics", "finite stretch", "linear"])
 def test_order_of_the_fixed_step_methods(method: str, order: int, name: str) -> None:
-    scene = SPRINGS_AND_TONES if name == "linear" else SCENES[name]
-    if name == "cubic with tones":
+    scene = SPRINGS_AND_HARMONICS if name == "linear" else SCENES[name]
+    if name == "cubic with harmonics":
         scene = scene.replace(**{"carriage.cubic_coefficient": 1e4})
     exact = simulate(scene.replace(**TIGHT) if name != "linear" else scene, duration=0.2).state
     counts = np.array([16, 32, 64, 128]) * (1 if order == 4 else 8)
@@ -285,7 +280,7 @@ def test_rest_stays_at_rest() -> None:
 
 
 def test_force_on_a_system_at_rest_keeps_the_tolerance() -> None:
-    scene = CUBIC.replace(initial={}, excitation=[TONES[0].model_dump()], **TIGHT)
+    scene = CUBIC.replace(initial={}, excitation=[HARMONICS[0].model_dump()], **TIGHT)
     loose = simulate(scene.replace(**{"solver.tolerance": 1e-9}), duration=0.05).state
     assert error(loose, Oracle(scene).solve(np.arange(6) * 0.01)) <= 5e-9
 

@@ -10,8 +10,8 @@ import pytest
 
 from mm_gym import Scene, SimulationError, compile_scene
 from mm_gym.kernels import layout as at
-from mm_gym.lanes import Lanes
-from mm_gym.substeps import blank, run
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.recording import blank, run
 
 from .decimal_series import ControlStep
 
@@ -109,16 +109,16 @@ def excess(seed: int) -> float:
     limit = plant.task[at.FORCE_LIMIT] if plant.actuators else 0.0
     lanes, worst = Lanes(plant, 1), 0.0
     lanes.restart()
-    substeps = blank(plant, lanes.values[:, 0].copy(), STEPS)
+    recording = blank(plant, lanes.values[:, 0].copy(), STEPS)
     for n in range(STEPS):
         run(
             lanes,
             np.array([[rng.uniform(-limit, limit), lanes.values[at.STRETCH, 0]]]),
-            substeps,
+            recording,
             n,
         )
         if n in CHECKED:
-            start, applied, end = substeps.starts[n], substeps.applied[n], substeps.states[n + 1]
+            start, applied, end = recording.starts[n], recording.applied[n], recording.states[n + 1]
             step = ControlStep(scene, n * plant.time_step, *(float(x) for x in applied))
             want, scale = step.end(start)
             error, allowed = _largest(end - want, scale), scene.solver.tolerance

@@ -11,11 +11,12 @@ import pytest
 
 from mm_gym import Scene, SceneError, SimulationError, load_scene, work_precision
 from mm_gym.__main__ import main
-from mm_gym.interaction import StretchActuator
+from mm_gym.env.tasks import PRE_STRETCH
 from mm_gym.precision import Setting, WorkPrecision, measure
-from mm_gym.reference import Oracle
-from mm_gym.scene import Carriage, Control, DryFriction, Initial, SmallOnLarge
-from mm_gym.tasks import PRE_STRETCH
+from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.actuators import StretchActuator
+from mm_gym.scene.mechanics import Carriage, DryFriction, SmallOnLarge
+from mm_gym.scene.scene import Control, Initial
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,13 +27,13 @@ CUBIC = BASE.replace(**{"carriage.cubic_coefficient": 2e6})
 FRICTION = DryFriction(
     static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
 )
-TONES = [
+HARMONICS = [
     {"kind": "harmonic", "amplitude": 3.0, "frequency": 50.0, "phase": 0.3},
     {"kind": "harmonic", "amplitude": 20.0, "frequency": 37.0, "target": "ground"},
 ]
 DRAWN = {"carriage.damping": (0.5, 2.0), "excitation.1.phase": (0.0, 6.0)}
 EVERYTHING = BASE.replace(
-    excitation=TONES,
+    excitation=HARMONICS,
     randomization=DRAWN,
     springs=SmallOnLarge().model_dump(),
     **{
@@ -53,9 +54,9 @@ SCENES = {
     "everything, linear": EVERYTHING,
     "everything, friction": EVERYTHING.replace(interface=FRICTION.model_dump()),
     "everything, cubic": EVERYTHING.replace(**{"carriage.cubic_coefficient": 1e5}),
-    "blows, noise and a sweep": CUBIC.replace(
+    "impulses, noise and a sweep": CUBIC.replace(
         excitation=[
-            TONES[0],
+            HARMONICS[0],
             {"kind": "impulse", "rate": 20.0, "size": (-0.1, 0.1)},
             {"kind": "noise", "rms": 2.0, "high_frequency": 100.0},
             {

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import mm_gym
-from mm_gym.tasks import TASKS
+from mm_gym.env.tasks import TASKS
 
 PROGRAM = """
 import mm_gym

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassVectorEnv
+from mm_gym.env.tasks import TASKS
 from mm_gym.kernels import layout as at
-from mm_gym.tasks import TASKS
 
 LANES = at.BLOCK + 1
 """Enough for two threads."""

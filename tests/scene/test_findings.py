@@ -5,7 +5,7 @@ import math
 import pytest
 
 from mm_gym import Scene, SceneError
-from mm_gym.scene import Sphere
+from mm_gym.scene.mechanics import Sphere
 
 NAN, INF = math.nan, math.inf
 STRETCHED = {"springs": {"kind": "small_on_large"}, "actuation": {"stretch": {}}}
@@ -64,7 +64,7 @@ FINDINGS = [
     ({"control": {"steps": 10.0}}, "control.steps: got 10.0; allowed: an integer"),
     ({"control": {"steps": True}}, "control.steps: got True; allowed: an integer"),
     ({"excitation": TONE}, "excitation: got {"),
-    ({"excitation": "tone"}, "excitation: got 'tone'; allowed: a list"),
+    ({"excitation": "harmonic"}, "excitation: got 'harmonic'; allowed: a list"),
     ({"sensors": {"channels": "stretch"}}, "sensors.channels: got 'stretch'; allowed: a list"),
     ({"sensors": {"channels": []}}, "sensors.channels: got []; allowed: at least 1"),
     (

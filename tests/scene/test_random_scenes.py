@@ -24,10 +24,10 @@ from mm_gym import (
     SimulationError,
     compile_scene,
     load_scene,
-    scene_file,
     simulate,
 )
-from mm_gym.schema import scene_schema
+from mm_gym.scene import toml_file as scene_file
+from mm_gym.scene.schema import scene_schema
 
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
 MOTION = Path(__file__).parents[1] / "data" / "motion.csv"

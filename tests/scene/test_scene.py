@@ -5,10 +5,10 @@ import json
 import pytest
 
 from mm_gym import Scene, SceneError
-from mm_gym.excitation import Harmonic
-from mm_gym.interaction import ForceActuator
-from mm_gym.scene import SmallOnLarge
-from mm_gym.tasks import TASKS
+from mm_gym.env.tasks import TASKS
+from mm_gym.scene.actuators import ForceActuator
+from mm_gym.scene.excitation import Harmonic
+from mm_gym.scene.mechanics import SmallOnLarge
 
 SCENES = {"the default": Scene(), **TASKS}
 

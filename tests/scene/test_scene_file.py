@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mm_gym import Scene, SceneError, load_scene
-from mm_gym.toml_lines import lines_of
-from mm_gym.validation import dotted_name
+from mm_gym.scene.part import dotted_name
+from mm_gym.scene.toml_lines import lines_of
 
 GOOD = """
 [carriage]

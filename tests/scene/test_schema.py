@@ -9,7 +9,7 @@ import pytest
 
 from mm_gym import Scene, SceneError
 from mm_gym.__main__ import main
-from mm_gym.schema import scene_schema
+from mm_gym.scene.schema import scene_schema
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FILES = sorted((CONFIGS / "scenes").glob("*.toml"))

@@ -1,0 +1,38 @@
+"""An absorber tuned by one who knows the frequency: the classical neutraliser."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from agents.controllers.controller import StretchCommand, stretch_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mm_gym import MovingMassVectorEnv, Scene
+
+FREQUENCY = "excitation.0.frequency"
+
+
+class MatchingStretch:
+    """Hold the stretch at which the sphere resonates with a known harmonic force.
+
+    Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
+    frequency an undamped absorber stills the carriage.
+    """
+
+    name = "matching stretch (knows the frequency)"
+
+    def __init__(self, scene: Scene) -> None:
+        self.command = StretchCommand(scene)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Compute each lane's stretch from its frequency."""
+        k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
+        twice_k0 = 2.0 * env.drawn("springs.stiffness")
+        self.stretch = stretch_of(k2, twice_k0, self.command.actuator)
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the action towards the matching stretch."""
+        return self.command(self.stretch, info["applied"][:, -1])

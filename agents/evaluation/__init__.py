@@ -1,0 +1,1 @@
+"""Controllers on held-out episodes: scores, baselines and the best known plan."""

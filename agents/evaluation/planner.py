@@ -1,0 +1,150 @@
+"""What one who knows the whole episode can attain: planning by the cross-entropy method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mm_gym import MovingMassVectorEnv
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+    Plans = NDArray[np.float64]
+
+CORRELATION = 0.6
+"""Of the noise of two successive actions; white noise would hardly move the carriage."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard the planner tries.
+
+    Attributes
+    ----------
+    window, hold
+        Control steps planned ahead, and carried out before the next plan.
+    population, elite, rounds
+        Plans tried at once, those that the next are drawn around, and repetitions.
+    """
+
+    window: int = 40
+    hold: int = 8
+    population: int = 48
+    elite: int = 6
+    rounds: int = 4
+
+
+class Planner:
+    """Plans over a window of the episode that it can repeat at will, from the exact present.
+
+    It knows the disturbance to come, which no agent can, and takes a law's own plan for a start.
+    What it attains bounds from above the least possible cost; it is no bound from below. De Boer
+    et al., *A tutorial on the cross-entropy method*, Ann. Oper. Res. 134 (2005).
+    """
+
+    name = "planner (knows the episode)"
+
+    def __init__(self, scene: Scene, law: Controller, effort: Effort | None = None) -> None:
+        if scene.objective.displacement_limit or scene.objective.rail_half_length:
+            msg = "objective: the planner needs episodes that do not end early"
+            raise ValueError(msg)
+        self.scene, self.law = scene, law
+        self.effort = effort or Effort()
+        self.noise = np.random.default_rng(0)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Make copies of the lanes to try plans in."""
+        lanes, population = env.num_envs, self.effort.population
+        self.env = env
+        self.single = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
+        self.many = MovingMassVectorEnv(
+            self.scene, lanes * population, autoreset_mode="Disabled", copy=False
+        )
+        self.law.reset(env)
+        self.step = 0
+        self.plan: Plans = np.empty((0, *env.action_space.shape))
+        self.age = 0
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the next action of the plan, after planning anew when it is time to."""
+        if self.step % self.effort.hold == 0:
+            self.plan = self._improved(self.plan[self.age :], observation, info)
+            self.age = 0
+        self.step += 1
+        self.age += 1
+        return self.plan[self.age - 1]
+
+    def _improved(
+        self, old: Plans, observation: NDArray[np.float32], info: dict[str, Any]
+    ) -> Plans:
+        present = self.env.get_state()
+        length = min(self.effort.window, self.scene.control.steps - self.step)
+        first = self._plan_of_law(present, observation, info, length)
+        if len(old):
+            kept = np.concatenate([old[:length], first[len(old) :]])
+            better = self._worth(self.single, present, kept) > self._worth(
+                self.single, present, first
+            )
+            first = np.where(better[:, None], kept, first)
+        return self._searched(present, first)
+
+    def _plan_of_law(
+        self,
+        present: Mapping[str, Any],
+        observation: NDArray[np.float32],
+        info: dict[str, Any],
+        length: int,
+    ) -> Plans:
+        self.single.set_state(present)
+        plan = np.empty((length, *self.single.action_space.shape))
+        for i in range(length):
+            plan[i] = np.clip(self.law.act(observation, info), -1.0, 1.0)
+            observation, *_, info = self.single.step(plan[i])
+        return plan
+
+    def _searched(self, present: Mapping[str, Any], best: Plans) -> Plans:
+        """Return the best of all plans drawn, the first among them."""
+        effort, lanes = self.effort, best.shape[1]
+        copies = {
+            name: np.repeat(value, effort.population, axis=-1)
+            if isinstance(value, np.ndarray)
+            else value
+            for name, value in present.items()
+        }
+        mean, deviation = best, np.full(best.shape, 0.5)
+        rows = np.arange(lanes)
+        for _ in range(effort.rounds):
+            plans = mean[:, :, None] + deviation[:, :, None] * self._noise(best.shape)
+            plans[:, :, 0] = best
+            np.clip(plans, -1.0, 1.0, out=plans)
+            flat = plans.reshape(len(plans), -1, plans.shape[-1])
+            worth = self._worth(self.many, copies, flat).reshape(lanes, -1)
+            order = np.argsort(-worth, axis=1)[:, : effort.elite]
+            chosen = plans[:, rows[:, None], order]
+            best, mean, deviation = chosen[:, :, 0], chosen.mean(axis=2), chosen.std(axis=2)
+        return best
+
+    def _noise(self, shape: tuple[int, ...]) -> Plans:
+        length, lanes, columns = shape
+        noise = self.noise.standard_normal((length, lanes, self.effort.population, columns))
+        for i in range(1, length):
+            noise[i] = CORRELATION * noise[i - 1] + np.sqrt(1 - CORRELATION**2) * noise[i]
+        return noise
+
+    @staticmethod
+    def _worth(
+        env: MovingMassVectorEnv, present: Mapping[str, Any], plans: Plans
+    ) -> NDArray[np.float64]:
+        env.set_state(present)
+        total = np.zeros(env.num_envs)
+        for actions in plans:
+            total += env.step(actions)[1]
+        return total

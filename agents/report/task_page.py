@@ -1,0 +1,121 @@
+"""The page on the tasks, from classes, scenes and committed scores: ``python -m agents.task_page``.
+
+It writes ``docs/tasks.md``; the scores come from ``python -m agents.headroom``.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from typing import TYPE_CHECKING
+
+from agents.evaluation.headroom import SCORES, tasks
+from agents.report.description import describe, table
+from agents.training.config import TrainSettings
+from mm_gym.files import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    Row = Mapping[str, str | float]
+
+PAGE = SCORES.with_name("tasks.md")
+SCENES = SCORES.parents[1] / "configs" / "scenes"
+
+HEAD = """# Tasks
+
+<!-- Written by `make tasks`; do not edit. -->
+
+`gymnasium.make("mm_gym/PreStretch-v0")` after `import mm_gym`, or
+`gymnasium.make("mm_gym:mm_gym/PreStretch-v0")` without it. Each task is also a scene file in
+`configs/scenes/`, to be changed and given as `scene=`.
+
+## What there is to gain
+
+**Cost** is the root of the mean of -reward over all steps of 100 held-out episodes: where only the
+displacement is paid for, it is the rms of x1 over its scale. Brackets are 95 % intervals, the
+bootstrap's percentiles over episodes. The best constant is the best in hindsight, on these very
+episodes; laws are tuned on others. The planner optimises each episode, the disturbance to come
+included, by the cross-entropy method from the best law on: its cost can be attained by one who
+knows the future, and is no bound from below. **Headroom** is 1 - cost / cost of the best constant.
+"""
+
+
+def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
+    """Return the page of all tasks with these scores, as of ``docs/task_scores.json``."""
+    names = tasks()
+    summary = table(
+        [
+            "task",
+            "best constant",
+            "best law",
+            "its headroom",
+            "planner",
+            "its headroom",
+        ],
+        [_summary(name, scores[name]["rows"]) for name in names],
+    )
+    sections = [_section(name, scores[name]["rows"]) for name in names]
+    return "\n\n".join([HEAD + "\n" + summary, *sections]) + "\n"
+
+
+def _summary(name: str, rows: Sequence[Row]) -> list[str]:
+    constant, law, planner = (_least(rows, role) for role in ("constant", "law", "planner"))
+    return [
+        f"[`{name}`](#{_anchor(name)})",
+        f"{constant:.3g}",
+        f"{law:.3g}",
+        f"{1 - law / constant:.0%}",
+        f"{planner:.3g}",
+        f"{1 - planner / constant:.0%}",
+    ]
+
+
+def _least(rows: Sequence[Row], role: str) -> float:
+    return min(float(row["cost"]) for row in rows if row["role"] == role)
+
+
+def _anchor(name: str) -> str:
+    """Return what GitHub makes of the heading."""
+    return name.replace("/", "").lower()
+
+
+def _about(name: str) -> tuple[Path, str]:
+    """Return a task's scene file, and what its comment says after the task's name."""
+    words = re.findall("[A-Z][a-z]+", name.partition("/")[2])
+    file = SCENES / f"{'_'.join(words).lower()}.toml"
+    _, comment, *_ = file.read_text("utf-8").splitlines()
+    text = comment.removeprefix(f"# {name}: ")
+    return file, text[0].upper() + text[1:]
+
+
+def _section(name: str, rows: Sequence[Row]) -> str:
+    scene = TrainSettings(task=name).load_scene()
+    file, text = _about(name)
+    constant = _least(rows, "constant")
+    scores = table(
+        ["controller", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
+        [
+            [
+                str(row["controller"]),
+                f"{row['cost']:.4g}",
+                f"{row['low']:.4g} to {row['high']:.4g}",
+                f"{1 - float(row['cost']) / constant:.0%}",
+                f"{row['displacement']:.4g}",
+            ]
+            for row in rows
+        ],
+    )
+    intro = f"{text} File: `configs/scenes/{file.name}`."
+    return f"## {name}\n\n{intro}\n\n{describe(scene)}\n\n**Scores.**\n\n{scores}"
+
+
+def main() -> None:
+    """Write the page."""
+    write_text(PAGE, page(json.loads(SCORES.read_text("utf-8"))))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""The settings of a training run: one file of `configs/agents/`, then flags over it."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import gymnasium
+import tyro
+from pydantic import Field, Strict
+
+from mm_gym import Scene, SceneError, load_scene
+from mm_gym.scene.part import Part
+
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class PPOSettings(Part):
+    """Proximal policy optimisation (Schulman et al., 2017), in Stable-Baselines3's terms."""
+
+    learning_rate: Positive = 1e-3
+    """at the start; it falls linearly to zero"""
+    rollout: Count = 100
+    """control steps per lane between updates"""
+    batch_size: Count = 3200
+    """samples of one gradient step"""
+    epochs: Count = 8
+    """passes over each rollout"""
+    discount: Annotated[float, Field(gt=0, le=1)] = 0.97
+    """gamma"""
+    gae_lambda: Annotated[float, Field(ge=0, le=1)] = 0.95
+    """trade of bias for variance in the advantage"""
+    hidden: Annotated[tuple[Count, ...], Strict(False)] = (64, 64)
+    """units of the hidden layers, of policy and value alike"""
+    initial_log_std: float = -0.5
+    """logarithm of the initial exploration noise"""
+    reward_scale: Positive = 0.05
+    """factor on the reward, so that the value function is of order one"""
+
+
+class TrainSettings(Part):
+    """What is trained, for how long, and where it is written."""
+
+    task: str = "mm_gym/PreStretch-v0"
+    """a registered id"""
+    scene: str | None = None
+    """path of a scene file to use instead of the task's own"""
+    name: str = "run"
+    """folder under `runs`"""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """of the training; held-out episodes have seeds of their own"""
+    lanes: Count = 128
+    """environments side by side"""
+    steps: Count = 1_000_000
+    """control steps of all lanes together"""
+    time_budget: Positive = 3600.0
+    """seconds after which training stops, whatever steps are left"""
+    evaluations: Count = 10
+    """validations during training; the best model is kept"""
+    threads: Count = 1
+    """of the gradient computations; more hardly helps networks of this size"""
+    ppo: PPOSettings = PPOSettings()
+
+    def load_scene(self) -> Scene:
+        """Return the scene to train on; raise `SceneError` if file or task does not hold one."""
+        if self.scene is not None:
+            return load_scene(self.scene)
+        try:
+            scene = gymnasium.spec(self.task).kwargs.get("scene")
+        except gymnasium.error.Error as error:
+            msg = f"task: {error}"
+            raise SceneError(msg) from error
+        if not isinstance(scene, Scene):
+            msg = f"task: {self.task!r} is not a task of mm_gym"
+            raise SceneError(msg)
+        return scene
+
+
+def read_settings(path: str | Path) -> TrainSettings:
+    """Read settings from a TOML file; raise `SceneError` with everything that is not allowed."""
+    file = Path(path)
+    try:
+        return TrainSettings(**tomllib.loads(file.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        msg = f"{file}: {error}"
+        raise SceneError(msg) from error
+    except SceneError as error:
+        msg = "\n".join(f"{file}: {line}" for line in str(error).splitlines())
+        raise SceneError(msg) from None
+
+
+def settings_from_command_line(description: str) -> TrainSettings:
+    """Read ``[FILE.toml] [--flags]``: the file first, then flags over it."""
+    arguments = sys.argv[1:]
+    default = TrainSettings()
+    if arguments and arguments[0].endswith(".toml"):
+        default = read_settings(arguments.pop(0))
+    return tyro.cli(TrainSettings, default=default, args=arguments, description=description)

@@ -1,0 +1,1 @@
+"""The environments of Gymnasium, single and vector, and the registered tasks."""

@@ -1,0 +1,225 @@
+"""`MovingMassEnv`: one lane behind Gymnasium's interface. No equations here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from mm_gym.env.pickling import Picklable, flag_of
+from mm_gym.env.spaces import (
+    FLOAT32,
+    action_space,
+    checked_actions,
+    checked_options,
+    observation_space,
+    scene_of,
+)
+from mm_gym.kernels import layout as at
+from mm_gym.plant.compile import compile_scene
+from mm_gym.simulation.lanes import Lanes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene.scene import Scene
+
+SEEDS = 2**63
+
+
+class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
+    """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
+
+    Description
+    -----------
+    A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface
+    and, optionally, by pre-stretched springs (docs/model.md). Each control step holds the action
+    and propagates the motion within its plant's bound, which `Plant.explain` tells.
+
+    Action Space
+    ------------
+    `Box(-1, 1, (k,), float32)`, one number per actuator of the scene, in this order. Finite values
+    outside are clipped; NaN and infinity raise `ActionError` and change nothing.
+
+    =======  =========================  ================================================
+    column   actuator                   an action of 1 means
+    =======  =========================  ================================================
+    force    `actuation.force` [N]      +limit, on the carriage
+    stretch  `actuation.stretch` [-]    `maximum`
+    =======  =========================  ================================================
+
+    Commanded as a rate, it means +rate_limit. Rate limits and lags say how far the actuator gets.
+
+    Observation Space
+    -----------------
+    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of
+    `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
+    `sensors.noise`. An episode starts with its first frame repeated.
+
+    ===============================================  =========================================
+    channel                                          scaled by
+    ===============================================  =========================================
+    carriage_displacement, sphere_displacement [m]   1 / objective.displacement_scale
+    sphere_offset [m]                                1 / objective.stroke_scale
+    carriage_velocity, sphere_velocity,
+    slip_velocity [m/s]                              1 / objective.velocity_scale
+    carriage_acceleration, sphere_acceleration
+    (absolute), ground_acceleration [m/s^2]          displacement_scale / velocity_scale^2
+    spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
+    stretch [-]                                      actuation.stretch's minimum and maximum
+                                                     become -1 and 1
+    ===============================================  =========================================
+
+    Rewards
+    -------
+    From the state at the step's end, with `a` the clipped action:
+    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``.
+
+    Starting State
+    --------------
+    Drawn uniformly from `initial` and `randomization`, noise from its stationary law. Any drawn
+    field, or part of the initial state, is set by its dotted name:
+    `reset(options={"initial.sphere_offset": 0.01})`.
+
+    Episode End
+    -----------
+    Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds
+    `objective.rail_half_length`; truncated after `control.steps`.
+
+    Information
+    -----------
+    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the
+    actuators reached [N, -].
+
+    Continuation
+    ------------
+    `get_state` and `set_state` save and restore an episode exactly; copies and pickles of the
+    environment go on from where it is, and share nothing with it.
+
+    Arguments
+    ---------
+    scene
+        A `Scene` or the path of a TOML file.
+
+    Version History
+    ---------------
+    v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
+    _prepared = frozenset({"plant", "_lanes", "_advance", "_views"})
+
+    def __init__(
+        self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None
+    ) -> None:
+        self.scene = scene_of(scene)
+        self.render_mode = render_mode
+        self._seeded = False
+        self._running = False
+        self._prepare()
+        self.action_space = action_space(self.plant)
+        self.observation_space = observation_space(self.plant)
+        self._shape = self.action_space.shape
+
+    def _prepare(self) -> None:
+        """Make what follows from the scene, and views of the one lane.
+
+        The views are kept because indexing an array takes as long as a control step.
+        """
+        self.plant = compile_scene(self.scene)
+        self._lanes = lanes = Lanes(self.plant, 1)
+        self._advance = lanes.advance_of(FLOAT32)
+        column = lanes.values[:, 0]
+        self._views = (
+            lanes.observed[:, 0],
+            column[at.REWARD : at.REWARD + 1],
+            column[:4],
+            column[lanes.applied_rows],
+        )
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The state x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
+        return self._lanes.values[:4, 0].copy()
+
+    def drawn(self, name: str) -> float:
+        """Return this episode's value of a field by dotted name, as "excitation.0.frequency".
+
+        Raises
+        ------
+        SceneError
+            If the field is unknown, or of the initial state, which is no more; see `reset`'s info.
+        """
+        return float(self._lanes.drawn(name)[0])
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode; see the class for `options`.
+
+        Raises
+        ------
+        SceneError
+            If a name or value is not allowed.
+        """
+        fixed = self._lanes.checked(checked_options(options))
+        super().reset(seed=seed)
+        if seed is not None or not self._seeded:
+            self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
+            self._seeded = True
+        self._lanes.restart(fixed=fixed)
+        self._running = True
+        frame, _, state, applied = self._views
+        return frame.copy(), {"state": state.copy(), "applied": applied.copy()}
+
+    def step(
+        self, action: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Make one control step.
+
+        Raises
+        ------
+        ActionError
+            If the action is not finite or misshapen. Nothing is changed.
+        ResetNeeded
+            If the episode has ended or none has begun.
+        SimulationError
+            If the motion cannot be followed to the step's end. It ends the episode.
+        """
+        if not self._running:
+            msg = "the episode is over: call reset() before step()"
+            raise ResetNeeded(msg)
+        if (
+            type(action) is np.ndarray
+            and action.dtype is FLOAT32
+            and action.shape == self._shape
+            and action.flags.carray
+        ):  # what is usual, at once
+            status = self._advance(action, 0, 1)
+        else:
+            status = self._lanes.advance(checked_actions(action, self._shape))
+        terminated = truncated = False
+        if status:
+            lanes = self._lanes
+            self._running = status == at.NOT_FINITE  # then nothing has changed
+            lanes.raise_for(status)
+            terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
+        frame, reward, state, applied = self._views
+        info = {"state": state.copy(), "applied": applied.copy()}
+        return frame.copy(), reward.item(), terminated, truncated, info
+
+    def get_state(self) -> dict[str, object]:
+        """Return the episode's exact present, random stream included, for `set_state`."""
+        flags = {"running": self._running, "seeded": self._seeded}
+        return self._lanes.snapshot() | flags
+
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
+        running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
+        self._lanes.restore(state)
+        self._running, self._seeded = running, seeded

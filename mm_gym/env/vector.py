@@ -1,0 +1,315 @@
+"""`MovingMassVectorEnv`: many lanes of one plant behind Gymnasium's vector interface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from mm_gym.env.pickling import Picklable, flag_of
+from mm_gym.env.single import SEEDS
+from mm_gym.env.spaces import (
+    action_space,
+    checked_actions,
+    checked_options,
+    observation_space,
+    scene_of,
+)
+from mm_gym.errors import SceneError, suggest
+from mm_gym.kernels import layout as at
+from mm_gym.plant.compile import compile_scene
+from mm_gym.simulation.lanes import Lanes, array_of, is_array
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from os import PathLike
+
+    from gymnasium import Space
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene.scene import Scene
+
+
+class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """Many independent episodes of one scene.
+
+    Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
+
+    Parameters
+    ----------
+    scene
+        A `Scene` or the path of a TOML file.
+    num_envs
+        Number of lanes.
+    autoreset_mode
+        Any of Gymnasium's three: a finished lane begins anew in the next step (the default), in the
+        same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or when
+        ``reset(options={"reset_mask": mask})`` says so.
+    copy
+        If false, the arrays handed out are views of memory that the next step overwrites.
+    threads
+        Number of numba's threads that share the lanes of a step; the results do not depend on it.
+        Worth it from some thousand lanes on, as long as so many processors are free, and where
+        numba finds OpenMP or TBB (``numba.threading_layer()``; its own work queue takes ten times
+        as long to begin). A process forked from one whose threads ran steps all lanes itself.
+
+    Notes
+    -----
+    Memory is component-major: observations are (num_envs, n) views in Fortran order.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    _prepared = frozenset(
+        {"plant", "_lanes", "_views", "_finished", "_any_finished", "_everywhere"}
+    )
+
+    def __init__(
+        self,
+        scene: Scene | str | PathLike[str],
+        num_envs: int = 1,
+        *,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+        threads: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        for name, number in (("num_envs", num_envs), ("threads", threads)):
+            if type(number) is not int or number < 1:
+                msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
+                raise SceneError(msg)
+        self.scene = scene_of(scene)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
+        self._copy = copy
+        self._threads = threads
+        self._seeded = False
+        self._prepare()
+        self.single_action_space = action_space(self.plant)
+        self.single_observation_space: Space[Any] = observation_space(self.plant)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._shape = (num_envs, *self.single_action_space.shape)
+
+    def _prepare(self) -> None:
+        """Make what follows from the scene: lanes before their first episode, and views of them."""
+        self.plant = compile_scene(self.scene)
+        self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
+        self._views = [array.T for array in lanes.shown]
+        self._finished = np.ones(self.num_envs, np.bool_)
+        self._any_finished = True
+        self._everywhere = np.ones(self.num_envs, np.bool_)
+        self._everywhere.flags.writeable = False
+
+    @cached_property
+    def observation_space(self) -> Space[Any]:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
+        """The space of all lanes' observations.
+
+        Made when first asked for: its bounds take twice the memory of the observations.
+        """
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """States (num_envs, 4): x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
+        return self._lanes.values[:4].copy().T
+
+    def drawn(self, name: str) -> NDArray[np.float64]:
+        """Return every lane's present value of a field by its dotted name, see `MovingMassEnv`."""
+        return self._lanes.drawn(name).copy()
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: Mapping[str, ArrayLike] | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
+
+        Other options set drawn fields by dotted name, a number or one per lane, as in
+        `MovingMassEnv`.
+        """
+        fields = checked_options(options)
+        mask = self._mask(fields.pop("reset_mask", None))
+        fixed = self._lanes.checked(fields)
+        self._seed(seed, mask)
+        self._lanes.restart(mask, fixed)
+        self._finished[mask] = False
+        self._any_finished = bool(self._finished.any())
+        observations, *_, state, applied = self._outputs()
+        return observations, self._info(state, applied)
+
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[
+        NDArray[np.float32],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Make one control step in every lane.
+
+        Raises
+        ------
+        ActionError
+            If an action is not finite or the array misshapen. Nothing is changed.
+        ResetNeeded
+            If no episode has begun or, without autoreset, a lane's episode is over.
+        SimulationError
+            If a lane's motion cannot be followed to the step's end. It ends all episodes.
+        """
+        if self._any_finished and (
+            self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded
+        ):
+            msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
+            raise ResetNeeded(msg)
+        # (actuators, lanes), flat: the environment's own memory order
+        actions, copies = checked_actions(actions, self._shape).ravel("F"), None
+        if self._any_finished:
+            self._rest(actions)
+        if self._copy and self._lanes.are_threaded and not self._any_finished:
+            status, copies = self._lanes.advance_and_copy(actions)
+        else:
+            status = self._lanes.advance(actions)
+        final = None
+        if status or self._any_finished:
+            final = self._begin_and_end_episodes(status)
+            if final:
+                copies = None  # of the end, not of the new beginning
+        observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
+        info = self._info(state, applied)
+        if final:
+            info |= final
+        return observations, rewards, terminated, truncated, info
+
+    def get_state(self) -> dict[str, object]:
+        """Return the exact present of all lanes, random streams included, for `set_state`."""
+        flags = {"finished": self._finished.copy(), "seeded": self._seeded}
+        return self._lanes.snapshot() | flags
+
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
+        finished = state.get("finished")
+        if (
+            not is_array(finished)
+            or finished.dtype != np.bool_
+            or finished.shape != self._finished.shape
+        ):
+            msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
+            raise SceneError(msg)
+        seeded = flag_of(state, "seeded")
+        self._lanes.restore(state)
+        self._finished[...] = finished
+        self._any_finished = bool(finished.any())
+        self._seeded = seeded
+
+    def _rest(self, actions: NDArray[np.floating]) -> None:
+        """Let the lanes rest that begin anew in this step: unseen, they must not make it fail."""
+        if not np.isfinite(actions).all():
+            self._lanes.raise_for(at.NOT_FINITE)
+        self._lanes.rest(self._finished)
+
+    def _begin_and_end_episodes(self, status: int) -> dict[str, Any] | None:
+        """Let the lanes that had finished begin anew; mark those that have now.
+
+        Return how these ended if they begin anew at once.
+        """
+        lanes = self._lanes
+        if status > at.ENDED:
+            if status != at.NOT_FINITE:  # then nothing has changed
+                self._finished[:] = True
+                self._any_finished = True
+            lanes.raise_for(status)
+        if self._any_finished:
+            self._restart(paused=True)
+        if status == at.ENDED:
+            np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
+            self._any_finished = bool(self._finished.any())
+            if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
+                final = self._final()
+                self._restart()
+                return final
+        return None
+
+    def _restart(self, *, paused: bool = False) -> None:
+        """Let the finished lanes begin anew."""
+        self._lanes.restart(self._finished, paused=paused)
+        self._finished[:] = False
+        self._any_finished = False
+
+    def _final(self) -> dict[str, Any]:
+        """Return the last observation and information of the finished lanes.
+
+        They are laid out as by Gymnasium's SyncVectorEnv.
+        """
+        mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
+        observed, *_, state, applied = self._lanes.shown
+        last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
+        observations = np.full(self.num_envs, None, dtype=object)
+        observations[over] = np.fromiter(last, dtype=object, count=len(last))
+        zeroed = {
+            "state": np.where(mask, state, 0.0).T,
+            "applied": np.where(mask, applied, 0.0).T,
+        }
+        masks = {f"_{name}": mask for name in zeroed}
+        return {
+            "final_obs": observations,
+            "_final_obs": mask,
+            "final_info": zeroed | masks,
+            "_final_info": mask,
+        }
+
+    def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
+        """Return observations, rewards, ends, states and what was applied."""
+        if not self._copy:
+            return self._views
+        return [array.T for array in copies or self._lanes.copies()]
+
+    def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
+        everywhere = self._everywhere
+        return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
+
+    def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
+        # An array of its own: for a read-only one the kernels would be compiled anew.
+        array = array_of(self._everywhere if mask is None else mask, "reset_mask").copy()
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_:
+            msg = (
+                f"reset_mask: got {array.dtype} of shape {array.shape}; "
+                f"allowed: bool of shape ({self.num_envs},)"
+            )
+            raise SceneError(msg)
+        return array
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        if seed is None or isinstance(seed, int):
+            super().reset(seed=seed)
+        elif (
+            not isinstance(seed, Sequence)
+            or len(seed) != self.num_envs
+            or not all(value is None or (type(value) is int and value >= 0) for value in seed)
+        ):
+            msg = (
+                f"seed: got {seed!r}; allowed: a Python integer of at least 0, "
+                f"or a sequence of {self.num_envs} of them"
+            )
+            raise SceneError(msg)
+        if not self._seeded:
+            self._lanes.seed(int(self.np_random.integers(SEEDS)))
+            self._seeded = True
+        if seed is not None:
+            self._lanes.seed(seed, mask)
+
+
+def _autoreset_mode(name: str | AutoresetMode) -> AutoresetMode:
+    try:
+        return AutoresetMode(name)
+    except ValueError:
+        allowed = [mode.value for mode in AutoresetMode]
+        msg = f"autoreset_mode: got {name!r}{suggest(str(name), allowed)}; allowed: {allowed}"
+        raise SceneError(msg) from None

@@ -1,0 +1,118 @@
+"""The entries that Python calls, built for one method's ``propagate``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.excitation import excite, excited, rotate
+from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.outputs import derive, observe
+from mm_gym.kernels.task import approach, command, finite, check_termination, score
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Entries(NamedTuple):
+    """Compiled entries of one method."""
+
+    advance: Callable[..., int]
+    run: Callable[..., int]
+    propagate: Callable[..., int]
+
+
+def build(
+    propagate: Callable[..., object],
+    at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
+) -> Entries:
+    """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
+
+    What `in_turn` returns may be replaced: `at_once` is given it and returns another.
+    """
+    step = at_once(in_turn(propagate))
+
+    @borrowing_kernel
+    @named_after(propagate)
+    def advance(constants, lanes, frames, ends, streams, actions, first, last):
+        """Make one control step of the lanes first .. last - 1, without resets; return the status.
+
+        The actions are those of all lanes: where they share a step, none moves if one is wrong.
+        The constants are those of the task, then those of the model: a call costs by its arguments.
+        """
+        task = constants
+        model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
+        if not finite(actions):
+            return at.NOT_FINITE
+        return step(task, model, lanes, frames, ends, streams, actions, first, last)
+
+    @borrowing_kernel
+    @named_after(propagate)
+    def run(model, task, lanes, streams, commands, starts, states, applied, jets):
+        """Simulate lane 0, a row of commands [N, -] a control step.
+
+        Write for each sample interval what it starts from, reaches, applies and is excited by.
+        """
+        terms, first = int(model[at.TERMS]), int(model[at.JETS])
+        for n in range(commands.shape[0]):
+            steer(task, lanes, commands[n, 0], commands[n, 1])
+            for interval in range(int(model[at.INTERVALS])):
+                k = n * int(model[at.INTERVALS]) + interval
+                if excited(model):
+                    excite(model, lanes, streams, interval, 0, 1)
+                applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
+                for row in range(2 * terms):
+                    jets[k, row] = lanes[first + row, 0]
+                for row in range(4):
+                    starts[k, row] = lanes[row, 0]
+                status = propagate(model, lanes, 0, 1)
+                if status > at.ENDED:
+                    return status
+                rotate(model, lanes, 0, 1)
+                for row in range(4):
+                    states[k, row] = lanes[row, 0]
+            lanes[at.NOW, 0] += 1.0
+        return at.OK
+
+    return Entries(advance, run, propagate)
+
+
+def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
+    """Return a kernel that steps lanes block by block, one pass after the other."""
+
+    @borrowing_kernel
+    def move(task, model, lanes, streams, actions, first, last):
+        command(task, lanes, actions, first, last)
+        status = at.OK
+        for interval in range(int(model[at.INTERVALS])):
+            if excited(model):
+                excite(model, lanes, streams, interval, first, last)
+            status = max(status, propagate(model, lanes, first, last))
+            rotate(model, lanes, first, last)
+        return max(status, score(task, lanes, first, last))
+
+    @borrowing_kernel
+    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        status = at.OK
+        for start in range(first, last, at.BLOCK):
+            stop = min(start + at.BLOCK, last)
+            status = max(status, move(task, model, lanes, streams, actions, start, stop))
+            status = max(status, check_termination(task, lanes, ends, start, stop))
+            if task[at.IS_DERIVED] > 0.0:
+                derive(model, lanes, start, stop)
+            observe(task, lanes, frames, streams, start, stop)
+        return status
+
+    return step
+
+
+@borrowing_kernel
+def steer(task, lanes, force, stretch):
+    """Let the actuators of lane 0 go towards a force [N] and a stretch."""
+    if task[at.HAS_FORCE] > 0.0:
+        limit, rate, share = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], force, share, rate, -limit, limit)
+    if task[at.HAS_STRETCH] > 0.0:
+        low, high = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+        rate, share = task[at.STRETCH_RATE], task[at.STRETCH_LAG_FACTOR]
+        lanes[at.STRETCH, 0] = approach(lanes[at.STRETCH, 0], stretch, share, rate, low, high)

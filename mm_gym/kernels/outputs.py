@@ -1,0 +1,195 @@
+"""What follows from the state at a step's end: forces and absolute accelerations (eqs 1 and 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.kernels.excitation import jet_value
+from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.memory import copy_rows, span
+from mm_gym.kernels.random import normals
+
+
+@borrowing_kernel
+def derive(model, lanes, first, last):
+    """Write the rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION."""
+    for i in range(first, last):
+        offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
+        springs, push = spring_force(lanes, offset, i), excitation(model, lanes, False, i)
+        inner = interface_force(lanes, w, i) + springs
+        x1, beta = lanes[at.X1, i], lanes[at.BETA, i]
+        spring = lanes[at.K1, i] * (lanes[at.ALPHA, i] + beta * x1 * x1) * x1
+        outer = push + lanes[at.FORCE, i] - lanes[at.D, i] * lanes[at.V1, i] - spring
+        lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]
+        lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]
+        lanes[at.SPRING_FORCE, i], lanes[at.DISTURBANCE, i] = springs, push
+        lanes[at.GROUND_ACCELERATION, i] = excitation(model, lanes, True, i)
+
+
+@borrowing_kernel
+def excitation(model, lanes, ground, i):
+    """Return the disturbing force [N], or the ground's acceleration [m/s^2], at a sample interval's end."""
+    total = 0.0
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        if ((int(model[at.GROUND]) >> j) & 1 == 1) == ground:
+            total += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+    terms = int(model[at.TERMS])
+    jet = int(model[at.JETS]) + (terms if ground else 0)
+    return total + jet_value(lanes, jet, terms, 1.0, i)
+
+
+@borrowing_kernel
+def interface_force(lanes, w, i):
+    """Return f(w) [N], eq. 9 of the paper."""
+    vr = lanes[at.VR, i]
+    if vr == 0.0:
+        return lanes[at.C, i] * w
+    if abs(w) <= vr:
+        return lanes[at.MU1, i] * lanes[at.FN, i] / vr * w
+    force = lanes[at.MU2, i] * lanes[at.FN, i] + lanes[at.CHI, i] * (abs(w) - vr)
+    return force if w > 0.0 else -force
+
+
+@borrowing_kernel
+def spring_force(lanes, offset, i):
+    """Return the force [N] of the sphere's springs on the carriage; a stretch of 0 without them."""
+    k0, stretch, l0 = lanes[at.K0, i], lanes[at.STRETCH, i], lanes[at.L0, i]
+    if k0 == 0.0:
+        return 0.0
+    shortened = offset / l0 if l0 > 0.0 else 0.0
+    # The neo-Hookean pair without differences of nearly equal stretches; l0 -> infinity: eq. 15.
+    rest = stretch * stretch - shortened * shortened
+    return 2.0 * k0 * offset * (1.0 + 2.0 * stretch / (rest * rest))
+
+
+BOUND = np.float32(at.OBSERVATION_BOUND)
+
+
+@borrowing_kernel
+def observe(task, lanes, frames, streams, first, last):
+    """Append the newest frame of every channel to the history, the oldest frame falling off."""
+    channels = int(task[at.CHANNEL_COUNT])
+    newest = frames.shape[0] - channels
+    for row in range(newest):
+        for i in span(first, last):
+            frames[row, i] = frames[row + channels, i]
+    write_channels(task, lanes, frames, newest, first, last)
+    if task[at.IS_NOISY] > 0.0:
+        blur(task, frames, newest, streams, first, last)
+
+
+@borrowing_kernel
+def write_channels(task, lanes, frames, newest, first, last):
+    """Write the channels, scaled."""
+    prefer_widest_vectors()
+    for k in range(int(task[at.CHANNEL_COUNT])):
+        scale, shift = scaling(task, k)
+        plus, minus = channel_rows(code_of(task, k))
+        frame, values = frames[newest + k, first:last], lanes[plus, first:last]
+        if minus >= 0:
+            subtracted = lanes[minus, first:last]
+            for i in range(last - first):
+                frame[i] = shown(values[i] - subtracted[i], scale, shift)
+        else:
+            for i in range(last - first):
+                frame[i] = shown(values[i], scale, shift)
+
+
+@borrowing_kernel
+def blur(task, frames, newest, streams, first, last):
+    """Add the sensors' noise to the newest frame."""
+    channels = int(task[at.CHANNEL_COUNT])
+    for i in range(first, last):
+        for k in range(0, channels, 2):
+            pair = normals(streams, i)
+            for side in range(min(2, channels - k)):
+                spread = task[at.CHANNELS + at.CHANNEL_SIZE * (k + side) + at.NOISE]
+                row = newest + k + side
+                frames[row, i] = bounded(np.float32(frames[row, i] + spread * pair[side]))
+
+
+@borrowing_kernel
+def scaling(task, k):
+    """Return what a channel is multiplied by, and what is then added."""
+    slot = at.CHANNELS + at.CHANNEL_SIZE * k
+    scale = task[slot + at.SCALE]
+    return scale, -task[slot + at.ZERO] * scale
+
+
+@borrowing_kernel
+def code_of(task, k):
+    """Return a channel's code."""
+    return int(task[at.CHANNELS + at.CHANNEL_SIZE * k + at.CODE])
+
+
+@borrowing_kernel
+def shows_state(task, frames):
+    """Tell whether the newest frame is all that is observed: x1, offset, v1 and v2, noiseless."""
+    count = len(at.STATE_CHANNELS)
+    if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
+        return False
+    same = True
+    for k in range(count):
+        same &= code_of(task, k) == at.STATE_CHANNELS[k]
+    return same
+
+
+@borrowing_kernel
+def shown(value, scale, shift):
+    """Return a channel's value as observed."""
+    return bounded(np.float32(fma(value, scale, shift)))
+
+
+@borrowing_kernel
+def bounded(value):
+    """Return the value within the bounds of the observation space."""
+    return clip(value, -BOUND, BOUND)
+
+
+@borrowing_kernel
+def channel_rows(code):
+    """Return the row that a channel shows and the row subtracted from it, -1 for none."""
+    if code == at.CARRIAGE_DISPLACEMENT:
+        return at.X1, -1
+    if code == at.SPHERE_DISPLACEMENT:
+        return at.X2, -1
+    if code == at.SPHERE_OFFSET:
+        return at.X2, at.X1
+    if code == at.CARRIAGE_VELOCITY:
+        return at.V1, -1
+    if code == at.SPHERE_VELOCITY:
+        return at.V2, -1
+    if code == at.SLIP_VELOCITY:
+        return at.V2, at.V1
+    if code == at.STRETCH_CHANNEL:
+        return at.STRETCH, -1
+    return at.CARRIAGE_ACCELERATION + code - at.DERIVED_CHANNELS, -1
+
+
+@borrowing_kernel
+def copy_outputs(
+    lanes,
+    frames,
+    ends,
+    applied_row,
+    observed,
+    rewards,
+    terminated,
+    truncated,
+    states,
+    applied,
+    first,
+    last,
+):
+    """Copy what a control step shows."""
+    copy_rows(frames, 0, observed, first, last)
+    copy_rows(lanes, at.X1, states, first, last)
+    copy_rows(lanes, applied_row, applied, first, last)
+    for i in span(first, last):
+        rewards[i] = lanes[at.REWARD, i]
+    for i in span(first, last):
+        terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
+    return at.OK

@@ -1,0 +1,105 @@
+"""How numba's threads share the lanes.
+
+What they do is not compiled into the loop that shares it out but called by its address: compiled
+once, it is the very code that a lone thread runs, and one loop serves all kernels of the same
+arguments.
+"""
+
+# ruff: noqa: ARG001 - numba gives types, and wants intrinsics to be plain functions
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import borrowing_kernel, compiled_for, sharing_kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def address_of(work: Callable[..., int], *arguments: object) -> int:
+    """Return the address of what a kernel is compiled to for such arguments.
+
+    It holds as long as the kernel lives.
+    """
+    compiled = compiled_for(work, *arguments)
+    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+
+
+@intrinsic
+def _call(_context, address, arguments):
+    """Return the status of the kernel at an address."""
+
+    def build(context, builder, signature, values):
+        kinds, convention = signature.args[1].types, context.call_conv
+        kind = convention.get_function_type(types.int64, kinds)
+        pointer = builder.inttoptr(values[0], kind.as_pointer())
+        given = cgutils.unpack_tuple(builder, values[1])
+        _, status = convention.call_function(builder, pointer, types.int64, kinds, given)
+        return status
+
+    return types.int64(address, arguments), build
+
+
+# `numba.get_num_threads` and `set_num_threads` would keep the kernel from being cached.
+
+
+@intrinsic
+def _threads(_context):
+    """Return how many of numba's threads share the loops of this one."""
+
+    def build(_context, builder, _signature, _values):
+        kind = ir.FunctionType(cgutils.intp_t, [])
+        read = cgutils.get_or_insert_function(builder.module, kind, "get_num_threads")
+        return builder.call(read, [])
+
+    return types.intp(), build
+
+
+@intrinsic
+def _use_threads(_context, count):
+    """Let so many of them do."""
+
+    def build(context, builder, _signature, values):
+        number = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [number])
+        change = cgutils.get_or_insert_function(builder.module, kind, "set_num_threads")
+        builder.call(change, [builder.trunc(values[0], number)])
+        return context.get_dummy_value()
+
+    return types.none(types.intp), build
+
+
+@borrowing_kernel
+def nothing(first, last):
+    """Do nothing after other work."""
+    return at.OK
+
+
+@sharing_kernel
+def in_threads(work, then, statuses, length, count, arguments, more):
+    """Let two kernels, at addresses, work in turn on each share of so many lanes.
+
+    Their signatures are ``(*arguments, first, last) -> status`` and ``(*more, first, last)``. There
+    is a share for each of the statuses, which are written. Return the largest.
+    """
+    before = _threads()
+    _use_threads(min(before, statuses.shape[0]))
+    for k in numba.prange(statuses.shape[0]):
+        first = np.int64(k) * length
+        last = min(first + length, count)
+        statuses[k] = _call(work, (*arguments, first, last))
+        _call(then, (*more, first, last))
+    _use_threads(before)
+    status = statuses[0]
+    for k in range(1, statuses.shape[0]):
+        status = max(status, statuses[k])
+    return status

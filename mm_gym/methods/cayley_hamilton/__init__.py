@@ -1,0 +1,1 @@
+"""The exponential as a cubic in the generator, for an actuated stretch."""

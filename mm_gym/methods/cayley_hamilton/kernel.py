@@ -1,0 +1,247 @@
+"""Propagation of a linear plant of which only the stretch and what drives it change.
+
+By the theorem of Cayley and Hamilton the exponential of a 4 by 4 generator is a cubic in it. The
+four coefficients are entire functions of the springs' stiffness, so over what the stretch reaches
+each is one polynomial. A harmonic force is not summed up: the steady motion that it causes is taken
+off the state, and put on again at the step's end.
+
+Within the kernel the state is x1, the offset, and h times v1 and the slip velocity w: all of one
+unit, so that the generator has none.
+"""
+
+from __future__ import annotations
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
+
+COEFFICIENTS = 10
+"""Of each polynomial in the stiffness. `methods.cayley_hamilton` says why so many."""
+
+# Slots of the model. The generator, in units of the step h and the carriage's mass m1; what brings
+# the stiffness to [-1, 1]; and whether a force can be held.
+K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (at.MODEL_OWN + i for i in range(9))
+# Four polynomials for the state, four for a held force; the highest coefficient first.
+OF_STATE = IS_PUSHED + 1
+OF_FORCE = OF_STATE + 4 * COEFFICIENTS
+END = OF_FORCE + 4 * COEFFICIENTS
+
+
+@borrowing_kernel
+def propagate(model, lanes, first, last):
+    """Advance the lanes by one control step; force and stretch are held over it."""
+    count = int(model[at.HARMONIC_COUNT])
+    if count == 1:
+        _move_with_harmonic(model, lanes, first, last)
+    else:
+        for j in range(count):
+            _shift(model, lanes, j, False, first, last)
+        _move(model, lanes, first, last)
+        for j in range(count):
+            _shift(model, lanes, j, True, first, last)
+    if model[IS_PUSHED] > 0.0:
+        _push(model, lanes, first, last)
+    return at.OK
+
+
+@borrowing_kernel
+def _move(model, lanes, first, last):
+    """Advance the state as if nothing drove it."""
+    prefer_widest_vectors()
+    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
+    by_h, k0, middle, scale = 1.0 / h, model[K0], model[MIDDLE], model[SCALE]
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    stretches = lanes[at.STRETCH, first:last]
+    for i in range(last - first):
+        k2 = _stiffness(k0, stretches[i])
+        z = x1s[i], x2s[i] - x1s[i], h * v1s[i], h * (v2s[i] - v1s[i])
+        x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), z)
+        x1s[i], x2s[i], v1s[i], v2s[i] = x1, x1 + offset, by_h * v1, by_h * (v1 + w)
+
+
+@borrowing_kernel
+def _move_with_harmonic(model, lanes, first, last):
+    """Advance the state under one harmonic force."""
+    prefer_widest_vectors()
+    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_STATE)
+    by_h, k0, middle, scale = 1.0 / h, model[K0], model[MIDDLE], model[SCALE]
+    push, ratio = model[PUSH], model[MASS_RATIO]
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    stretches = lanes[at.STRETCH, first:last]
+    amplitudes = lanes[at.HARMONICS + at.AMPLITUDE, first:last]
+    frequencies = lanes[at.HARMONICS + at.FREQUENCY, first:last]
+    cosines, sines = (
+        lanes[at.HARMONICS + at.COSINE, first:last],
+        lanes[at.HARMONICS + at.SINE, first:last],
+    )
+    turns = lanes[at.HARMONICS + at.ROTATE_COSINE, first:last]
+    slants = lanes[at.HARMONICS + at.ROTATE_SINE, first:last]
+    for i in range(last - first):
+        k2, c, s, turn, slant = (
+            _stiffness(k0, stretches[i]),
+            cosines[i],
+            sines[i],
+            turns[i],
+            slants[i],
+        )
+        steady = _steady(generator, ratio, k2, push * amplitudes[i], h * frequencies[i])
+        y1, y2, u1, u2 = _at_phase(steady, c, s)
+        z = x1s[i] - y1, x2s[i] - x1s[i] - y2, h * v1s[i] - u1, h * (v2s[i] - v1s[i]) - u2
+        x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), z)
+        y1, y2, u1, u2 = _at_phase(steady, fma(c, turn, -s * slant), fma(s, turn, c * slant))
+        x1, offset, v1, w = x1 + y1, offset + y2, v1 + u1, w + u2
+        x1s[i], x2s[i], v1s[i], v2s[i] = x1, x1 + offset, by_h * v1, by_h * (v1 + w)
+
+
+@borrowing_kernel
+def _shift(model, lanes, j, is_end, first, last):
+    """Take the steady motion under a harmonic force off the state, or put it on at the end."""
+    prefer_widest_vectors()
+    h, generator, k0 = model[at.SAMPLE_INTERVAL], _generator(model), model[K0]
+    push, ratio, by_h, harmonic = (
+        model[PUSH],
+        model[MASS_RATIO],
+        1.0 / h,
+        at.HARMONICS + at.HARMONIC_ROWS * j,
+    )
+    for i in range(first, last):
+        c, s = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        if is_end:
+            turn, slant = lanes[harmonic + at.ROTATE_COSINE, i], lanes[harmonic + at.ROTATE_SINE, i]
+            c, s = fma(c, turn, -s * slant), fma(s, turn, c * slant)
+        k2 = _stiffness(k0, lanes[at.STRETCH, i])
+        amplitude = push * lanes[harmonic + at.AMPLITUDE, i]
+        steady = _steady(generator, ratio, k2, amplitude, h * lanes[harmonic + at.FREQUENCY, i])
+        x1, offset, v1, w = _at_phase(steady, c, s)
+        sign = 1.0 if is_end else -1.0
+        lanes[at.X1, i] += sign * x1
+        lanes[at.X2, i] += sign * (x1 + offset)
+        lanes[at.V1, i] += sign * by_h * v1
+        lanes[at.V2, i] += sign * by_h * (v1 + w)
+
+
+@borrowing_kernel
+def _push(model, lanes, first, last):
+    """Add what the held force causes from rest."""
+    prefer_widest_vectors()
+    generator, cubic = _generator(model), _cubic(model, OF_FORCE)
+    by_h, k0, middle, scale = (
+        1.0 / model[at.SAMPLE_INTERVAL],
+        model[K0],
+        model[MIDDLE],
+        model[SCALE],
+    )
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    stretches, forces, push = (
+        lanes[at.STRETCH, first:last],
+        lanes[at.FORCE, first:last],
+        model[PUSH],
+    )
+    for i in range(last - first):
+        k2, u = _stiffness(k0, stretches[i]), push * forces[i]
+        x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), (0.0, 0.0, u, -u))
+        x1s[i] += x1
+        x2s[i] += x1 + offset
+        v1s[i] += by_h * v1
+        v2s[i] += by_h * (v1 + w)
+
+
+@borrowing_kernel
+def _generator(model):
+    """Return what the generator consists of, but for the springs' stiffness."""
+    return model[K1], model[D], model[C], 1.0 + 1.0 / model[MASS_RATIO]
+
+
+@borrowing_kernel
+def _cubic(model, k):
+    """Return four polynomials from slot k."""
+    return (
+        _ten(model, k),
+        _ten(model, k + COEFFICIENTS),
+        _ten(model, k + 2 * COEFFICIENTS),
+        _ten(model, k + 3 * COEFFICIENTS),
+    )
+
+
+@borrowing_kernel
+def _ten(m, k):
+    """Return the coefficients of a polynomial; as scalars, like `kernels.linear.transition`."""
+    first, second = (m[k], m[k + 1], m[k + 2], m[k + 3], m[k + 4]), k + 5
+    return first, (m[second], m[second + 1], m[second + 2], m[second + 3], m[second + 4])
+
+
+@inlined_kernel
+def _value(polynomial, t):
+    """Return the value of a polynomial (Horner)."""
+    high, low = polynomial
+    y = fma(fma(fma(fma(high[0], t, high[1]), t, high[2]), t, high[3]), t, high[4])
+    return fma(fma(fma(fma(fma(y, t, low[0]), t, low[1]), t, low[2]), t, low[3]), t, low[4])
+
+
+@inlined_kernel
+def _stiffness(k0, stretch):
+    """Return the springs' stiffness in units of the step and m1: small on large, eq. 15."""
+    return k0 * (1.0 + 2.0 / (stretch * stretch * stretch))
+
+
+@inlined_kernel
+def _moved(generator, cubic, k2, t, z):
+    """Return the cubic in the generator times a state (Horner); t is k2 on [-1, 1]."""
+    f3, f2, f1, f0 = (
+        _value(cubic[3], t),
+        _value(cubic[2], t),
+        _value(cubic[1], t),
+        _value(cubic[0], t),
+    )
+    y = f3 * z[0], f3 * z[1], f3 * z[2], f3 * z[3]
+    y = _next(generator, k2, y, f2, z)
+    y = _next(generator, k2, y, f1, z)
+    return _next(generator, k2, y, f0, z)
+
+
+@inlined_kernel
+def _next(generator, k2, y, f, z):
+    """Return the generator times y, plus f z."""
+    k1, d, c, share = generator
+    coupling, outer = fma(c, y[3], k2 * y[1]), fma(d, y[2], k1 * y[0])
+    return (
+        fma(f, z[0], y[2]),
+        fma(f, z[1], y[3]),
+        fma(f, z[2], coupling - outer),
+        fma(f, z[3], fma(-share, coupling, outer)),
+    )
+
+
+@inlined_kernel
+def _steady(generator, ratio, k2, force, turn):
+    """Return the steady motion under a harmonic force, whose phase advances by `turn` in a step.
+
+    That is x1 and offset, per cosine and per sine of the phase (force times the sine), and `turn`.
+    """
+    k1, d, c, _ = generator
+    inertia = ratio * turn * turn
+    # Complex stiffnesses: carriage, springs and interface, sphere on them.
+    outer, outer_loss = fma(-turn, turn, k1), turn * d
+    loss = turn * c
+    inner = k2 - inertia
+    real = fma(outer, inner, fma(-outer_loss, loss, -k2 * inertia))
+    imaginary = fma(outer, loss, fma(outer_loss, inner, -loss * inertia))
+    size = force / fma(real, real, imaginary * imaginary)
+    real, imaginary = size * real, -size * imaginary
+    x1_sine, x1_cosine = fma(inner, real, -loss * imaginary), fma(inner, imaginary, loss * real)
+    return x1_cosine, x1_sine, inertia * imaginary, inertia * real, turn
+
+
+@inlined_kernel
+def _at_phase(steady, c, s):
+    """Return the state of the steady motion at a phase."""
+    x1_cosine, x1_sine, offset_cosine, offset_sine, turn = steady
+    return (
+        fma(x1_cosine, c, x1_sine * s),
+        fma(offset_cosine, c, offset_sine * s),
+        turn * fma(x1_sine, c, -x1_cosine * s),
+        turn * fma(offset_sine, c, -offset_cosine * s),
+    )

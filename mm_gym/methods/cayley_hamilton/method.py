@@ -1,0 +1,146 @@
+"""The linear plant with actuated stretch: the exponential as a cubic in the generator."""
+
+from __future__ import annotations
+
+import math
+from decimal import Context, Decimal, localcontext
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.control_step import build
+from mm_gym.methods.base import Method, header
+from mm_gym.methods.cayley_hamilton import kernel as ch
+from mm_gym.methods.support import fastest_rate
+from mm_gym.state_space.coefficients import values_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+    from mm_gym.state_space.equations import Values
+
+LONGEST_STEP = 2.0
+"""Largest rate times step. The spring's part of it, at most 4, is the square of a rate times the
+step; it varies by a third of that to either side of its middle, and term n of the polynomials is at
+most (4 / 3)**n / (2 n)!: below round-off from the tenth on."""
+
+DIGITS = 40
+"""Digits of the sums, which lose none that a double shows."""
+
+ORDERS = 48
+"""Powers of the generator summed up: the last adds 2**48 / 48!, 1e-47."""
+
+MOST_AMPLIFIED = 256.0
+"""How much larger the steady motion may be than what the force moves within one step from rest:
+the difference of two such motions loses as much in precision."""
+
+
+def obstacle(support: Support) -> str | None:
+    """Return why the method does not apply; None where only stretch and harmonics of a force change."""
+    if not all(support.fixed(row) for row in range(at.M1, at.HARMONICS)):
+        return "a parameter besides the stretch differs between lanes"
+    if support.terms or any(support.ground):
+        return "of all excitation only harmonic forces enter it"
+    phase = fastest_rate(support) * support.sample_interval
+    if not phase <= LONGEST_STEP:
+        return f"the fastest rate turns by {phase:.3g} in a step, more than {LONGEST_STEP:g}"
+    amplification = _amplification(support)
+    if not amplification <= MOST_AMPLIFIED:
+        return (
+            "too little damping for a harmonic force: its steady motion may be "
+            f"{amplification:.3g} times that within a step, more than {MOST_AMPLIFIED:g}"
+        )
+    return None
+
+
+def _amplification(support: Support) -> float:
+    """Return a bound of the steady motion relative to that within one step from rest, F h^2 / 2 m1.
+
+    The power of the force is at most F w X1 / 2, and d w^2 X1^2 / 2 + c w^2 X^2 / 2 are dissipated,
+    with X the offset's amplitude.
+    """
+    if not support.ground:
+        return 0.0
+    c, d, h = support.low[at.C], support.low[at.D], support.sample_interval
+    least = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
+    return 2.0 * support.low[at.M1] / least if least > 0.0 else math.inf
+
+
+def _model(support: Support) -> NDArray[np.float64]:
+    model = np.concatenate([header(support, 0), np.zeros(ch.END - at.MODEL_OWN)])
+    p = values_of(support.low)  # at the least stretch the springs are the stiffest
+    with localcontext(Context(prec=DIGITS)):
+        h, m1 = Decimal(support.sample_interval), p["m1"]
+        unit = h * h / m1
+        softest, stiffest = values_of(_most_stretched(support))["k2"], p["k2"]
+        middle, half = unit * (stiffest + softest) / 2, unit * (stiffest - softest) / 2
+        model[ch.K1], model[ch.D], model[ch.C] = p["k1"] * unit, p["d"] * h / m1, p["c"] * h / m1
+        model[ch.K0], model[ch.PUSH] = 2 * Decimal(float(support.low[at.K0])) * unit, unit
+        model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
+        model[ch.SCALE] = 1 / half if half else 0
+        model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
+        cubics = _cubics(p, h, (softest + stiffest) / 2, (stiffest - softest) / 2)
+    model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
+    return model
+
+
+def _most_stretched(support: Support) -> NDArray[np.float64]:
+    row = support.low.copy()
+    row[at.STRETCH] = support.high[at.STRETCH]
+    return row
+
+
+def _cubics(p: Values, h: Decimal, middle: Decimal, half: Decimal) -> NDArray[np.object_]:
+    """Return (2, 4, COEFFICIENTS) polynomials in (k2 - middle) / half, lowest coefficient first.
+
+    The coefficients of I, A h, (A h)^2 and (A h)^3 in exp(A h) and in (exp(A h) - I) / (A h).
+    Powers from the fourth on are reduced by A's characteristic polynomial, linear in k2.
+    """
+    characteristic = [
+        (_characteristic(p, h, middle + half) + sign * _characteristic(p, h, middle - half)) / 2
+        for sign in (1, -1)
+    ]
+    powers = np.full((4, ch.COEFFICIENTS), Decimal(0))
+    powers[0, 0] = Decimal(1)
+    sums = np.full((2, 4, ch.COEFFICIENTS), Decimal(0))
+    factorial = Decimal(1)
+    for n in range(ORDERS):
+        sums[0] += powers / factorial
+        factorial *= n + 1
+        sums[1] += powers / factorial
+        highest = powers[3]
+        powers = np.vstack([np.full(ch.COEFFICIENTS, Decimal(0)), powers[:3]])
+        powers -= np.outer(characteristic[0], highest)
+        powers[:, 1:] -= np.outer(characteristic[1], highest[:-1])
+    return sums
+
+
+def _characteristic(p: Values, h: Decimal, k2: Decimal) -> NDArray[np.object_]:
+    """Return the coefficients of I .. (A h)^3 in the characteristic polynomial of A h."""
+    m1, m2, k1, c, d = p["m1"], p["m2"], p["k1"], p["c"], p["d"]
+    both = m1 * m2
+    return np.array(
+        [
+            h**4 * k1 * k2 / both,
+            h**3 * (c * k1 + d * k2) / both,
+            h**2 * (k2 / m2 + (k1 + k2) / m1 + c * d / both),
+            h * (c / m2 + (c + d) / m1),
+        ]
+    )
+
+
+CAYLEY_HAMILTON = Method(
+    name="exact",
+    plant="parametric linear",
+    how=(
+        "exponential as a cubic in the generator (Cayley-Hamilton), its coefficients polynomials "
+        "in the springs' stiffness; a harmonic force by its steady motion"
+    ),
+    order="exact for a held force and stretch",
+    bound="round-off: 1e-12 of the trajectory's scale",
+    cost=lambda model: f"{4 * ch.COEFFICIENTS + 28 + 40 * int(model[at.HARMONIC_COUNT])} products",
+    model=_model,
+    entries=build(ch.propagate),
+)

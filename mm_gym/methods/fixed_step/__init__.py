@@ -1,0 +1,1 @@
+"""Runge-Kutta and semi-implicit Euler with fixed substeps, for comparison."""

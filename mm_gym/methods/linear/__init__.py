@@ -1,0 +1,1 @@
+"""Transition matrices for linear plants."""

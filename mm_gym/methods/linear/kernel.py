@@ -1,0 +1,140 @@
+"""Exact propagation of a linear plant by a precomputed transition matrix."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.kernels.excitation import excited
+from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.outputs import scaling, shown, shows_state
+from mm_gym.kernels.task import is_at_once, is_lost, check_termination, state_cost, state_weights
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine and 4
+# to its sine, then 4 to each term of both jets.
+TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
+RESPONSES = TRANSITION + 20
+
+
+@borrowing_kernel
+def propagate(model, lanes, first, last):
+    """Advance x' = A x + B u + E z by one control step; u is held, z turns (Van Loan, 1978)."""
+    to_x1, to_x2, to_v1, to_v2 = transition(model)
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    us = lanes[at.FORCE, first:last]
+    for i in range(last - first):
+        x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
+        x1s[i] = product(to_x1, x1, x2, v1, v2, u)
+        x2s[i] = product(to_x2, x1, x2, v1, v2, u)
+        v1s[i] = product(to_v1, x1, x2, v1, v2, u)
+        v2s[i] = product(to_v2, x1, x2, v1, v2, u)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        amplitudes = lanes[harmonic + at.AMPLITUDE, first:last]
+        cosines, sines = (
+            lanes[harmonic + at.COSINE, first:last],
+            lanes[harmonic + at.SINE, first:last],
+        )
+        for row in range(4):
+            on_cosine, on_sine = model[RESPONSES + 8 * j + row], model[RESPONSES + 8 * j + 4 + row]
+            reached = lanes[row, first:last]
+            for i in range(last - first):
+                reached[i] += amplitudes[i] * (on_cosine * cosines[i] + on_sine * sines[i])
+    terms, jets = int(model[at.TERMS]), int(model[at.JETS])
+    responses = RESPONSES + 8 * int(model[at.HARMONIC_COUNT])
+    for n in range(2 * terms):
+        coefficients = lanes[jets + n, first:last]
+        for row in range(4):
+            on_term, reached = model[responses + 4 * n + row], lanes[row, first:last]
+            for i in range(last - first):
+                reached[i] += on_term * coefficients[i]
+    return at.OK
+
+
+def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
+    """Return a kernel that steps the simplest scenes in one pass over all lanes, others `in_turn`.
+
+    What it saves is not arithmetic but memory: each row is read and written once.
+    """
+
+    @borrowing_kernel
+    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        if not is_simple(task, model, frames):
+            return in_turn(task, model, lanes, frames, ends, streams, actions, first, last)
+        status = _push_score_and_show(task, model, lanes, frames, actions, first, last)
+        for start in range(first, last, at.BLOCK):
+            status = max(
+                status, check_termination(task, lanes, ends, start, min(start + at.BLOCK, last))
+            )
+        return status
+
+    return step
+
+
+@borrowing_kernel
+def is_simple(task, model, frames):
+    """Tell whether only a force acts, as commanded, and the state's channels are observed."""
+    pushed = task[at.HAS_FORCE] > 0.0 and not task[at.HAS_STRETCH] > 0.0
+    direct = not task[at.FORCE_IS_RATE] > 0.0 and is_at_once(
+        task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+    )
+    alone = model[at.HARMONIC_COUNT] == 0.0 and not excited(model)
+    shown_only = shows_state(task, frames)
+    return pushed and direct and alone and shown_only and model[at.INTERVALS] == 1.0
+
+
+@borrowing_kernel
+def _push_score_and_show(task, model, lanes, frames, actions, first, last):
+    """Command, propagate, score and observe; return the status."""
+    prefer_widest_vectors()
+    limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)
+    to_x1, to_x2, to_v1, to_v2 = transition(model)
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
+    us, rewards = lanes[at.FORCE, first:last], lanes[at.REWARD, first:last]
+    first_frame, second_frame = frames[0, first:last], frames[1, first:last]
+    third_frame, fourth_frame = frames[2, first:last], frames[3, first:last]
+    (scale1, shift1), (scale2, shift2) = scaling(task, 0), scaling(task, 1)
+    (scale3, shift3), (scale4, shift4) = scaling(task, 2), scaling(task, 3)
+    asked, lost = actions[first:last], False
+    for i in range(last - first):
+        a, x1, x2, v1, v2 = clip(asked[i], -1.0, 1.0), x1s[i], x2s[i], v1s[i], v2s[i]
+        u = limit * a
+        y1, y2 = product(to_x1, x1, x2, v1, v2, u), product(to_x2, x1, x2, v1, v2, u)
+        w1, w2 = product(to_v1, x1, x2, v1, v2, u), product(to_v2, x1, x2, v1, v2, u)
+        reward = 0.0 - weight * a * a - state_cost(weights, y1, y2, w1)
+        x1s[i], x2s[i], v1s[i], v2s[i], us[i], rewards[i] = y1, y2, w1, w2, u, reward
+        first_frame[i], second_frame[i] = (
+            shown(y1, scale1, shift1),
+            shown(y2 - y1, scale2, shift2),
+        )
+        third_frame[i], fourth_frame[i] = shown(w1, scale3, shift3), shown(w2, scale4, shift4)
+        lost |= is_lost(reward)
+    return at.DIVERGED if lost else at.OK
+
+
+@borrowing_kernel
+def transition(model):
+    """Return the rows of the transition matrix.
+
+    As scalars: an array would be checked for overlap with every row of lanes before the loop.
+    """
+    first, fifth = five(model, TRANSITION), five(model, TRANSITION + 5)
+    return first, fifth, five(model, TRANSITION + 10), five(model, TRANSITION + 15)
+
+
+@borrowing_kernel
+def five(model, k):
+    """Return the five coefficients from slot k."""
+    return model[k], model[k + 1], model[k + 2], model[k + 3], model[k + 4]
+
+
+@borrowing_kernel
+def product(m, x1, x2, v1, v2, u):
+    """Return a row of the transition matrix times state and force."""
+    return fma(m[0], x1, fma(m[1], x2, fma(m[2], v1, fma(m[3], v2, m[4] * u))))

@@ -1,0 +1,131 @@
+"""The values that a scene's parameters can take, and bounds of how fast it can move."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.kernels import layout as at
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Support:
+    """All values that the rows of a lane can take.
+
+    Attributes
+    ----------
+    start_low, start_high
+        (rows,) float64: bounds of each row when an episode begins.
+    low, high
+        (rows,) float64: bounds of each parameter at any time; an actuated stretch moves.
+    names
+        Dotted name of each drawn field -> its row.
+    ground
+        For each harmonic, whether it shakes the ground.
+    sample_interval
+        What one propagation advances by [s]: a sample interval.
+    intervals_per_step
+        Of a control step.
+    jets, terms, excitation
+        Row of the first jet, its terms, and the description of all excitation but the harmonics,
+        see `mm_gym.kernels.excitation`.
+    """
+
+    start_low: NDArray[np.float64]
+    start_high: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    names: dict[str, int]
+    ground: tuple[bool, ...]
+    sample_interval: float
+    intervals_per_step: int
+    jets: int
+    terms: int
+    excitation: NDArray[np.float64]
+
+    @property
+    def frequencies(self) -> NDArray[np.float64]:
+        """Highest frequency of each harmonic [rad/s]."""
+        return self.high[self._frequency_rows]
+
+    @property
+    def lowest_frequencies(self) -> NDArray[np.float64]:
+        """Lowest frequency of each harmonic [rad/s]."""
+        return self.low[self._frequency_rows]
+
+    @property
+    def _frequency_rows(self) -> slice:
+        first = at.HARMONICS + at.FREQUENCY
+        return slice(first, first + at.HARMONIC_ROWS * len(self.ground), at.HARMONIC_ROWS)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether there is excitation besides harmonics."""
+        return bool(self.excitation[0] > 0.0)
+
+    def fixed(self, row: int) -> bool:
+        """Tell whether a row has one value only."""
+        return bool(self.low[row] == self.high[row])
+
+    @property
+    def stiffest(self) -> float:
+        """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
+        if self.high[at.K0] <= 0.0:
+            return 0.0
+        return float(2.0 * self.high[at.K0] * (1.0 + 2.0 / self.low[at.STRETCH] ** 3))
+
+    def row_of(self, name: str) -> int:
+        """Return the row of a dotted name, or raise `SceneError` with the nearest name."""
+        try:
+            return self.names[name]
+        except KeyError:
+            msg = (
+                f"{name}: not a field of this scene that can be set{suggest(str(name), self.names)}"
+            )
+            raise SceneError(msg) from None
+
+
+def fastest_oscillation(support: Support) -> float:
+    """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
+    k1 = support.high[at.K1] * support.high[at.ALPHA]
+    return math.sqrt(_largest_eigenvalue(support, k1, support.stiffest))
+
+
+def fastest_rate(support: Support, damping: float | None = None) -> float:
+    """Return a bound of the excitation's frequencies and of the norm of A [1/s].
+
+    The norm is the spectral one, in the energy norm.
+
+    With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew
+    matrix of the undamped motion minus the scaled damping; the norm of A is at most the sum of
+    theirs.
+
+    Parameters
+    ----------
+    support
+        The values that the parameters can take.
+    damping
+        Damping of the interface [N s/m]; by default the highest of the support.
+    """
+    high = support.high
+    c = float(high[at.C]) if damping is None else damping
+    dissipation = _largest_eigenvalue(support, high[at.D], c)
+    harmonics = support.frequencies.max(initial=0.0)
+    return float(max(fastest_oscillation(support) + dissipation, harmonics))
+
+
+def _largest_eigenvalue(support: Support, outer: float, inner: float) -> float:
+    """Return the largest eigenvalue of [[outer + inner, -inner], [-inner, inner]] v = s M v.
+
+    It rises with both coefficients and falls with the masses, so the least masses give the most.
+    """
+    m1, m2 = float(support.low[at.M1]), float(support.low[at.M2])
+    first, second = (outer + inner) / m1, inner / m2
+    both = inner / math.sqrt(m1) / math.sqrt(m2)
+    return float(0.5 * (first + second) + math.hypot(0.5 * (first - second), both))

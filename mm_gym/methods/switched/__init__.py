@@ -1,0 +1,1 @@
+"""Dry friction on a linear plant, every crossing found."""

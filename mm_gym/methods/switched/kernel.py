@@ -1,0 +1,312 @@
+"""Event-exact propagation of a linear plant with dry friction (eq. 9 of the paper).
+
+Within a regime (stick, or slip in either direction) the plant is affine, and a ladder of
+precomputed transition matrices for the control step and its halves, quarters, ... advances it
+exactly. An interval of the ladder is taken whole if the slip velocity w provably stays in its
+regime: a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which
+the model bounds. Otherwise the interval is halved. The last level is short enough for a Taylor
+series (kernels/friction.py), which finds every crossing to round-off, two within one step included;
+there is no tolerance.
+
+The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory
+never rests there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
+from mm_gym.kernels.events import sign_of
+from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.methods.switched.series_kernel import (
+    COEFFICIENTS,
+    HELD,
+    SERIES,
+    load_coefficients,
+    walk,
+)
+
+# Slots of the model; STICK and SLIP hold where the levels of each regime begin, the whole control
+# step first.
+VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE = (at.MODEL_OWN + i for i in range(6))
+REGIMES = at.MODEL_OWN + 6
+
+# Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change of
+# w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
+SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, HARMONICS = 0, 6, 30, 36, 42, 43
+# Then for each harmonic the same against cosine and sine times amplitude, and the cosine and sine of
+# its turn.
+HARMONIC_SECOND, HARMONIC_ROWS, HARMONIC_CHANGE, HARMONIC_GAINS, HARMONIC_TURN, HARMONIC_SIZE = (
+    0,
+    2,
+    10,
+    12,
+    14,
+    16,
+)
+
+_HARMONIC_SLOTS = (
+    *(HARMONIC_ROWS + 2 * row for row in range(4)),
+    *(HARMONIC_SECOND, HARMONIC_CHANGE, HARMONIC_GAINS),
+)
+
+MOST_INTERVALS = 1 << 20
+"""Intervals tried in one control step before giving up: some 0.1 s of work."""
+
+# Some lanes at a time are worked on with scratch rows that lie WIDTH apart: with distances known
+# when it is compiled, the compiler vectorises the loops without checking for overlap.
+WIDTH = 64
+
+# Scratch: the next state, whether a lane may leave its regime, and what the harmonics add to the state,
+# to w'' now, to the change of w and to the gains.
+_LEAVES, _ADDED = 4 * WIDTH, 5 * WIDTH
+_SCRATCH_ROWS = 12 * WIDTH
+
+
+@kernel
+def propagate(model, lanes, first, last):
+    """Advance the lanes by one control step; force and stretch are held over it."""
+    status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
+    scratch = np.zeros(_SCRATCH_ROWS)
+    for start in range(first, last, WIDTH):
+        count = min(WIDTH, last - start)
+        if harmonics > 0:
+            scratch[_ADDED:] = 0.0
+            for j in range(harmonics):
+                _add_harmonic(model, lanes, scratch, j, start, count)
+        if _propagate(model, lanes, scratch, start, count) > 0:
+            status = max(status, _follow(model, lanes, scratch, start, count))
+    return status
+
+
+@kernel
+def _stays(vr, sign, w, next_w, bend):
+    """Tell whether w stays in its regime all the way.
+
+    It does if the chord leaves room for the bend, 4 times the largest sag.
+    """
+    chord = w + next_w
+    room = 2.0 * vr - abs(chord) if sign == 0.0 else sign * chord - 2.0 * vr
+    return (room >= bend) & (abs(next_w) <= vr if sign == 0.0 else sign * next_w >= vr)
+
+
+@borrowing_kernel
+def _propagate(model, lanes, scratch, first, count):
+    """Advance those lanes whose regime provably lasts; return how many may leave it."""
+    prefer_widest_vectors()
+    vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
+    in_stick, in_slip = _level(model, stick), _level(model, slip)
+    stick_gain, slip_gain = model[stick + GAIN_OF_SECOND], model[slip + GAIN_OF_SECOND]
+    x1s, x2s = lanes[at.X1, first : first + count], lanes[at.X2, first : first + count]
+    v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
+    us, leaving = lanes[at.FORCE, first : first + count], 0
+    for i in range(count):
+        x1, x2, v1, v2, u = x1s[i], x2s[i], v1s[i], v2s[i], us[i]
+        w = v2 - v1
+        s = sign_of(vr, w)
+        z, moving = (x1, x2, v1, v2, s, u), (x1, x2 - x1, v1, w, s, u)
+        sizes = (abs(x1), abs(x2 - x1), abs(v1), abs(w), abs(s), abs(u))
+        y1, y2 = _chosen(s, in_stick[0], in_slip[0], z), _chosen(s, in_stick[1], in_slip[1], z)
+        y3, y4 = _chosen(s, in_stick[2], in_slip[2], z), _chosen(s, in_stick[3], in_slip[3], z)
+        second = _chosen(s, in_stick[4], in_slip[4], moving) + scratch[_ADDED + 4 * WIDTH + i]
+        change = _chosen(s, in_stick[5], in_slip[5], moving) + scratch[_ADDED + 5 * WIDTH + i]
+        bend = _chosen(s, in_stick[6], in_slip[6], sizes) + scratch[_ADDED + 6 * WIDTH + i]
+        scratch[i], scratch[WIDTH + i] = y1 + scratch[_ADDED + i], y2 + scratch[_ADDED + WIDTH + i]
+        scratch[2 * WIDTH + i], scratch[3 * WIDTH + i] = (
+            y3 + scratch[_ADDED + 2 * WIDTH + i],
+            y4 + scratch[_ADDED + 3 * WIDTH + i],
+        )
+        bend = fma(stick_gain if s == 0.0 else slip_gain, abs(second), bend)
+        leaves = not _stays(vr, s, w, w + change, bend)
+        scratch[_LEAVES + i] = leaves
+        leaving += leaves
+    for row in range(4):
+        reached, following = lanes[row, first : first + count], scratch[row * WIDTH :]
+        for i in range(count):
+            reached[i] = following[i] if scratch[_LEAVES + i] == 0.0 else reached[i]
+    return leaving
+
+
+@borrowing_kernel
+def _level(model, k):
+    """Return the rows of the level at slot k: of the state, w'' now, the change of w, the gains."""
+    return (
+        _six(model, k + ROWS),
+        _six(model, k + ROWS + 6),
+        _six(model, k + ROWS + 12),
+        _six(model, k + ROWS + 18),
+        _six(model, k + SECOND),
+        _six(model, k + CHANGE),
+        _six(model, k + GAINS),
+    )
+
+
+@borrowing_kernel
+def _six(model, k):
+    """Return the six coefficients from slot k."""
+    return model[k], model[k + 1], model[k + 2], model[k + 3], model[k + 4], model[k + 5]
+
+
+@borrowing_kernel
+def _chosen(s, stick, slip, z):
+    """Return the row of the lane's regime times its inputs."""
+    in_stick, in_slip = _product(stick, z), _product(slip, z)
+    return in_stick if s == 0.0 else in_slip
+
+
+@borrowing_kernel
+def _product(m, z):
+    """Return a row times the inputs without harmonics."""
+    outer = fma(m[0], z[0], fma(m[1], z[1], m[4] * z[4]))
+    return outer + fma(m[2], z[2], fma(m[3], z[3], m[5] * z[5]))
+
+
+@borrowing_kernel
+def _add_harmonic(model, lanes, scratch, j, first, count):
+    """Add what a harmonic contributes to the rows of `_level`."""
+    vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
+    harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, HARMONICS + HARMONIC_SIZE * j
+    amplitudes = lanes[harmonic + at.AMPLITUDE, first:]
+    cosines, sines = lanes[harmonic + at.COSINE, first:], lanes[harmonic + at.SINE, first:]
+    v1s, v2s = lanes[at.V1, first:], lanes[at.V2, first:]
+    for row in range(7):
+        k = own + _HARMONIC_SLOTS[row]
+        a0, a1, b0, b1 = (
+            model[stick + k],
+            model[stick + k + 1],
+            model[slip + k],
+            model[slip + k + 1],
+        )
+        for i in range(count):
+            c, s = amplitudes[i] * cosines[i], amplitudes[i] * sines[i]
+            if _HARMONIC_SLOTS[row] == HARMONIC_GAINS:
+                c, s = abs(c), abs(s)
+            in_stick, in_slip = fma(a0, c, a1 * s), fma(b0, c, b1 * s)
+            sticks = sign_of(vr, v2s[i] - v1s[i]) == 0.0
+            scratch[_ADDED + row * WIDTH + i] += in_stick if sticks else in_slip
+
+
+@kernel
+def _follow(model, lanes, scratch, first, count):
+    """Advance one by one the lanes that may leave their regime."""
+    z, p, c = (
+        np.empty(7 + 2 * int(model[at.HARMONIC_COUNT])),
+        np.empty(COEFFICIENTS),
+        np.zeros(SERIES),
+    )
+    load_coefficients(lanes, first, p)  # all lanes have the same
+    status = at.OK
+    for i in range(count):
+        if scratch[_LEAVES + i] > 0.0:
+            status = max(status, _propagate_by_intervals(model, lanes, first + i, z, p, c))
+    return status
+
+
+@kernel
+def _propagate_by_intervals(model, lanes, i, z, p, c):
+    """Walk through the control step on the ladder; on the series where the regime may change.
+
+    z and c are room for the inputs and the series; p has the coefficients.
+    """
+    last_level, size, degree = int(model[LAST_LEVEL]), int(model[LEVEL_SIZE]), int(model[DEGREE])
+    vr = model[VR]
+    _load_inputs(model, lanes, i, z)
+    p[HELD] = z[6]
+    unit = model[at.SAMPLE_INTERVAL] / (1 << last_level)
+    position, end, level = 0, 1 << last_level, 0  # in units of the last level's time
+    for _ in range(MOST_INTERVALS):
+        first = (int(model[STICK]) if z[5] == 0.0 else int(model[SLIP])) + level * size
+        m = model[first : first + size]
+        next_w = z[4] + _slip_row(m, CHANGE, HARMONIC_CHANGE, z)
+        bend = _slip_gain(m, z) + m[GAIN_OF_SECOND] * abs(_slip_row(m, SECOND, HARMONIC_SECOND, z))
+        if _stays(vr, z[5], z[4], next_w, bend):
+            _take_interval(m, z)
+            z[4] = next_w
+        elif level < last_level:
+            level += 1
+            continue
+        else:
+            status, z[5] = walk(p, c, model, lanes, i, z, z[5], position * unit, unit, degree)
+            if status != at.OK:
+                return status
+            _turn_harmonics(m, z)
+        position += 1 << (last_level - level)
+        while (
+            level > 0 and position & ((2 << (last_level - level)) - 1) == 0
+        ):  # as long as the place allows
+            level -= 1
+        if position == end:
+            for row in range(4):
+                lanes[row, i] = z[row]
+            return at.OK
+    return at.TOO_MANY_EVENTS
+
+
+@kernel
+def _load_inputs(model, lanes, i, z):
+    """Write the inputs of one lane.
+
+    x1, x2, v1, v2, w, sign of slip, u, and each harmonic's cosine and sine times amplitude.
+    """
+    harmonics = int(model[at.HARMONIC_COUNT])
+    for row in range(4):
+        z[row] = lanes[row, i]
+    z[4] = z[3] - z[2]
+    z[5], z[6] = sign_of(model[VR], z[4]), lanes[at.FORCE, i]
+    for j in range(harmonics):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        z[7 + 2 * j] = lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.COSINE, i]
+        z[8 + 2 * j] = lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+
+
+@kernel
+def _slip_row(m, row, harmonic_row, z):
+    """Return a row of a level times the inputs with offset and slip velocity."""
+    total = _product(_six(m, row), (z[0], z[1] - z[0], z[2], z[4], z[5], z[6]))
+    for j in range((z.size - 7) // 2):
+        own = HARMONICS + HARMONIC_SIZE * j + harmonic_row
+        total += m[own] * z[7 + 2 * j] + m[own + 1] * z[8 + 2 * j]
+    return total
+
+
+@kernel
+def _slip_gain(m, z):
+    """Return a level's gains times the magnitudes of the inputs with offset and slip velocity."""
+    sizes = (abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6]))
+    total = _product(_six(m, GAINS), sizes)
+    for j in range((z.size - 7) // 2):
+        own = HARMONICS + HARMONIC_SIZE * j + HARMONIC_GAINS
+        total += m[own] * abs(z[7 + 2 * j]) + m[own + 1] * abs(z[8 + 2 * j])
+    return total
+
+
+@kernel
+def _take_interval(m, z):
+    """Advance the inputs but w by a level."""
+    present = (z[0], z[1], z[2], z[3], z[5], z[6])
+    for row in range(4):
+        z[row] = _product(_six(m, ROWS + 6 * row), present)
+    for j in range((z.size - 7) // 2):
+        own, cosine, sine = (
+            HARMONICS + HARMONIC_SIZE * j + HARMONIC_ROWS,
+            z[7 + 2 * j],
+            z[8 + 2 * j],
+        )
+        for row in range(4):
+            z[row] += m[own + 2 * row] * cosine + m[own + 2 * row + 1] * sine
+    _turn_harmonics(m, z)
+
+
+@kernel
+def _turn_harmonics(m, z):
+    """Advance the phases of the harmonics by a level."""
+    for j in range((z.size - 7) // 2):
+        own, cosine, sine = (
+            HARMONICS + HARMONIC_SIZE * j + HARMONIC_TURN,
+            z[7 + 2 * j],
+            z[8 + 2 * j],
+        )
+        z[7 + 2 * j] = cosine * m[own] - sine * m[own + 1]
+        z[8 + 2 * j] = sine * m[own] + cosine * m[own + 1]

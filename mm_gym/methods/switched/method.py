@@ -1,0 +1,243 @@
+"""The switched linear plant: dry friction, every crossing found to round-off."""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal, localcontext
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import CompileError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.control_step import build
+from mm_gym.methods.base import Method, degree, header, refuse_overflow
+from mm_gym.methods.support import fastest_oscillation, fastest_rate
+from mm_gym.methods.switched import kernel as switched
+from mm_gym.methods.switched import series_kernel as friction
+from mm_gym.state_space.coefficients import values_of
+from mm_gym.state_space.equations import slip_space
+from mm_gym.state_space.matrix_exponential import halved_exponentials
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+
+STATE_INPUTS = 6
+"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each harmonic
+follow."""
+
+LONGEST_SERIES = 2.0
+"""Longest last level, in units of the shortest time constant; its Taylor series loses no digits."""
+
+LONGEST_OSCILLATION = 2.0**12
+"""Longest control step, in units of 1 / the fastest undamped or excited frequency: each costs an
+interval or more."""
+
+LONGEST_DECAY = 2.0**28
+"""Longest control step, in units of the shortest time constant: the slow motion after a fast decay
+takes few intervals."""
+
+MOST_PIECES = 10_000.0
+"""Pieces of a control step that the series alone may take: some 0.01 s of work."""
+
+FINER = 3
+"""Halvings of the last level at which |w''| is sampled."""
+
+MOST_SAMPLES = 1 << 15
+
+SLOWEST = 1e-100
+"""Least frequency [rad/s] to weigh positions by; its square is a double."""
+
+SAMPLING = 1.1
+"""What |w''| may exceed its samples by, an eighth of the shortest time constant apart."""
+
+
+def _model(support: Support) -> NDArray[np.float64]:
+    low = support.low
+    mu1, mu2, vr, chi, normal = (
+        Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+    )
+    with localcontext(Context(prec=60)):
+        stick = mu1 * normal / vr
+        offset = mu2 * normal - chi * vr
+    phase = fastest_rate(support, max(float(stick), float(chi))) * support.sample_interval
+    _refuse_long_step(support, phase, LONGEST_DECAY, "the shortest time constant of the friction")
+    oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
+    _refuse_long_step(
+        support,
+        oscillation * support.sample_interval,
+        LONGEST_OSCILLATION,
+        "1 / the fastest frequency",
+    )
+    levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
+    with refuse_overflow(support):
+        regimes = [_regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, offset))]
+    model = header(support, switched.REGIMES - at.MODEL_OWN)
+    model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
+    model[switched.DEGREE] = degree(phase / 2.0**levels)
+    model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(support.ground)
+    model[switched.STICK] = switched.REGIMES
+    model[switched.SLIP] = switched.REGIMES + regimes[0].size
+    return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+
+
+def _refuse_long_step(support: Support, phase: float, longest: float, unit: str) -> None:
+    """Raise `CompileError` if the control step is longer than can be followed within some 0.1 s."""
+    if not phase <= longest:
+        msg = (
+            f"control.time_step: {support.sample_interval} s is {phase:.3g} times {unit}, "
+            f"{support.sample_interval / phase:.3g} s; allowed: {longest:.3g} times. "
+            "Shorten the step, or slow down what is so fast"
+        )
+        raise CompileError(msg)
+
+
+def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> NDArray[np.float64]:
+    """Return the levels of one regime of the friction, f = damping w + sign force.
+
+    See `mm_gym.kernels.switched`.
+    """
+    generator = _generator(support, damping, force)
+    steps = halved_exponentials(generator, support.sample_interval, levels + FINER)
+    # The row that takes the inputs to w'' now.
+    second = (generator[3] @ generator).astype(np.float64)
+    gains = _gains(support, second, [step.astype(np.float64) for step in steps])
+    return np.array([_level(second, step, gain) for step, gain in zip(steps, gains, strict=False)])
+
+
+def _level(
+    second: NDArray[np.float64], step: NDArray[np.object_], gains: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    rows, change = _state_rows(step), _change_of_slip(step)
+    slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
+    for k in range(6, len(second), 2):
+        own = slice(k, k + 2)
+        slots += [
+            second[own],
+            rows[:, own].ravel(),
+            change[own],
+            gains[own],
+            step[own, k].astype(np.float64),
+        ]
+    return np.concatenate(slots)
+
+
+def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np.object_]:
+    """Return the equations of one regime with the inputs as state.
+
+    The inputs are x1, offset, v1, w, sign, u, cosine, sine, ...
+    """
+    with localcontext(Context(prec=60)):
+        values = values_of(support.low) | {"c": damping}
+        system = slip_space(values)
+        size = STATE_INPUTS + 2 * len(support.ground)
+        generator = np.full((size, size), Decimal(0))
+        generator[:4, :4], generator[:4, 5] = system.a, system.force
+        generator[3, 4] = -force * (1 / values["m1"] + 1 / values["m2"])
+        generator[2, 4] = force / values["m1"]
+        for j, ground in enumerate(support.ground):
+            k = STATE_INPUTS + 2 * j
+            frequency = Decimal(float(support.frequencies[j]))
+            generator[:4, k + 1] = system.ground if ground else system.force
+            generator[k, k + 1], generator[k + 1, k] = -frequency, frequency
+    return generator
+
+
+def _state_rows(step: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return rows of x1, x2, v1, v2 against the inputs with x2 and v2, each entry rounded once."""
+    with localcontext(Context(prec=100)):
+        rows = np.array([step[0], step[0] + step[1], step[2], step[2] + step[3]])
+        rows[:, 0], rows[:, 2] = rows[:, 0] - rows[:, 1], rows[:, 2] - rows[:, 3]
+    return rows.astype(np.float64)
+
+
+def _change_of_slip(step: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return the row of w(t) - w(0), each entry rounded once."""
+    row = step[3].copy()
+    with localcontext(Context(prec=100)):
+        row[3] -= 1
+    return row.astype(np.float64)
+
+
+def _gains(
+    support: Support, second: NDArray[np.float64], steps: list[NDArray[np.float64]]
+) -> list[NDArray[np.float64]]:
+    """Return for each level the gains that bound w'' while the level lasts.
+
+    They are such that h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|).
+
+    w''(t) = r(t) . inputs, with r sampled. Subtracting the share g(t) of r(t) along r(0) leaves
+    what w''(0) does not explain: on the slow motion of a stiff regime both parts are small, where
+    |r| . |inputs| would not be.
+    """
+    finest = len(steps) - 1
+    rows = second[None]
+    while len(rows) <= min(1 << finest, MOST_SAMPLES):
+        rows = np.vstack([rows, rows @ steps[finest - int(np.log2(len(rows)))]])
+    frequency = max(fastest_oscillation(support), SLOWEST)
+    weights = np.zeros(len(second))
+    weights[:4] = frequency**-2, frequency**-2, 1.0, 1.0
+    norm = (weights * second) @ second
+    share = rows @ (weights * second) / norm if norm > 0.0 else np.zeros(len(rows))
+    rest = np.abs(rows - share[:, None] * second)
+    largest = SAMPLING * np.maximum.accumulate(np.column_stack([rest, np.abs(share)]))
+    gains: list[NDArray[np.float64]] = []
+    for k in range(len(steps) - FINER):
+        last = 1 << (finest - k)
+        # A level too long to be sampled is never taken whole.
+        bend = largest[last] if last < len(rows) else np.full(len(second) + 1, np.inf)
+        gains.append(0.5 * (support.sample_interval / 2.0**k) ** 2 * bend)
+    return gains
+
+
+def _cost(model: NDArray[np.float64]) -> str:
+    harmonics = int(model[at.HARMONIC_COUNT])
+    return (
+        f"7 products with {6 + 2 * harmonics} inputs; "
+        f"a series of degree {int(model[switched.DEGREE])} per change of regime"
+    )
+
+
+SWITCHED = Method(
+    name="switched",
+    plant="switched linear",
+    how=(
+        "a transition matrix for stick and one for slip; "
+        "crossings of the reference velocity bisected on halved steps"
+    ),
+    order="exact for a held force, every crossing found",
+    bound="round-off: 1e-12 of the trajectory's scale",
+    cost=_cost,
+    model=_model,
+    entries=build(switched.propagate),
+)
+
+
+def _series_model(support: Support) -> NDArray[np.float64]:
+    low, high = support.low, support.high
+    damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
+    phase = fastest_rate(support, damping) * support.sample_interval
+    _refuse_long_step(
+        support, phase, MOST_PIECES, "the shortest time constant that the scene can have"
+    )
+    model = header(support, 1)
+    model[friction.DEGREE] = degree(LONGEST_SERIES)
+    return model
+
+
+SWITCHED_SERIES = Method(
+    name="switched",
+    plant="parametric switched linear",
+    how=(
+        "a Taylor series, cut off below round-off, for each regime; "
+        "crossings of the reference velocity found on it"
+    ),
+    order="exact for a held force and stretch, every crossing found",
+    bound="round-off: 1e-12 of the trajectory's scale",
+    cost=lambda model: (
+        f"a series of degree {int(model[friction.DEGREE])} per time constant and change of regime"
+    ),
+    model=_series_model,
+    entries=build(friction.propagate),
+)

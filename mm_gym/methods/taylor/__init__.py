@@ -1,0 +1,1 @@
+"""Adaptive Taylor series, for every plant with two masses."""

@@ -1,0 +1,335 @@
+"""Adaptive Taylor series for every plant (Jorba and Zou, Experimental Mathematics 14, 2005).
+
+The field is polynomial but for the finite stretch, a quotient, so the series follows from
+recurrences: Cauchy products for the cubic spring, division for the neo-Hookean pair. Its order
+follows from the tolerance, each step from its last terms. With dry friction the first exit of
+the slip velocity from its regime is found on the series.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma
+from mm_gym.kernels.events import NONE, first_exit, sign_of
+from mm_gym.kernels.excitation import write_series
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
+from mm_gym.kernels.memory import span
+from mm_gym.methods.taylor import layout as rows
+from mm_gym.methods.taylor.simd import alike
+from mm_gym.methods.taylor.step_size_kernel import FEWEST, is_enough, share_of, step_of
+
+MOST_STEPS = 20_000
+"""Series in one control step before giving up: some 0.01 s of work."""
+
+
+@kernel
+def propagate(model, lanes, first, last):
+    """Advance the lanes by one control step; force and stretch are held over it."""
+    status = at.OK
+    c = np.zeros(rows.SIZE)
+    write_shares(model, c)
+    for i in range(first, last):
+        coefficients(lanes, i, model[rows.HAS_FRICTION] > 0.0, c)
+        status = max(status, _propagate_lane(model, lanes, i, c))
+    return status
+
+
+@borrowing_kernel
+def write_shares(model, c):
+    """Write 1 / n for every order."""
+    for n in range(int(model[rows.ORDER])):
+        c[rows.SHARE + n] = 1.0 / (n + 1.0)
+
+
+@borrowing_kernel
+def coefficients(lanes, i, friction, c):
+    """Write what the equations of lane i need."""
+    mu1, mu2, vr = lanes[at.MU1, i], lanes[at.MU2, i], lanes[at.VR, i]
+    normal, stretch, k0 = lanes[at.FN, i], lanes[at.STRETCH, i], lanes[at.K0, i]
+    c[rows.BY_M1], c[rows.BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
+    c[rows.D], c[rows.C] = lanes[at.D, i], lanes[at.C, i]
+    c[rows.K1], c[rows.BETA] = (
+        lanes[at.K1, i] * lanes[at.ALPHA, i],
+        lanes[at.K1, i] * lanes[at.BETA, i],
+    )
+    c[rows.K0], c[rows.L0], c[rows.STRETCH], c[rows.U] = (
+        k0,
+        lanes[at.L0, i],
+        stretch,
+        lanes[at.FORCE, i],
+    )
+    # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
+    c[rows.K2] = 2.0 * k0 * (1.0 + 2.0 / (stretch * stretch * stretch)) if k0 > 0.0 else 0.0
+    c[rows.VR], c[rows.CHI] = np.inf, 0.0
+    if friction:
+        c[rows.VR], c[rows.CHI], c[rows.C] = vr, lanes[at.CHI, i], mu1 * normal / vr
+        c[rows.SLIP_FORCE] = mu2 * normal - c[rows.CHI] * vr
+
+
+@borrowing_kernel
+def interface_and_springs(c, offset, w, finite):
+    """Return the force on the carriage from a viscous interface and the springs between the masses.
+
+    See docs/model.md.
+    """
+    if not finite:
+        return c[rows.C] * w + c[rows.K2] * offset
+    long, short = c[rows.STRETCH] + offset / c[rows.L0], c[rows.STRETCH] - offset / c[rows.L0]
+    pair = (long - 1.0 / (long * long)) - (short - 1.0 / (short * short))
+    return c[rows.C] * w + c[rows.K0] * c[rows.L0] * pair
+
+
+@borrowing_kernel
+def outer_forces(c, x1, v1):
+    """Return the resistance of the carriage's spring and damper less the held force."""
+    return (c[rows.K1] + c[rows.BETA] * x1 * x1) * x1 + c[rows.D] * v1 - c[rows.U]
+
+
+@borrowing_kernel
+def _propagate_lane(model, lanes, i, c):
+    """Advance one lane, series by series."""
+    most, tolerance, duration = (
+        int(model[rows.ORDER]),
+        model[rows.TOLERANCE],
+        model[at.SAMPLE_INTERVAL],
+    )
+    cubic, finite, friction, vr = (
+        model[rows.IS_CUBIC] > 0.0,
+        model[rows.IS_FINITE] > 0.0,
+        model[rows.HAS_FRICTION] > 0.0,
+        c[rows.VR],
+    )
+    for row in range(4):
+        c[rows.STATE + row] = lanes[row, i]
+    w = c[rows.STATE + 4] = lanes[at.V2, i] - lanes[at.V1, i]
+    regime = sign_of(vr, w)
+    upper, lower = vr - w, vr + w  # how far the slip velocity is below v_r and above -v_r
+    elapsed = 0.0
+    unit = (
+        duration  # the series' unit of time: about the length of a step, so that no term overflows
+    )
+    for _ in range(MOST_STEPS):
+        write_series(c, rows.WIDTH, model, lanes, i, elapsed, unit, most)
+        remaining = (duration - elapsed) / unit
+        share = share_of(tolerance, unit, duration)
+        enough = share if remaining == 1.0 else -1.0
+        order = _expand(c, cubic, finite, friction, regime, unit, most, enough)
+        if order < FEWEST:
+            return at.COLLAPSED
+        theta = 1.0 if order < most else min(step_of(c, c, share, order), remaining)
+        direction = 0.0
+        if friction:
+            exit_at, direction = _exit(c, regime, upper, lower, theta, order)
+            theta = theta if exit_at == NONE else theta * exit_at
+        if not _evaluate(c, friction, theta, order):
+            return at.DIVERGED
+        if direction != 0.0:
+            regime = direction - regime
+            c[rows.STATE + 4] = direction * vr
+            upper, lower = (0.0, 2.0 * vr) if direction > 0.0 else (2.0 * vr, 0.0)
+        else:
+            upper, lower = vr - c[rows.STATE + 4], vr + c[rows.STATE + 4]
+        elapsed += theta * unit
+        if (theta == remaining and direction == 0.0) or elapsed >= duration:
+            for row in range(4):
+                lanes[row, i] = c[rows.STATE + row]
+            return at.OK
+        unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
+    return at.TOO_MANY_SERIES
+
+
+@borrowing_kernel
+def _exit(series, regime, upper, lower, theta, order):
+    """Return where in the step the regime ends, as a fraction of it, and at which boundary.
+
+    The boundary is 1 or -1; NONE and 0 if the regime does not end.
+    """
+    power = 1.0
+    for n in range(1, order + 1):
+        power *= theta
+        series[rows.SCALED + n] = series[rows.W + n] * power
+    if regime != 0.0:
+        at_time = first_exit(series, rows.SCALED, order, -upper if regime > 0.0 else -lower, regime)
+        return at_time, 0.0 if at_time == NONE else regime
+    up, down = (
+        first_exit(series, rows.SCALED, order, upper, -1.0),
+        first_exit(series, rows.SCALED, order, lower, 1.0),
+    )
+    if up == NONE and down == NONE:
+        return NONE, 0.0
+    return (up, 1.0) if up <= down else (down, -1.0)
+
+
+@borrowing_kernel
+def _expand(c, cubic, finite, friction, regime, unit, most, enough):
+    """Write the series of the state; return its order, 0 if a spring collapsed.
+
+    Term n is the state's n-th derivative times unit**n / n!. The order is the first at which the
+    last terms are below the tolerance `enough` of the velocities, at most `most`, and even: two
+    orders are worked out together, because positions follow from the velocities before them, so
+    that what depends on positions is known for both.
+    """
+    x1, x2, v1, v2 = c[rows.STATE], c[rows.STATE + 1], c[rows.STATE + 2], c[rows.STATE + 3]
+    w = c[rows.STATE + 4]
+    # What a loop writes to the array it would read from it again: it keeps its own copies.
+    by_m1, by_m2, k1, d, k2, beta = (
+        c[rows.BY_M1],
+        c[rows.BY_M2],
+        c[rows.K1],
+        c[rows.D],
+        c[rows.K2],
+        c[rows.BETA],
+    )
+    k2 = 0.0 if finite else k2
+    damping = c[rows.C] if regime == 0.0 else c[rows.CHI]
+    held, slip = c[rows.U], (0.0 if regime == 0.0 else regime * c[rows.SLIP_FORCE])
+    c[rows.X1], c[rows.X2], c[rows.V1], c[rows.V2], c[rows.W] = x1, x2, v1, v2, w
+    for m in range(most // 2):
+        n = m + m
+        step, next_step = unit * c[rows.SHARE + n], unit * c[rows.SHARE + n + 1]
+        next_x1, next_x2 = step * v1, step * v2
+        c[rows.X1 + n + 1], c[rows.X2 + n + 1] = next_x1, next_x2
+        cube = next_cube = 0.0
+        if cubic:
+            cube, next_cube = cubes(c, m, x1, next_x1)
+        pair, next_pair = k2 * (x2 - x1), k2 * (next_x2 - next_x1)
+        if finite:
+            if not (_stretch(c, n) and _stretch(c, n + 1)):
+                return 0
+            pair, next_pair = _pair(c, n), _pair(c, n + 1)
+        inner, outer = pair + slip, fma(k1, x1, fma(beta, cube, -held))
+        v1, v2, w = _accelerate(
+            c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction
+        )
+        x1, x2, outer = next_step * v1, next_step * v2, fma(k1, next_x1, beta * next_cube)
+        v1, v2, w = _accelerate(
+            c, n + 1, next_step, by_m1, by_m2, d, damping, next_pair, outer, v1, v2, w, friction
+        )
+        c[rows.X1 + n + 2], c[rows.X2 + n + 2] = x1, x2
+        held = slip = 0.0
+        if enough > 0.0 and n + 2 >= FEWEST and is_enough(c, n + 2, enough):
+            return n + 2
+    return most
+
+
+@inlined_kernel
+def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction):
+    """Write and return term n + 1 of the velocities, given term n and the forces.
+
+    Those are what the springs between the masses, and the carriage's, add.
+    """
+    outer -= c[rows.FORCE + n]
+    if friction:
+        # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
+        creep, outer = damping * w, outer + d * v1
+        v1 = step * ((creep + inner - outer) * by_m1 - c[rows.GROUND + n])
+        v2 = step * (-(creep + inner) * by_m2 - c[rows.GROUND + n])
+        w = step * (outer * by_m1 - (inner + creep) * (by_m1 + by_m2))
+        c[rows.W + n + 1] = w
+    else:
+        v1, v2 = accelerated(
+            step, by_m1, by_m2, d, damping, inner, outer, c[rows.GROUND + n], v1, v2
+        )
+    c[rows.V1 + n + 1], c[rows.V2 + n + 1] = v1, v2
+    return v1, v2, w
+
+
+@inlined_kernel
+def accelerated(step, by_m1, by_m2, d, damping, inner, outer, ground, v1, v2):
+    """Return term n + 1 of the velocities, given term n, of a viscous interface."""
+    # Each term waits for the velocities, and for nothing else: they come last.
+    on1, on2 = fma(inner - outer, by_m1, -ground), fma(-inner, by_m2, -ground)
+    slip = v2 - v1
+    v1 = step * fma(-(damping + d) * by_m1, v1, fma(damping * by_m1, v2, on1))
+    return v1, step * fma(-damping * by_m2, slip, on2)
+
+
+@inlined_kernel
+def _pair(c, n):
+    """Return term n of the force of the springs of finite stretch."""
+    offset = c[rows.X2 + n] - c[rows.X1 + n]
+    return c[rows.K0] * fma(
+        2.0, offset, c[rows.L0] * (c[rows.SHORT_POWER + n] - c[rows.LONG_POWER + n])
+    )
+
+
+@inlined_kernel
+def cubes(c, m, newest, next_newest):
+    """Return terms 2 m and 2 m + 1 of x1**3, and write those of x1**2, given those of x1.
+
+    Products are summed from the middle outwards, because the newest terms are the last to be known;
+    those of the square come in equal pairs.
+    """
+    n = m + m
+    first = c[rows.X1]
+    if m == 0:
+        square = c[rows.SQUARE] = first * first
+        c[rows.SQUARE + 1] = 2.0 * first * next_newest
+        return square * first, 3.0 * square * next_newest
+    middle, following, below = c[rows.X1 + m], c[rows.X1 + m + 1], c[rows.SQUARE + m]
+    square, next_square = 0.5 * middle * middle, middle * following
+    cube, next_cube = below * middle, below * following
+    other = next_other = alike(first, 0.0)
+    for j in span(1, m):
+        low, high = np.uintp(m) - j, np.uintp(m) + j
+        x, far, farther = c[low], c[high], c[high + rows.ONE]  # of x1: its row is the first
+        below, above = c[rows.SQUARES + low], c[rows.SQUARES + high]
+        square, next_square = fma(x, far, square), fma(x, farther, next_square)
+        cube, next_cube = fma(below, far, cube), fma(below, farther, next_cube)
+        other, next_other = fma(above, x, other), fma(above, c[low + rows.ONE], next_other)
+    square = 2.0 * fma(first, newest, square)
+    next_square = 2.0 * fma(first, next_newest, next_square)
+    c[rows.SQUARE + n], c[rows.SQUARE + n + 1] = square, next_square
+    below = c[rows.SQUARE]
+    cube = fma(below, newest, cube) + fma(square, first, other)
+    next_other = fma(next_square, first, fma(square, c[rows.X1 + 1], next_other))
+    return cube, fma(below, next_newest, next_cube) + next_other
+
+
+@borrowing_kernel
+def _stretch(c, n):
+    """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
+
+    From n l0 u_n = -sum (n + j) l_j u_(n-j).
+    """
+    for side in range(2):
+        stretch, power = rows.LONG + side * rows.WIDTH, rows.LONG_POWER + side * rows.WIDTH
+        c[stretch + n] = (1.0 - 2.0 * side) * (c[rows.X2 + n] - c[rows.X1 + n]) / c[rows.L0]
+        if n == 0:
+            c[stretch] += c[rows.STRETCH]
+            if not c[stretch] > 0.0:
+                return False
+            c[power] = 1.0 / (c[stretch] * c[stretch])
+        else:
+            total = 0.0
+            for j in range(1, n + 1):
+                total -= (n + j) * c[stretch + j] * c[power + n - j]
+            c[power + n] = total / (n * c[stretch])
+    return True
+
+
+@borrowing_kernel
+def _evaluate(c, friction, theta, order):
+    """Advance the state by a time in units of the series; tell whether it is still finite."""
+    x1 = x2 = v1 = v2 = w = 0.0
+    for n in range(order, 0, -1):
+        x1, x2 = fma(x1, theta, c[rows.X1 + n]), fma(x2, theta, c[rows.X2 + n])
+        v1, v2 = fma(v1, theta, c[rows.V1 + n]), fma(v2, theta, c[rows.V2 + n])
+        if friction:
+            w = fma(w, theta, c[rows.W + n])
+    c[rows.STATE] = fma(x1, theta, c[rows.STATE])
+    c[rows.STATE + 1] = fma(x2, theta, c[rows.STATE + 1])
+    c[rows.STATE + 2] = fma(v1, theta, c[rows.STATE + 2])
+    c[rows.STATE + 3] = fma(v2, theta, c[rows.STATE + 3])
+    c[rows.STATE + 4] = (
+        fma(w, theta, c[rows.STATE + 4]) if friction else c[rows.STATE + 3] - c[rows.STATE + 2]
+    )
+    return (
+        abs(c[rows.STATE])
+        + abs(c[rows.STATE + 1])
+        + abs(c[rows.STATE + 2])
+        + abs(c[rows.STATE + 3])
+        < np.inf
+    )

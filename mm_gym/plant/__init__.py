@@ -1,0 +1,1 @@
+"""The plant: the simplest model that covers a scene, compiled to plain arrays."""

@@ -1,0 +1,143 @@
+"""A plant: what a scene compiles to. Frozen, NumPy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import CompileError, SceneError
+from mm_gym.kernels import layout as at
+from mm_gym.state_space.coefficients import linear_system, values_of
+from mm_gym.state_space.transition import massless_transition, transition
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods import Method
+    from mm_gym.methods.support import Support
+    from mm_gym.state_space.equations import StateSpace
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The least model that covers a scene's support, ready to be propagated.
+
+    Attributes
+    ----------
+    method
+        What propagates the state, with its order, cost and bound.
+    reasons
+        Why this method was chosen, one clause each.
+    support
+        All values that the scene can reach.
+    model
+        (m,) float64: the constants of the method's kernel.
+    task
+        (t,) float64: actuators, reward, limits and channels.
+    template, draws
+        (rows,) the start of every lane, and (n, 3) rows to draw, each with its low and high.
+    actuators
+        Names of the action's columns, in order: "force" [N], "stretch" [-].
+    history, delay, channels
+        Frames observed, control steps by which they are late, and the names of the channels.
+    steps, time_step
+        Control steps of an episode, and their length [s].
+    digest
+        Identifies the scene that it was compiled from.
+    """
+
+    method: Method
+    reasons: tuple[str, ...]
+    support: Support
+    model: NDArray[np.float64]
+    task: NDArray[np.float64]
+    template: NDArray[np.float64]
+    draws: NDArray[np.float64]
+    actuators: tuple[str, ...]
+    channels: tuple[str, ...]
+    history: int
+    delay: int
+    steps: int
+    time_step: float
+    digest: str
+
+    def linear(
+        self, stretch: float | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return A (4, 4) and B (4, 1) of x' = A x + B u about rest, u the control force [N].
+
+        Parameters
+        ----------
+        stretch
+            Stretch of the springs [-]; by default the one that an episode starts from (the middle
+            of a range).
+
+        Notes
+        -----
+        A randomised parameter enters with the middle of its range, a cubic spring with its tangent.
+
+        Raises
+        ------
+        SceneError
+            If the stretch is below 1 or not finite.
+        CompileError
+            If the carriage has no mass.
+        """
+        system = self.system(stretch)
+        return system.a.astype(np.float64), system.force.astype(np.float64)[:, None]
+
+    def discrete(
+        self, stretch: float | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over each step."""
+        row = self._middle(stretch)
+        massless = row[at.M1] == 0.0
+        both = (
+            massless_transition(values_of(row), self.time_step)
+            if massless
+            else transition(linear_system(row), self.time_step)
+        )
+        return both[:, :4], both[:, 4:]
+
+    def system(self, stretch: float | None = None) -> StateSpace:
+        """Return the linear equations about rest in decimal arithmetic, see `linear`."""
+        row = self._middle(stretch)
+        if row[at.M1] == 0.0:
+            msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
+            raise CompileError(msg)
+        return linear_system(row)
+
+    def _middle(self, stretch: float | None) -> NDArray[np.float64]:
+        middle = 0.5 * (self.support.start_low + self.support.start_high)
+        if stretch is not None:
+            if not 1.0 <= stretch < np.inf:
+                msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
+                raise SceneError(msg)
+            middle[at.STRETCH] = stretch
+        return middle
+
+    def at_interval(self, interval: float) -> Plant:
+        """Return the same plant with a sample interval of another length, for samples in between."""
+        return _at_interval(self, interval)
+
+    def explain(self) -> str:
+        """Say what was chosen, why, its order, its cost and its error bound."""
+        method = self.method
+        lines = [
+            ("plant", method.plant),
+            ("because", "; ".join(self.reasons)),
+            ("method", f"{method.name}: {method.how}"),
+            ("order", method.order),
+            ("cost", method.cost(self.model)),
+            ("error", method.bound),
+        ]
+        return "\n".join(f"{title:8} {text}" for title, text in lines)
+
+
+@lru_cache(maxsize=4096)
+def _at_interval(plant: Plant, interval: float) -> Plant:
+    support = replace(plant.support, sample_interval=interval)
+    return replace(plant, support=support, model=plant.method.constants(support))

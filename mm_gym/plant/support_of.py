@@ -1,0 +1,113 @@
+"""Which row of a lane holds which field of a scene, and the scene's support.
+
+The support is what values the fields can take.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.noise import prepare_filter
+from mm_gym.methods.support import Support
+from mm_gym.plant.excitation import lay_out
+from mm_gym.scene.excitation import Harmonic
+from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.scene.scene import bounds
+
+if TYPE_CHECKING:
+    from mm_gym.scene.scene import NumberOrRange, Scene
+
+ROWS: dict[str, int] = {
+    "initial.carriage_displacement": at.X1,
+    "initial.sphere_offset": at.X2,
+    "initial.carriage_velocity": at.V1,
+    "initial.sphere_velocity": at.V2,
+    "initial.stretch": at.STRETCH,
+    "carriage.mass": at.M1,
+    "carriage.stiffness": at.K1,
+    "carriage.damping": at.D,
+    "carriage.linear_coefficient": at.ALPHA,
+    "carriage.cubic_coefficient": at.BETA,
+    "sphere.mass": at.M2,
+    "interface.damping": at.C,
+    "interface.static_coefficient": at.MU1,
+    "interface.kinetic_coefficient": at.MU2,
+    "interface.reference_velocity": at.VR,
+    "interface.slip_damping": at.CHI,
+    "interface.normal_force": at.FN,
+    "springs.stiffness": at.K0,
+    "springs.stretch": at.STRETCH,
+    "springs.rest_length": at.L0,
+}
+"""Row of each field of a lane; `mm_gym.plant.excitation` has those of the excitation."""
+
+
+def support_of(scene: Scene) -> Support:
+    """Collect the values that randomisation, initial ranges and actuation can reach.
+
+    Raises
+    ------
+    SceneError
+        If a record cannot be read.
+    CompileError
+        If the excitation divides a control step too finely.
+    """
+    values, layout = _fields(scene), lay_out(scene)
+    rows = {name: ROWS[name] for name in values}
+    low, high = np.zeros(layout.size), np.zeros(layout.size)
+    low[at.STRETCH] = high[at.STRETCH] = (
+        1.0  # without springs: any stretch that the spring law allows
+    )
+    own = [(rows[name], value) for name, value in values.items()]
+    for row, value in [*own, *layout.values.items()]:
+        low[row], high[row] = bounds(value)
+    if scene.springs.kind == "none":
+        low[at.STRETCH] = high[at.STRETCH] = (
+            1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
+        )
+    sample_interval = scene.control.time_step / layout.intervals_per_step
+    for row, passes_velocity, drawn in layout.filters:
+        for lane in () if drawn else (low, high):
+            prepare_filter(lane[:, None], row, passes_velocity, sample_interval, 0)
+    start_low, start_high = low.copy(), high.copy()
+    if scene.actuation.force is not None:
+        high[at.FORCE] = scene.actuation.force.limit
+        low[at.FORCE] = -high[at.FORCE]
+    if scene.actuation.stretch is not None:
+        low[at.STRETCH], high[at.STRETCH] = (
+            scene.actuation.stretch.minimum,
+            scene.actuation.stretch.maximum,
+        )
+    harmonics = (part for part in scene.excitation if isinstance(part, Harmonic))
+    return Support(
+        start_low=start_low,
+        start_high=start_high,
+        low=low,
+        high=high,
+        names=rows | layout.rows,
+        ground=tuple(harmonic.target == "ground" for harmonic in harmonics),
+        sample_interval=sample_interval,
+        intervals_per_step=layout.intervals_per_step,
+        jets=layout.jets,
+        terms=layout.terms,
+        excitation=layout.description,
+    )
+
+
+def _fields(scene: Scene) -> dict[str, NumberOrRange]:
+    """Return dotted name -> value or range of every number of a lane but the excitation's."""
+    values: dict[str, NumberOrRange] = {}
+    for part in ("carriage", "sphere", "interface", "springs", "initial"):
+        for field, value in getattr(scene, part):
+            if isinstance(value, float | tuple):
+                values[f"{part}.{field}"] = value
+    if scene.interface.kind == "dry_friction" and scene.interface.normal_force is None:
+        values["interface.normal_force"] = scene.sphere.mass * GRAVITY
+    if scene.actuation.stretch is not None and "springs.stretch" in values:
+        values.setdefault("initial.stretch", values["springs.stretch"])
+        del values["springs.stretch"]  # one row, and the initial value rules it
+    drawn = scene.randomization.items()
+    return values | {name: value for name, value in drawn if name in ROWS}

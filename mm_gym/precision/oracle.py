@@ -1,0 +1,285 @@
+"""The slow, obvious oracle: SciPy's integrators on the equations of docs/model.md.
+
+Dry friction is integrated from event to event.
+
+It shares no code with the kernels. Tests, benchmarks and `mm_gym.work_precision` measure against
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol, cast
+
+import numpy as np
+from scipy.integrate import solve_ivp  # pyright: ignore[reportUnknownVariableType] - untyped
+
+from mm_gym.errors import SimulationError
+from mm_gym.scene.mechanics import GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene.scene import Scene
+
+    State = NDArray[np.float64]
+
+STICK = 0
+"""Regime of dry friction; +1 and -1 are the directions of slip w."""
+
+
+class Solution(Protocol):
+    """What `scipy.integrate.solve_ivp` returns, as far as it is used here."""
+
+    t: State
+    y: State
+    status: int
+    message: str
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """A scene with one value for every field, integrated by SciPy.
+
+    Attributes
+    ----------
+    scene
+        Without ranges in what matters: set drawn values with `Scene.replace` first.
+    method, rtol
+        For `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
+    max_step
+        Longest step [s]: SciPy sees an event only if its sign differs between two steps.
+    disturbance
+        Force [N] or acceleration [m/s^2] at a time [s], for the targets "force" and "ground"; by
+        default the scene's harmonics.
+    most_evaluations
+        Evaluations of the forces, over the oracle's life, beyond which it gives up.
+    """
+
+    scene: Scene
+    method: str = "DOP853"
+    rtol: float = 1e-13
+    max_step: float = np.inf
+    disturbance: Callable[[float, str], float] | None = None
+    most_evaluations: int = 100_000_000
+    _spent: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
+
+    def solve(
+        self,
+        times: ArrayLike,
+        *,
+        forces: ArrayLike | None = None,
+        stretches: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        begin: float = 0.0,
+    ) -> State:
+        """Return the states (n, 4) at increasing times [s] of at least `begin`.
+
+        Parameters
+        ----------
+        times
+            (n,) instants.
+        forces, stretches
+            One value per control step, held over it; by default 0 N and the scene's stretch.
+        start
+            (4,) state at the time `begin` [s]; by default the scene's.
+        begin
+            Where the motion is taken up [s].
+        """
+        instants = np.atleast_1d(np.asarray(times, np.float64))
+        state = self.initial_state() if start is None else np.array(start, np.float64)
+        step, now, states = self.scene.control.time_step, begin, np.empty((len(instants), 4))
+        for k, instant in enumerate(instants):
+            while now < instant:
+                n = int(np.floor(now / step * (1 + 1e-12)))
+                held = forces is not None or stretches is not None
+                until = min(instant, (n + 1) * step) if held else instant
+                force = 0.0 if forces is None else float(np.asarray(forces)[n])
+                stretch = self._stretch() if stretches is None else float(np.asarray(stretches)[n])
+                state, now = self._integrate(now, until, state, force, stretch), until
+            states[k] = state
+        return states
+
+    def initial_state(self) -> State:
+        """Return x1, x2, v1, v2 as the scene states them."""
+        start = self.scene.initial
+        x1, offset = float(start.carriage_displacement), float(start.sphere_offset)  # pyright: ignore[reportArgumentType]
+        v1, v2 = float(start.carriage_velocity), float(start.sphere_velocity)  # pyright: ignore[reportArgumentType]
+        return np.array([x1, x1 + offset, v1, v2])
+
+    def _stretch(self) -> float:
+        return 1.0 if self.scene.springs.kind == "none" else self.scene.springs.stretch
+
+    def _integrate(
+        self, start: float, end: float, state: State, force: float, stretch: float
+    ) -> State:
+        """Integrate with force and stretch held, from event to event."""
+        regime = self._regime(state)
+        if self.scene.carriage.mass == 0.0:
+            return self._integrate_massless(start, end, state, force, stretch)
+        while start < end:
+            solution = self._segment(
+                self._field(regime, force, stretch), start, end, state, self._events(regime)
+            )
+            start, state = float(solution.t[-1]), solution.y[:, -1]
+            if solution.status == 1:
+                regime = self._direction(state) if regime == STICK else STICK
+        return state
+
+    def _segment(
+        self,
+        field: Callable[..., State],
+        start: float,
+        end: float,
+        state: State,
+        events: list[Callable[..., float]],
+    ) -> Solution:
+        # Absolute tolerances far below any state of interest: each component keeps its relative
+        # digits.
+        solution = cast(
+            "Solution",
+            solve_ivp(
+                self._counted(field),
+                (start, end),
+                state,
+                self.method,
+                events=events,
+                rtol=self.rtol,
+                atol=1e-17,
+                max_step=self.max_step,
+            ),
+        )
+        if solution.status < 0:
+            msg = f"reference: {solution.message}"
+            raise SimulationError(msg)
+        return solution
+
+    def _counted(self, forces: Callable[..., State]) -> Callable[..., State]:
+        def counted(t: float, y: State) -> State:
+            self._spent[0] += 1
+            if self._spent[0] > self.most_evaluations:
+                msg = f"reference: gave up after {self.most_evaluations} evaluations"
+                raise SimulationError(msg)
+            return forces(t, y)
+
+        return counted
+
+    def _regime(self, state: State) -> int:
+        interface = self.scene.interface
+        if (
+            interface.kind != "dry_friction"
+            or abs(state[3] - state[2]) <= interface.reference_velocity
+        ):
+            return STICK
+        return self._direction(state)
+
+    def _direction(self, state: State) -> int:
+        return 1 if state[3] > state[2] else -1
+
+    def _events(self, regime: int) -> list[Callable[..., float]]:
+        """Return the ways out of a regime as terminal events."""
+        interface = self.scene.interface
+        if interface.kind != "dry_friction":
+            return []
+        vr = interface.reference_velocity
+
+        def leaving(side: int, direction: int) -> Callable[..., float]:
+            def event(_: float, y: State) -> float:
+                return side * (y[3] - y[2]) - vr
+
+            event.terminal, event.direction = True, direction  # pyright: ignore[reportFunctionMemberAccess]
+            return event
+
+        return [leaving(1, 1), leaving(-1, 1)] if regime == STICK else [leaving(regime, -1)]
+
+    def _interface(self, w: float, regime: int) -> float:
+        """Return the interface's force on the carriage (eq. 9 of the paper for dry friction)."""
+        interface = self.scene.interface
+        if interface.kind == "none":
+            return 0.0
+        if interface.kind == "viscous":
+            return interface.damping * w
+        normal = (
+            self.scene.sphere.mass * GRAVITY
+            if interface.normal_force is None
+            else interface.normal_force
+        )
+        vr = interface.reference_velocity
+        if regime == STICK:
+            return interface.static_coefficient * normal / vr * w
+        return regime * (
+            interface.kinetic_coefficient * normal + interface.slip_damping * (regime * w - vr)
+        )
+
+    def _springs(self, offset: float, stretch: float) -> float:
+        """Return the springs' force on the carriage.
+
+        It is eq. 15 of the paper, or that of the exact neo-Hookean pair.
+        """
+        springs = self.scene.springs
+        if springs.kind == "none":
+            return 0.0
+        if springs.kind == "small_on_large":
+            return 2 * springs.stiffness * (1 + 2 / stretch**3) * offset
+        one, other = stretch + offset / springs.rest_length, stretch - offset / springs.rest_length
+        return springs.stiffness * springs.rest_length * ((one - one**-2) - (other - other**-2))
+
+    def _excitation(self, time: float, target: str) -> float:
+        if self.disturbance is not None:
+            return self.disturbance(time, target)
+        total = 0.0
+        for harmonic in self.scene.excitation:
+            if harmonic.kind != "harmonic":
+                msg = f"reference: give the disturbance; {harmonic.kind} is not known here"
+                raise SimulationError(msg)
+            if harmonic.target == target:
+                total += harmonic.amplitude * np.sin(harmonic.frequency * time + harmonic.phase)
+        return total
+
+    def _field(self, regime: int, force: float, stretch: float) -> Callable[..., State]:
+        carriage, m2 = self.scene.carriage, self.scene.sphere.mass
+
+        def field(t: float, y: State) -> State:
+            x1, x2, v1, v2 = y
+            inner = self._interface(v2 - v1, regime) + self._springs(x2 - x1, stretch)
+            spring = (
+                carriage.stiffness
+                * (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2)
+                * x1
+            )
+            ground = self._excitation(t, "ground")
+            outer = force + self._excitation(t, "force") - carriage.damping * v1 - spring
+            return np.array(
+                [v1, v2, (inner + outer) / carriage.mass - ground, -inner / m2 - ground]
+            )
+
+        return field
+
+    def _integrate_massless(
+        self, start: float, end: float, state: State, force: float, stretch: float
+    ) -> State:
+        """Integrate x1, x2, v2; v1 balances the forces on the carriage (viscous interface)."""
+        carriage, m2 = self.scene.carriage, self.scene.sphere.mass
+        c = self._interface(1.0, STICK)
+
+        def velocity(t: float, x1: float, x2: float, v2: float) -> float:
+            spring = carriage.stiffness * carriage.linear_coefficient * x1
+            push = (
+                c * v2
+                + self._springs(x2 - x1, stretch)
+                + force
+                + self._excitation(t, "force")
+                - spring
+            )
+            return push / (c + carriage.damping)
+
+        def field(t: float, y: State) -> State:
+            x1, x2, v2 = y
+            v1 = velocity(t, x1, x2, v2)
+            inner = c * (v2 - v1) + self._springs(x2 - x1, stretch)
+            return np.array([v1, v2, -inner / m2 - self._excitation(t, "ground")])
+
+        x1, x2, v2 = self._segment(field, start, end, state[[0, 1, 3]], []).y[:, -1]
+        return np.array([x1, x2, velocity(end, x1, x2, v2), v2])

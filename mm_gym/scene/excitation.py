@@ -1,0 +1,192 @@
+"""What disturbs the motion: a force on the carriage, or the acceleration of the ground."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self, get_args
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mm_gym.scene.part import Part, listed
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Range = Annotated[tuple[float, float], BeforeValidator(listed)]
+NumberOrRange = float | Range
+Target = Literal["force", "ground"]
+ForceUnit = Literal["N", "kN", "lbf"]
+AccelerationUnit = Literal["m/s^2", "cm/s^2", "mm/s^2", "gal", "g", "ft/s^2", "in/s^2"]
+
+FIXED_FIELDS = ("sample_time", "time_step")
+"""Numbers that cannot differ from episode to episode."""
+
+
+class Harmonic(Part):
+    """amplitude * sin(frequency * t + phase)."""
+
+    kind: Literal["harmonic"] = "harmonic"
+    target: Target = "force"
+    """a force on the carriage, or the acceleration of the ground"""
+    amplitude: float
+    """[N] or [m/s^2]"""
+    frequency: NonNegative
+    """[rad/s]"""
+    phase: float = 0.0
+    """[rad]"""
+
+
+class Sweep(Part):
+    """amplitude * sin(phase + the integral of a frequency that runs from start to end)."""
+
+    kind: Literal["sweep"] = "sweep"
+    target: Target = "force"
+    """a force on the carriage, or the acceleration of the ground"""
+    amplitude: float
+    """[N] or [m/s^2]"""
+    start_frequency: Positive
+    """[rad/s]"""
+    end_frequency: Positive
+    """[rad/s]; kept when it is reached"""
+    duration: Positive
+    """[s] from one to the other, rounded up to whole sample intervals, of at most half of 1 / the highest
+    frequency each"""
+    spacing: Literal["linear", "logarithmic"] = "linear"
+    """equal times for equal differences of frequency, or for equal ratios"""
+    phase: float = 0.0
+    """[rad] at the start"""
+
+
+class Sampled(Part):
+    """What is known at samples and linear in between."""
+
+    target: Target = "ground"
+    """a force on the carriage, or the acceleration of the ground"""
+    sample_time: Positive | None = None
+    """[s] at most between two samples: each control step is divided into equal sample intervals, as many
+    as the scene's shortest sample time asks for"""
+
+
+class FilteredNoise(Sampled):
+    """White noise behind a linear filter, times an envelope.
+
+    The samples have exactly the law of the filter's continuous output. The envelope is
+    (t / rise)^2, then 1 for `plateau` seconds, then exp(-decay (t - rise - plateau)). By default
+    `sample_time` is a quarter of 1 / the filter's highest frequency.
+    """
+
+    rms: NonNegative
+    """[N] or [m/s^2]: standard deviation while the envelope is 1"""
+    rise: NonNegative = 0.0
+    """[s]"""
+    plateau: NonNegative | None = None
+    """[s]; for ever by default"""
+    decay: NonNegative = 1.0
+    """[1/s]"""
+
+
+class Noise(FilteredNoise):
+    """Band-limited noise: white noise behind a Butterworth filter of second order at each end."""
+
+    kind: Literal["noise"] = "noise"
+    target: Target = "force"
+    """a force on the carriage, or the acceleration of the ground"""
+    low_frequency: NonNegative = 0.0
+    """[rad/s], where the high-pass has fallen to half the power; 0 for none"""
+    high_frequency: Positive
+    """[rad/s], where the low-pass has fallen to half the power"""
+
+    @model_validator(mode="after")
+    def _low_below_high(self) -> Self:
+        if self.low_frequency >= self.high_frequency:
+            allowed = f"less than high_frequency = {self.high_frequency}"
+            msg = f"low_frequency: got {self.low_frequency}; allowed: {allowed}"
+            raise ValueError(msg)
+        return self
+
+
+class Soil(FilteredNoise):
+    """The acceleration of a layer of soil above bedrock that shakes with white noise."""
+
+    ground_frequency: Positive
+    """of the soil [rad/s]"""
+    ground_damping: Positive = 0.6
+    """its damping ratio [-]"""
+
+
+class KanaiTajimi(Soil):
+    """Filtered noise with the density of Kanai (1957) and Tajimi (1960)."""
+
+    kind: Literal["kanai_tajimi"] = "kanai_tajimi"
+
+
+class CloughPenzien(Soil):
+    """The same behind a high-pass, so that the ground does not drift (Clough and Penzien, 1975)."""
+
+    kind: Literal["clough_penzien"] = "clough_penzien"
+    filter_frequency: Positive
+    """of the high-pass [rad/s]"""
+    filter_damping: Positive = 0.6
+    """its damping ratio [-]"""
+
+
+class Impulse(Part):
+    """Impulses: jumps of a velocity, at the start of the sample interval in which they fall.
+
+    An impulse on the carriage changes v1 by size / m1; one of the ground changes both velocities by
+    -size.
+    """
+
+    kind: Literal["impulse"] = "impulse"
+    target: Target = "force"
+    """an impulse on the carriage, or a jump of the ground's velocity"""
+    size: NumberOrRange
+    """[N s] or [m/s]; a range is drawn from anew for each impulse"""
+    rate: NonNegative = 0.0
+    """mean number per second of impulses at random times (Poisson) [1/s]"""
+    time: NonNegative | None = None
+    """[s] of one impulse more"""
+
+    @model_validator(mode="after")
+    def _some(self) -> Self:
+        if self.rate == 0.0 and self.time is None:
+            msg = "time: missing; without it, and with rate = 0, there is no impulse"
+            raise ValueError(msg)
+        if isinstance(self.size, tuple) and self.size[0] > self.size[1]:
+            msg = (
+                f"size: got [{self.size[0]}, {self.size[1]}]; allowed: [low, high] with low <= high"
+            )
+            raise ValueError(msg)
+        return self
+
+
+class Recorded(Sampled):
+    """A record from a file, read from `start` on and zero after its end."""
+
+    kind: Literal["record"] = "record"
+    file: Annotated[str, Field(min_length=1)]
+    """a PEER AT2 file, or a CSV file of times [s] and values; a relative path in a scene file
+    starts from that file's folder"""
+    unit: ForceUnit | AccelerationUnit | None = None
+    """of the values; by default g for AT2, else m/s^2 or N"""
+    time_step: Positive | None = None
+    """[s] between the samples of a file of one column, which states no times"""
+    scale: float = 1.0
+    """factor of the values [-]"""
+    time_scale: Positive = 1.0
+    """factor of the times [-]: below 1 the record passes faster"""
+    start: NonNegative = 0.0
+    """[s] of the record's own time at which an episode begins"""
+
+    @model_validator(mode="after")
+    def _unit_of_target(self) -> Self:
+        units = get_args(ForceUnit if self.target == "force" else AccelerationUnit)
+        if self.unit is not None and self.unit not in units:
+            allowed = ", ".join(repr(unit) for unit in units)
+            msg = f"unit: got {self.unit!r}; allowed with target = {self.target!r}: {allowed}"
+            raise ValueError(msg)
+        return self
+
+
+Excitation = Annotated[
+    Harmonic | Sweep | Noise | KanaiTajimi | CloughPenzien | Impulse | Recorded,
+    Field(discriminator="kind"),
+]

@@ -1,0 +1,107 @@
+"""The masses, what joins them, and the carriage's own spring and damper."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from mm_gym.scene.excitation import NonNegative, Positive
+from mm_gym.scene.part import Part
+
+GRAVITY = 9.81
+"""Standard acceleration of the paper [m/s^2]; the default normal force is sphere.mass * GRAVITY."""
+
+
+class Carriage(Part):
+    """The mass to be kept still, on a spring and a damper."""
+
+    mass: NonNegative = 0.1
+    """m1 [kg]; 0 for a carriage without inertia, which needs a damper or a viscous interface"""
+    stiffness: Positive = 400.0
+    """k1 [N/m]"""
+    damping: NonNegative = 1.0
+    """d [N s/m]"""
+    linear_coefficient: NonNegative = 1.0
+    """alpha [-]: the spring force is k1 (alpha + beta x1^2) x1"""
+    cubic_coefficient: NonNegative = 0.0
+    """beta [1/m^2]"""
+
+
+class Sphere(Part):
+    """The moving mass that rolls on the carriage."""
+
+    mass: Positive = 0.04
+    """m2 [kg]"""
+
+
+class NoInterface(Part):
+    """Nothing passes between sphere and carriage but the springs."""
+
+    kind: Literal["none"] = "none"
+
+
+class Viscous(Part):
+    """A force proportional to the slip velocity."""
+
+    kind: Literal["viscous"] = "viscous"
+    damping: NonNegative = 1.0
+    """c [N s/m]"""
+
+
+class DryFriction(Part):
+    """Creep below the reference velocity, slip above it (eq. 9 of the paper)."""
+
+    kind: Literal["dry_friction"] = "dry_friction"
+    static_coefficient: Positive
+    """mu1 [-]"""
+    kinetic_coefficient: Positive
+    """mu2 [-], at most mu1"""
+    reference_velocity: Positive
+    """v_r [m/s]"""
+    slip_damping: NonNegative = 0.0
+    """chi [N s/m]"""
+    normal_force: Positive | None = None
+    """F_N [N]; by default sphere.mass * 9.81"""
+
+    @model_validator(mode="after")
+    def _kinetic_at_most_static(self) -> Self:
+        if self.kinetic_coefficient > self.static_coefficient:
+            allowed = f"at most static_coefficient = {self.static_coefficient}"
+            msg = f"kinetic_coefficient: got {self.kinetic_coefficient}; allowed: {allowed}"
+            raise ValueError(msg)
+        return self
+
+
+class NoSprings(Part):
+    """The sphere is held by the interface alone."""
+
+    kind: Literal["none"] = "none"
+
+
+class SmallOnLarge(Part):
+    """Springs linearised about their pre-stretch (eq. 15): k2 = 2 k0 (1 + 2 / stretch^3)."""
+
+    kind: Literal["small_on_large"] = "small_on_large"
+    stiffness: Positive = 35.0
+    """k0 [N/m]"""
+    stretch: Annotated[float, Field(ge=1)] = 1.5
+    """lambda [-]; where it is actuated, the value that an episode starts from by default"""
+
+
+class FiniteStretch(Part):
+    """The neo-Hookean pair: each side pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
+
+    kind: Literal["finite_stretch"] = "finite_stretch"
+    stiffness: Positive = 35.0
+    """k0 [N/m]"""
+    stretch: Annotated[float, Field(ge=1)] = 1.5
+    """lambda [-], at least 1"""
+    rest_length: Positive
+    """l0 [m]"""
+
+
+Interface = Annotated[NoInterface | Viscous | DryFriction, Field(discriminator="kind")]
+
+
+Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")]

@@ -1,0 +1,227 @@
+"""A scene: what a person writes. The one home of defaults, ranges, units and cross-field rules."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.scene.actuators import Actuation
+from mm_gym.scene.dotted_names import put
+from mm_gym.scene.excitation import (
+    FIXED_FIELDS,
+    Excitation,
+    NumberOrRange,
+    Positive,
+    Range,
+)
+from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Springs, Viscous
+from mm_gym.scene.part import Part, dotted_name, listed
+from mm_gym.scene.sensors import Sensors
+
+if TYPE_CHECKING:
+    from mm_gym.scene.dotted_names import Data
+
+
+Weight = Annotated[float, Field(ge=0, le=1e12)]
+Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
+
+
+class Initial(Part):
+    """The state at the start of an episode: numbers, or [low, high] to draw from uniformly."""
+
+    carriage_displacement: NumberOrRange = 0.0
+    """x1 [m]"""
+    sphere_offset: NumberOrRange = 0.0
+    """x2 - x1 [m]"""
+    carriage_velocity: NumberOrRange = 0.0
+    """v1 [m/s]"""
+    sphere_velocity: NumberOrRange = 0.0
+    """v2 [m/s]"""
+    stretch: NumberOrRange | None = None
+    """lambda [-] of an actuated stretch; by default springs.stretch"""
+
+
+class Objective(Part):
+    """What the agent is paid, with `a` the clipped action.
+
+    reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
+    """
+
+    displacement_weight: Weight = 1.0
+    """w_x [-]"""
+    displacement_scale: Scale = 0.01
+    """x_ref [m]; also the scale of observed displacements"""
+    velocity_weight: Weight = 0.0
+    """w_v [-]"""
+    velocity_scale: Scale = 0.5
+    """v_ref [m/s]; also the scale of observed velocities"""
+    effort_weight: Weight = 0.0
+    """w_u [-]"""
+    stroke_weight: Weight = 0.0
+    """w_s [-]"""
+    stroke_scale: Scale = 0.02
+    """s_ref [m]; also the scale of the observed offset"""
+    displacement_limit: Positive | None = None
+    """[m]: an episode terminates when |x1| exceeds it"""
+    rail_half_length: Positive | None = None
+    """[m]: an episode terminates when |x2 - x1| exceeds it"""
+
+
+class Control(Part):
+    """The agent's clock."""
+
+    time_step: Positive = 0.01
+    """dt [s]"""
+    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
+    """control steps in an episode"""
+
+
+class Solver(Part):
+    """How the motion is propagated; see `docs/numerics.md`."""
+
+    method: Literal["auto", "exact", "switched", "taylor", "rk4", "semi_implicit_euler"] = "auto"
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
+    """bound of the relative error over a control step, for the methods that have one"""
+    substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """steps within a control step, for the fixed-step methods"""
+
+
+class Scene(Part):
+    """A carriage, a sphere, what joins and disturbs them, what the agent does, sees and is paid.
+
+    Every field has a default; a scene states only what differs. All parts are frozen, and
+    `Scene(...)` raises `SceneError` with every finding at once.
+    """
+
+    carriage: Carriage = Carriage()
+    sphere: Sphere = Sphere()
+    interface: Interface = Viscous()
+    springs: Springs = NoSprings()
+    excitation: Annotated[tuple[Excitation, ...], BeforeValidator(listed)] = ()
+    initial: Initial = Initial()
+    actuation: Actuation = Actuation()
+    sensors: Sensors = Sensors()
+    objective: Objective = Objective()
+    control: Control = Control()
+    randomization: dict[str, Range] = Field(default_factory=dict)
+    """any numeric field by its dotted name -> [low, high], drawn uniformly for each episode"""
+    solver: Solver = Solver()
+
+    @model_validator(mode="after")
+    def _rules_across_parts(self) -> Self:
+        problems = [*self._stretch_problems(), *self._range_problems()]
+        problems += self._randomization_problems(known=problems)
+        if problems:
+            raise ValueError("\n".join(problems))
+        return self
+
+    @property
+    def digest(self) -> str:
+        """Sixteen hexadecimal digits that identify the scene's content."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+
+    def replace(self, **values: object) -> Scene:
+        """Return a copy with fields replaced by dotted name, validated anew.
+
+        Examples
+        --------
+        >>> Scene().replace(**{"carriage.mass": 0.2}).carriage.mass
+        0.2
+        """
+        data = self._dump()
+        for name, value in values.items():
+            put(data, name, value)
+        return Scene.of(data)
+
+    def _dump(self) -> dict[str, Data]:
+        return self.model_dump(mode="json")
+
+    def _stretch_problems(self) -> list[str]:
+        springs, actuator, initial = self.springs, self.actuation.stretch, self.initial.stretch
+        problems: list[str] = []
+        if springs.kind == "none":
+            if actuator is not None:
+                problems.append(
+                    "actuation.stretch: there are no springs to stretch; set springs.kind"
+                )
+            if "stretch" in self.sensors.channels:
+                problems.append("sensors.channels: 'stretch' needs springs; set springs.kind")
+        if initial is not None and actuator is None:
+            problems.append(
+                "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
+            )
+        if actuator is not None and springs.kind != "none":
+            name, value = (
+                ("initial", initial) if initial is not None else ("springs", springs.stretch)
+            )
+            low, high = bounds(value)
+            if low < actuator.minimum or high > actuator.maximum:
+                allowed = f"within actuation.stretch, {actuator.minimum} to {actuator.maximum}"
+                problems.append(f"{name}.stretch: got {value}; allowed: {allowed}")
+        return problems
+
+    def _range_problems(self) -> list[str]:
+        ranges = {f"initial.{name}": value for name, value in self.initial.model_dump().items()}
+        ranges |= {
+            dotted_name(("randomization", name)): value
+            for name, value in self.randomization.items()
+        }
+        return [
+            f"{name}: got [{value[0]}, {value[1]}]; allowed: [low, high] with low <= high"
+            for name, value in ranges.items()
+            if isinstance(value, tuple) and value[0] > value[1]
+        ]
+
+    def _randomization_problems(self, known: list[str]) -> list[str]:
+        problems: list[str] = []
+        names = self._drawable()
+        for name, ends in self.randomization.items():
+            if name not in names:
+                texts = [f"not a number of this scene that can be drawn{suggest(name, names)}"]
+            elif name == "springs.stretch" and self.actuation.stretch is not None:
+                texts = ["has no effect with actuation.stretch; set initial.stretch"]
+            else:
+                texts = [text for text in self._refusals(name, ends) if text not in known]
+            where = dotted_name(("randomization", name))
+            problems += [f"{where}: {text}" for text in texts]
+        return problems
+
+    def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
+        """Return what speaks against the scene with the field at either end of a range."""
+        texts: list[str] = []
+        for value in dict.fromkeys(ends):
+            trial = self._dump()
+            trial["randomization"] = {}
+            put(trial, name, value)
+            try:
+                Scene.of(trial)
+            except SceneError as error:
+                texts += [line.removeprefix(f"{name}: ") for line in str(error).splitlines()]
+        return texts
+
+    def _drawable(self) -> list[str]:
+        """Return the dotted names of the numbers that may differ from episode to episode.
+
+        Those of `initial` are not among them: they have ranges of their own.
+        """
+        parts: dict[str, Part] = {
+            "carriage": self.carriage,
+            "sphere": self.sphere,
+            "interface": self.interface,
+            "springs": self.springs,
+        }
+        parts |= {f"excitation.{index}": part for index, part in enumerate(self.excitation)}
+        return [
+            f"{prefix}.{field}"
+            for prefix, part in parts.items()
+            for field, value in part
+            if isinstance(value, float) and field not in FIXED_FIELDS
+        ]
+
+
+def bounds(value: NumberOrRange) -> tuple[float, float]:
+    """Return (low, high) of a number or a range."""
+    return value if isinstance(value, tuple) else (value, value)

@@ -1,0 +1,103 @@
+"""The JSON schema of scene files, for editors that complete and check TOML by one.
+
+What a schema cannot say stays with `load_scene`: rules across fields, and that 10.0 is no integer.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, TypeAlias, cast, get_args, get_origin
+
+from mm_gym.scene.part import Part, parts_of
+from mm_gym.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Node: TypeAlias = "Object | list[Node] | str | float | bool | None"
+Object: TypeAlias = "dict[str, Node]"
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+"""Editors of TOML read this draft at least; nothing here means something else in a later one."""
+
+
+def scene_schema() -> str:
+    """Return the JSON schema of a scene file, generated from the models of `Scene`."""
+    schema = cast("Object", Scene.model_json_schema())
+    _require_kinds(schema, cast("dict[str, Object]", schema["$defs"]))
+    schema = cast("Object", _plain(schema))
+    _name_drawn(cast("dict[str, Object]", schema["properties"])["randomization"])
+    schema = {"$schema": DRAFT, "title": "Scene of mm_gym", **schema}
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _name_drawn(randomization: Object) -> None:
+    """Replace what any key may hold by the dotted names of all numbers of a scene."""
+    drawn = randomization["additionalProperties"]
+    names = dict.fromkeys(_numbers(Scene), drawn)
+    randomization |= {
+        "properties": {name: drawn for name in names if INDEX not in name},
+        "patternProperties": {
+            f"^{re.escape(name).replace(re.escape(INDEX), '[0-9]+')}$": drawn
+            for name in names
+            if INDEX in name
+        },
+        "additionalProperties": False,
+    }
+
+
+def _require_kinds(node: Node, parts: dict[str, Object]) -> None:
+    """Require what tells alternatives apart; pydantic states only that it has a default."""
+    children = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+    if isinstance(node, dict) and "discriminator" in node:
+        told = cast("dict[str, dict[str, str]]", node.pop("discriminator"))
+        for place in told["mapping"].values():
+            part = parts[place.rpartition("/")[2]]
+            part["required"] = ["kind", *cast("list[Node]", part.get("required", []))]
+    for child in children:
+        _require_kinds(child, parts)
+
+
+def _plain(node: Node, *, names: bool = False) -> Node:
+    """Return a node without what TOML does not have, and without what says nothing new."""
+    if isinstance(node, list):
+        return [_plain(child) for child in node]
+    if not isinstance(node, dict):
+        return node
+    if names:  # the keys are names of fields, not words of the schema
+        return {name: _plain(child) for name, child in node.items()}
+    node = {key: child for key, child in node.items() if key not in {"title", "discriminator"}}
+    if node.get("default", 0) is None or isinstance(node.get("default"), dict):
+        del node["default"]
+    if node.get("type") == "array":  # pydantic's word where a validator precedes the bound
+        node = {key.replace("Length", "Items"): child for key, child in node.items()}
+    if "prefixItems" in node:  # both ends of a range are the same
+        node["items"] = cast("list[Node]", node.pop("prefixItems"))[0]
+    if "anyOf" in node:
+        options = [option for option in cast("list[Node]", node.pop("anyOf")) if option != NULL]
+        node |= cast("Object", options[0]) if len(options) == 1 else {"anyOf": options}
+    return {
+        key: _plain(child, names=key in {"properties", "$defs", "patternProperties"})
+        for key, child in node.items()
+    }
+
+
+NULL: Node = {"type": "null"}
+INDEX = "*"
+"""Stands for the index of a list's entry in a dotted name."""
+
+
+def _numbers(part: type[Part], prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of all numbers that a part can hold."""
+    for name, field in part.model_fields.items():
+        annotation, inner = field.annotation, list(parts_of(field.annotation))
+        index = f"{INDEX}." if get_origin(annotation) is tuple else ""
+        for other in inner:
+            yield from _numbers(other, f"{prefix}{name}.{index}")
+        if not inner and get_origin(annotation) is not dict and _is_number(annotation):
+            yield prefix + name
+
+
+def _is_number(annotation: object) -> bool:
+    return annotation is float or any(map(_is_number, get_args(annotation)))

@@ -1,0 +1,1 @@
+"""Motions from kernels: lanes side by side, simulations, trajectories and their energy."""

@@ -1,0 +1,1 @@
+"""The energy of a motion and the work that changes it, by kernels of their own."""

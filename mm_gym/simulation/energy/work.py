@@ -1,0 +1,157 @@
+"""Energy and what changes it: eqs 9 to 12 of docs/model.md.
+
+All integrals are of the motion from each sample interval's start.
+
+Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator
+(`kernels.power`), so a stiff interface, a kink of friction or a step of many periods costs no
+accuracy. A motion with a cubic spring or finite stretch: Taylor series of the power, integrated
+term by term between the friction's kinks (`kernels.power_series`). Neither shares code with the
+plants, so a balance that closes confirms their states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from mm_gym.errors import SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.simulation.energy import rate_kernel as power
+from mm_gym.simulation.energy import rate_series_kernel as power_series
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.simulation.recording import Place, Recording
+
+    Array = NDArray[np.float64]
+
+CONTROL, CHANGE, DISSIPATED, DISTURBANCE = range(4)
+"""Columns of the work of each kind; CHANGE is that of changing the stretch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """Energy [J] passed through since the first instant, (n,) each.
+
+    energy - energy[0] = control + stretch + disturbance - dissipated
+
+    Attributes
+    ----------
+    control
+        Work of the control force on the carriage.
+    stretch
+        Work of changing the stretch: the jump of the springs' potential at the offset of that
+        instant.
+    disturbance
+        Work of disturbing forces, and of the ground's inertial forces, in the frame of the ground.
+    dissipated
+        Energy lost in the carriage's damper and in the interface.
+    throughput
+        The first instant's energy, and the absolute work of every step and kind added up: the scale
+        of the balance's round-off.
+    """
+
+    control: Array
+    stretch: Array
+    disturbance: Array
+    dissipated: Array
+    throughput: Array
+
+    @property
+    def total(self) -> Array:
+        """What the energy has grown by (n,) [J], according to the work."""
+        return self.control + self.stretch + self.disturbance - self.dissipated
+
+
+def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
+    """Return kinetic and elastic energy (n,) [J] of states (n, 4), eq. 9 of docs/model.md."""
+    x1, x2, v1, v2 = state.T
+    carriage = p[at.K1] * (0.5 * p[at.ALPHA] * x1**2 + 0.25 * p[at.BETA] * x1**4)
+    return (
+        0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + spring_energy(p, x2 - x1, stretch)
+    )
+
+
+def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
+    """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's: eq. 10.
+
+    For finite stretch, with e = offset / l0: k0 l0^2 e^2 (1 + 2 / (stretch (stretch^2 - e^2))), the
+    integral of the neo-Hookean pair written without differences of nearly equal numbers; l0 ->
+    infinity gives k2 offset^2 / 2.
+    """
+    if not p[at.K0]:
+        return np.zeros_like(offset)
+    shortened = (offset / p[at.L0]) ** 2 if p[at.L0] else 0.0
+    return p[at.K0] * offset**2 * (1.0 + 2.0 / (stretch * (stretch**2 - shortened)))
+
+
+def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> Work:
+    """Add up the work of every kind until each instant of a trajectory."""
+    steps, step = int(place.row.max()), recording.plant.support.sample_interval
+    per_step = np.zeros((steps, 4))
+    run = recording.states[1 : steps + 1, 0] - recording.starts[:steps, 0]
+    per_step[:, CONTROL] = recording.applied[:steps, 0] * run
+    per_step[:, DISSIPATED:] = _integrals(recording, np.arange(steps), step)
+    jumps = _jumps(recording, steps)
+    totals, throughput = _until(per_step)[place.row], _until(np.abs(per_step))[place.row]
+    totals += np.cumsum(jumps, axis=0)[place.row]
+    throughput += np.cumsum(np.abs(jumps), axis=0)[place.row]
+    on_grid = place.part == 0.0  # there the state is the one before the impulse
+    totals[on_grid, DISTURBANCE] -= jumps[place.row[on_grid], DISTURBANCE]
+    for i in np.flatnonzero(place.part):
+        n, part = int(place.row[i]), np.zeros(4)
+        part[CONTROL] = recording.applied[n, 0] * (state[i, 0] - recording.starts[n, 0])
+        part[DISSIPATED:] = _integrals(recording, np.array([n]), float(place.part[i]))[0]
+        totals[i] += part
+        throughput[i] += np.abs(part)
+    totals -= totals[0].copy()
+    scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
+    control, change, dissipated, disturbance = totals.T
+    return Work(control, change, disturbance, dissipated, scale)
+
+
+def _until(per_step: Array) -> Array:
+    """Return the sums (steps + 1, 4) until the start of each step."""
+    return np.vstack([np.zeros((1, 4)), np.cumsum(per_step, axis=0)])
+
+
+def _jumps(recording: Recording, steps: int) -> Array:
+    """Return the energies (steps + 1, 4) that come in at the start of each step.
+
+    An instant between two steps shows the later stretch, so the change belongs to it.
+    """
+    jumps, p = np.zeros((steps + 1, 4)), recording.parameters
+    inner = slice(1, min(steps, recording.last) + 1)
+    offset = recording.states[inner, 1] - recording.states[inner, 0]
+    new, old = recording.applied[inner, 1], recording.applied[: inner.stop - 1, 1]
+    jumps[inner, CHANGE] = spring_energy(p, offset, new) - spring_energy(p, offset, old)
+    if recording.plant.support.sampled:
+        first = slice(inner.stop)
+        after, before = recording.starts[first], recording.states[first]
+        impulse = after[:, 2:] ** 2 - before[:, 2:] ** 2
+        jumps[first, DISTURBANCE] = 0.5 * impulse @ p[[at.M1, at.M2]]
+    return jumps
+
+
+def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) -> Array:
+    """Return energies (k, 2), dissipated and disturbing, over the beginnings of k recording."""
+    work, model, p = np.zeros((len(rows), 2)), recording.plant.model, recording.parameters
+    nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
+    integrate = power_series.step_integrals if nonlinear else power.step_integrals
+    status = integrate(
+        p,
+        model,
+        recording.starts[rows],
+        recording.applied[rows],
+        recording.jets[rows],
+        recording.plant.support.sample_interval * rows.astype(np.float64),
+        duration,
+        work,
+    )
+    if cast("int", status) > at.ENDED:
+        msg = f"work: {at.MESSAGES[cast('int', status)]}"
+        raise SimulationError(msg)
+    return work

@@ -1,0 +1,197 @@
+"""Physics without reinforcement learning: from a scene to a trajectory."""
+
+from __future__ import annotations
+
+from operator import index
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import ActionError, SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.plant import Plant
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.simulation.recording import Place, Recording, blank, column, locate, run
+from mm_gym.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene.scene import Scene
+
+    Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
+
+MOST_STEPS = 100_000_000
+"""Control steps of one simulation; its memory is 80 bytes for each sample interval, and more with
+excitation besides harmonics."""
+
+
+def simulate(
+    scene: Scene | Plant,
+    *,
+    duration: float | None = None,
+    times: ArrayLike | None = None,
+    action: ArrayLike | Policy | None = None,
+    seed: int | None = None,
+) -> Trajectory:
+    """Simulate one episode.
+
+    Parameters
+    ----------
+    scene
+        A scene, or the plant it compiles to.
+    duration
+        Length [s]; by default that of an episode. The trajectory then has one row per control step,
+        and one at its end.
+    times
+        (n,) increasing instants [s] to return instead, between control steps too.
+    action
+        What the actuators are asked for, in their units (force [N], stretch [-]), a column per
+        actuator: None (no force, the initial stretch), a constant, an array with a row per control
+        step, or a function of time [s] and state (4,). Limits and rate limits apply.
+    seed
+        Seed of what the scene draws; by default 0.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ActionError
+        If the action does not fit the actuators or is not finite.
+    SimulationError
+        If the times are not increasing and finite, or the propagation cannot be completed.
+    """
+    plant = scene if isinstance(scene, Plant) else compile_scene(scene)
+    instants = _instants(plant, duration, times)
+    steps = _steps_until(float(instants[-1]), plant.time_step)
+    lanes = Lanes(plant, 1)
+    lanes.seed(0 if seed is None else index(seed))
+    lanes.restart(seen=False)
+    start = lanes.values[:, 0].copy()
+    recording = blank(plant, start, steps)
+    if callable(action):
+        _follow_policy(lanes, action, recording)
+    else:
+        run(lanes, _commands(plant, action, steps, start), recording, 0)
+    place = locate(recording, instants)
+    state = _sample(recording, place)
+    _check_finite(instants, state)
+    held = recording.applied[np.minimum(place.row, recording.last)]
+    return Trajectory(
+        time=instants,
+        state=state,
+        action=held[:, _columns(plant)],
+        applied=held,
+        actuators=plant.actuators,
+        parameters=start,
+        recording=recording,
+        place=place,
+    )
+
+
+def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:
+    if times is not None:
+        if duration is not None:
+            msg = "times: has no effect together with duration; give one of them"
+            raise SimulationError(msg)
+        instants = np.atleast_1d(_numbers("times", times, SimulationError))
+        increasing = instants.ndim == 1 and instants.size and np.all(np.diff(instants) > 0.0)
+        if not (increasing and instants[0] >= 0.0):
+            msg = "times: allowed: a row of increasing instants of at least 0 s"
+            raise SimulationError(msg)
+        return instants
+    if duration is None:
+        return np.multiply(plant.time_step, np.arange(plant.steps + 1), dtype=np.float64)
+    length = _numbers("duration", duration, SimulationError)
+    if not (length.shape == () and length > 0.0):
+        msg = f"duration: got {duration}; allowed: a number greater than 0 s"
+        raise SimulationError(msg)
+    grid = plant.time_step * np.arange(_steps_until(float(length), plant.time_step))
+    return np.concatenate([grid, length[None]], dtype=np.float64)
+
+
+def _numbers(name: str, value: object, error: type[Exception]) -> NDArray[np.float64]:
+    """Return finite numbers as an array; raise the error for anything else."""
+    try:
+        array = np.asarray(value)
+    except ValueError as problem:  # rows of different lengths
+        msg = f"{name}: not an array: {problem}"
+        raise error(msg) from None
+    if array.size and array.dtype.kind not in "fiu":
+        msg = f"{name}: got type {array.dtype}; allowed: numbers"
+        raise error(msg)
+    if not np.all(np.isfinite(array)):
+        msg = f"{name}: got NaN or infinity; allowed: finite numbers"
+        raise error(msg)
+    return array.astype(np.float64)
+
+
+def _steps_until(time: float, time_step: float) -> int:
+    """Return the number of control steps that reach a time, allowing for its rounding."""
+    steps = time / time_step
+    if steps > MOST_STEPS:
+        msg = f"the simulation needs {steps:.3g} control steps; allowed: {MOST_STEPS:.0e}"
+        raise SimulationError(msg)
+    nearest = round(steps)
+    return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
+
+
+def _commands(
+    plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (steps, 2) commands, force [N] and stretch [-]; what is not actuated stays."""
+    commands = np.empty((steps, 2))
+    commands[:] = 0.0, start[at.STRETCH]
+    if action is None:
+        return commands
+    given, count = _numbers("action", action, ActionError), len(plant.actuators)
+    if given.ndim == 1 and count == 1 and given.shape != (1,):
+        given = given[:, None]
+    if given.shape not in ((), (count,), (steps, count)) or (given.shape == () and count != 1):
+        allowed = f"({count},) or ({steps}, {count}) for {plant.actuators}"
+        msg = f"action: got shape {given.shape}; allowed: {allowed}"
+        raise ActionError(msg)
+    commands[:, _columns(plant)] = given
+    return commands
+
+
+def _columns(plant: Plant) -> list[int]:
+    """Return the column that each actuator has among force and stretch."""
+    return [("force", "stretch").index(name) for name in plant.actuators]
+
+
+def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+    lost = np.flatnonzero(~np.all(np.isfinite(state), axis=1))
+    if lost.size:
+        msg = f"the state is beyond the largest double from t = {instants[lost[0]]:g} s on"
+        raise SimulationError(msg)
+
+
+def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
+    plant, many = lanes.plant, lanes.plant.support.intervals_per_step
+    for first in range(0, len(recording.starts), many):
+        time = first // many * plant.time_step
+        wanted = _numbers("action", policy(time, recording.states[first].copy()), ActionError)
+        run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)
+
+
+def _sample(recording: Recording, place: Place) -> NDArray[np.float64]:
+    """Return the states at the instants."""
+    plant = recording.plant
+    sampled = recording.states[place.row]
+    for i in np.flatnonzero(place.part):
+        n, part = int(place.row[i]), float(place.part[i])
+        shorter = plant.at_interval(part)
+        lane, terms, first = Lanes(shorter, 1), plant.support.terms, plant.support.jets
+        values = lane.values
+        values[:, 0] = column(recording, n, part)
+        scales = (part / plant.support.sample_interval) ** np.arange(terms)
+        values[first : first + 2 * terms, 0] *= np.tile(scales, 2)
+        lane.raise_for(plant.method.entries.propagate(shorter.model, values, 0, 1))
+        sampled[i] = values[:4, 0]
+    return sampled

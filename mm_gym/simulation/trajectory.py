@@ -1,0 +1,109 @@
+"""A trajectory: what a simulation returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from mm_gym.drawing import draw_trajectory, save, style
+from mm_gym.files import write_csv
+from mm_gym.simulation.energy.work import mechanical_energy, work_of
+from mm_gym.simulation.recording import excitation
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from mm_gym.simulation.energy.work import Work
+    from mm_gym.simulation.recording import Place, Recording
+
+UNITS = {"force": "N", "stretch": "-"}
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States at instants.
+
+    Attributes
+    ----------
+    time
+        (n,) [s].
+    state
+        (n, 4): x1, x2 [m], v1, v2 [m/s], ground frame.
+    action
+        (n, k): what the actuators applied from each instant on, in the order of `actuators`.
+    applied
+        (n, 2): force [N] and stretch [-], whether actuated or not.
+    actuators
+        Names of the action's columns.
+    parameters
+        (rows,): the lane's parameters as they were drawn.
+    recording, place
+        What is behind the instants, from which `work` is computed, and where they lie.
+    """
+
+    time: NDArray[np.float64]
+    state: NDArray[np.float64]
+    action: NDArray[np.float64]
+    applied: NDArray[np.float64]
+    actuators: tuple[str, ...]
+    parameters: NDArray[np.float64]
+    recording: Recording
+    place: Place
+
+    @cached_property
+    def excitation(self) -> NDArray[np.float64]:
+        """Disturbing force [N] and acceleration of the ground [m/s^2], (n, 2)."""
+        return excitation(self.recording, self.place)
+
+    @cached_property
+    def energy(self) -> NDArray[np.float64]:
+        """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
+        return mechanical_energy(self.parameters, self.state, self.applied[:, 1])
+
+    @cached_property
+    def work(self) -> Work:
+        """Energy passed through since the first instant, by kind; see `Work`.
+
+        Computed when first asked for, from the states at the control steps.
+
+        Notes
+        -----
+        The integrals are of the exact motion from the start of each control step. With a method of
+        finite order the balance therefore shows its error.
+        """
+        return work_of(self.recording, self.place, self.state, self.energy)
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write time, state, action and excitation as columns with units; all digits are kept."""
+        header = ["time [s]", "x1 [m]", "x2 [m]", "v1 [m/s]", "v2 [m/s]"]
+        header += [f"{name} [{UNITS[name]}]" for name in self.actuators]
+        header += ["disturbance [N]", "ground acceleration [m/s^2]"]
+        write_csv(path, header, [self.time, *self.state.T, *self.action.T, *self.excitation.T])
+
+    def plot(self, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw displacements, velocities, excitation, what was applied and the energy over time.
+
+        Parameters
+        ----------
+        path
+            Where to write a PNG; the file is written whole.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without matplotlib (extra: plot).
+        """
+        with style():
+            figure = draw_trajectory(self)
+            if path is not None:
+                save(figure, path)
+        return figure

@@ -1,0 +1,1 @@
+"""The linear equations of motion as matrices, in decimal arithmetic."""
