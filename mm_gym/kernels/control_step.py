@@ -8,7 +8,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import excite, excited, rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
-from mm_gym.kernels.task import approach, command, finite, check_termination, score
+from mm_gym.kernels.task import approach, check_termination, command, finite, score
 
 if TYPE_CHECKING:
     from collections.abc import Callable

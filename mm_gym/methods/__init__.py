@@ -1,14 +1,30 @@
-"""The methods: what each propagates, how, at what order, cost and error bound; one file each."""
+"""The methods of propagation, one folder each: domain, order, cost and bound, and the kernel."""
 
 from mm_gym.methods.base import Method as Method
-from mm_gym.methods.cayley_hamilton.method import CAYLEY_HAMILTON as CAYLEY_HAMILTON
-from mm_gym.methods.exponential_action.method import EXPONENTIAL_ACTION as EXPONENTIAL_ACTION
-from mm_gym.methods.fixed_step.method import rk4_method as rk4_method
-from mm_gym.methods.fixed_step.method import (
-    semi_implicit_euler_method as semi_implicit_euler_method,
+from mm_gym.methods.base import Settings as Settings
+from mm_gym.methods.cayley_hamilton.method import CayleyHamilton
+from mm_gym.methods.exponential_action.method import ExponentialAction
+from mm_gym.methods.fixed_step.method import RK4, SemiImplicitEuler
+from mm_gym.methods.linear.massless import Massless
+from mm_gym.methods.linear.method import Linear
+from mm_gym.methods.switched.method import Switched
+from mm_gym.methods.switched.series_method import SwitchedSeries
+from mm_gym.methods.taylor.method import Taylor
+
+METHODS: tuple[Method, ...] = (
+    Linear(),
+    Massless(),
+    CayleyHamilton(),
+    ExponentialAction(),
+    Switched(),
+    SwitchedSeries(),
+    Taylor(),
+    RK4(),
+    SemiImplicitEuler(),
 )
-from mm_gym.methods.linear.massless import MASSLESS as MASSLESS
-from mm_gym.methods.linear.method import LINEAR as LINEAR
-from mm_gym.methods.switched.method import SWITCHED as SWITCHED
-from mm_gym.methods.switched.method import SWITCHED_SERIES as SWITCHED_SERIES
-from mm_gym.methods.taylor.method import taylor_method as taylor_method
+"""The decision table: ``"auto"`` takes the first method that applies, a name the first so named."""
+
+
+def names() -> list[str]:
+    """Return the values of ``solver.method`` besides "auto"."""
+    return list(dict.fromkeys(method.name for method in METHODS))

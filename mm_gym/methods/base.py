@@ -1,11 +1,11 @@
-"""What a method is, and what methods share: their model's header, bounds of the motion's rates."""
+"""The protocol of a method, and what methods have in common."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Generator
 
     from numpy.typing import NDArray
 
@@ -24,44 +24,96 @@ ROUND_OFF = 2.0**-54
 """Relative size below which a term of a series changes nothing."""
 
 
-@dataclass(frozen=True)
-class Method:
-    """A way to propagate a plant.
+class Settings(NamedTuple):
+    """The fields of ``solver`` that methods read."""
+
+    tolerance: float
+    """bound of the relative error over a control step"""
+    substeps: int
+    """steps of a fixed-step method in each sample interval"""
+
+
+class Option(NamedTuple):
+    """The field of ``solver`` that a method obeys."""
+
+    name: str
+    """of a field of `Settings`"""
+    values: tuple[float, ...]
+    """that a work-precision measurement tries, from coarse to fine"""
+
+
+class Method(ABC):
+    """A way to propagate plants.
 
     Attributes
     ----------
     name
-        The value of ``solver.method`` that asks for it.
-    plant
-        What it propagates.
-    how, order, bound
+        The value of ``solver.method`` that asks for it. Several may share one.
+    title
+        A short noun phrase for messages.
+    how
         In words, for `Plant.explain` and the documentation.
-    cost
-        Work per control step in words, given the model array.
-    model
-        Builds the kernel's constants for a support; raises `CompileError` where the bound cannot be
-        met.
+    kinds
+        The kinds of plants that it propagates, see `mm_gym.methods.support`.
     entries
-        The compiled entries.
-    options
-        Fields of ``solver`` that have an effect.
+        Its compiled entries.
+    option
+        The field of ``solver`` that has an effect, if any.
     """
 
-    name: str
-    plant: str
-    how: str
-    order: str
-    bound: str
-    cost: Callable[[NDArray[np.float64]], str]
-    model: Callable[[Support], NDArray[np.float64]]
-    entries: Entries
-    options: tuple[str, ...] = ()
+    name: ClassVar[str]
+    title: ClassVar[str]
+    how: ClassVar[str]
+    kinds: ClassVar[tuple[str, ...]]
+    entries: ClassVar[Entries]
+    option: ClassVar[Option | None] = None
 
-    def constants(self, support: Support) -> NDArray[np.float64]:
-        """Return the model array, the sources' description at its end."""
-        model = self.model(support)
+    def obstacle(self, support: Support) -> str | None:
+        """Return why the method does not apply to a support, or None if it does."""
+        if support.kind not in self.kinds:
+            return f"{self.title} cannot propagate a {support.kind} plant"
+        return self.limit(support)
+
+    def limit(self, support: Support) -> str | None:  # noqa: ARG002 - most have no limit
+        """Return why it does not apply although the kind is right; None if it does."""
+        return None
+
+    @abstractmethod
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+        """Return the kernel's constants; raise `CompileError` where the bound cannot be met."""
+
+    @abstractmethod
+    def order(self, settings: Settings) -> str:
+        """Return the order of the error in words."""
+
+    @abstractmethod
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work of one sample interval in words."""
+
+    @abstractmethod
+    def bound(self, settings: Settings) -> str:
+        """Return the bound of the error in words."""
+
+    def constants(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+        """Return the model array, with the excitation's description at its end."""
+        model = self.model(support, settings)
         model[at.EXCITATION] = len(model)
         return np.concatenate([model, support.excitation])
+
+
+class ExactMethod(Method):
+    """A method without an error but round-off."""
+
+    held: ClassVar[str] = "a held force"
+    """for which it is exact"""
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - there is nothing to set
+        """Return that it has none."""
+        return f"exact for {self.held}"
+
+    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - there is nothing to set
+        """Return the size of the round-off."""
+        return "round-off: 1e-12 of the trajectory's scale"
 
 
 @contextmanager
@@ -70,17 +122,18 @@ def refuse_overflow(support: Support) -> Generator[None]:
     try:
         yield
     except OverflowError as error:
-        msg = f"control.time_step: {support.sample_interval} s is too long for this scene's rates: {error}"
+        msg = (
+            f"control.time_step: {support.sample_interval} s is too long for this scene's rates: "
+            f"{error}"
+        )
         raise CompileError(msg) from error
 
 
 def header(support: Support, own: int) -> NDArray[np.float64]:
     """Return a model array with the slots that every method shares, and `own` slots more."""
     model = np.zeros(at.MODEL_OWN + own)
-    model[at.SAMPLE_INTERVAL], model[at.INTERVALS] = (
-        support.sample_interval,
-        support.intervals_per_step,
-    )
+    model[at.SAMPLE_INTERVAL] = support.sample_interval
+    model[at.INTERVALS] = support.intervals_per_step
     model[at.JETS], model[at.TERMS] = support.jets, support.terms
     model[at.HARMONIC_COUNT] = len(support.ground)
     model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)

@@ -14,6 +14,28 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+LINEAR = "linear"
+PARAMETRIC_LINEAR = "parametric linear"
+SWITCHED_LINEAR = "switched linear"
+PARAMETRIC_SWITCHED_LINEAR = "parametric switched linear"
+SMOOTH_NONLINEAR = "smooth nonlinear"
+SWITCHED_NONLINEAR = "switched nonlinear"
+MASSLESS = "massless carriage"
+KINDS = (
+    LINEAR,
+    PARAMETRIC_LINEAR,
+    SWITCHED_LINEAR,
+    PARAMETRIC_SWITCHED_LINEAR,
+    SMOOTH_NONLINEAR,
+    SWITCHED_NONLINEAR,
+    MASSLESS,
+)
+"""The kinds of plants. Parametric: parameters differ between lanes or change between steps."""
+
+PHYSICAL = range(at.M1, at.HARMONICS)
+"""Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
+
+
 @dataclass(frozen=True)
 class Support:
     """All values that the rows of a lane can take.
@@ -29,9 +51,9 @@ class Support:
     ground
         For each harmonic, whether it shakes the ground.
     sample_interval
-        What one propagation advances by [s]: a sample interval.
+        What one propagation advances by [s]; a control step, unless excitation is sampled.
     intervals_per_step
-        Of a control step.
+        Sample intervals of a control step.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.kernels.excitation`.
@@ -72,6 +94,43 @@ class Support:
     def fixed(self, row: int) -> bool:
         """Tell whether a row has one value only."""
         return bool(self.low[row] == self.high[row])
+
+    @property
+    def varying(self) -> list[str]:
+        """Dotted names of what enters the dynamics and has more than one value."""
+        return [
+            name
+            for name, row in self.names.items()
+            if row in self._dynamic_rows and not self.fixed(row)
+        ]
+
+    @property
+    def _dynamic_rows(self) -> set[int]:
+        """Rows of the physical parameters, the stretch and the harmonics' frequencies."""
+        frequencies = range(*self._frequency_rows.indices(len(self.low)))
+        return {at.STRETCH, *PHYSICAL, *frequencies}
+
+    @property
+    def slips(self) -> bool:
+        """Whether there is dry friction."""
+        return bool(self.high[at.VR] > 0.0)
+
+    @property
+    def is_nonlinear(self) -> bool:
+        """Whether a spring is not linear."""
+        return bool(self.high[at.BETA] > 0.0 or self.high[at.L0] > 0.0)
+
+    @property
+    def kind(self) -> str:
+        """One of `KINDS`: the simplest plant that covers all values."""
+        if self.low[at.M1] == 0.0:
+            return MASSLESS
+        if self.is_nonlinear:
+            return SWITCHED_NONLINEAR if self.slips else SMOOTH_NONLINEAR
+        if self.slips:
+            several = self.varying or self.terms
+            return PARAMETRIC_SWITCHED_LINEAR if several else SWITCHED_LINEAR
+        return PARAMETRIC_LINEAR if self.varying else LINEAR
 
     @property
     def stiffest(self) -> float:

@@ -1,4 +1,6 @@
-"""From scene to plant: the decision table.
+"""From scene to plant: the method that the decision table gives, and why.
+
+The table is `mm_gym.methods.METHODS`, in order:
 
 ===============================================  ==================  ==============================
 the scene's support                              plant               propagation
@@ -8,9 +10,11 @@ no interface, no springs                         linear              transition 
 viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
   coefficient 0, nothing randomised but the                          as exosystem
   start
-the same with actuated stretch or randomised     parametric linear   exponential as a cubic in the
-  excitation frequency, in short steps, with                         generator, polynomials in
-  damping, without sampled or ground excitation                      the springs' stiffness
+carriage without mass, otherwise linear          massless carriage   transition matrix of three
+                                                                     states
+actuated stretch or randomised excitation        parametric linear   exponential as a cubic in the
+  frequency, in short steps, with damping,                           generator, polynomials in
+  without sampled or ground excitation                               the springs' stiffness
 the same otherwise, or with randomised           parametric linear   Taylor series of the
   parameters                                                         exponential's action
 dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
@@ -22,8 +26,6 @@ the same with actuated stretch, randomised       parametric          Taylor seri
 cubic coefficient or finite stretch              smooth nonlinear    adaptive Taylor series
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
                                                                      crossings located
-carriage without mass, otherwise linear          massless carriage   transition matrix of three
-                                                                     states
 ===============================================  ==================  ==============================
 
 A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the
@@ -39,21 +41,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym import methods
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
-from mm_gym.methods import (
-    CAYLEY_HAMILTON,
-    LINEAR,
-    MASSLESS,
-    EXPONENTIAL_ACTION,
-    SWITCHED,
-    SWITCHED_SERIES,
-    Method,
-    rk4_method,
-    semi_implicit_euler_method,
-    taylor_method,
-)
-from mm_gym.methods.cayley_hamilton.method import obstacle
+from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
 from mm_gym.plant.task import task_array
@@ -62,18 +53,18 @@ from mm_gym.scene.scene import Solver
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.methods import Method
     from mm_gym.methods.support import Support
     from mm_gym.scene.scene import Scene
-
-PHYSICAL = range(at.M1, at.HARMONICS)
-"""Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
 
 FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
 """Rows of the parameters of dry friction."""
 
+FIXED = "every parameter has one value"
+
 
 def compile_scene(scene: Scene) -> Plant:
-    """Choose the least model that covers the scene's whole support, and prepare it.
+    """Choose the simplest model that covers the scene's whole support, and prepare it.
 
     Raises
     ------
@@ -85,16 +76,18 @@ def compile_scene(scene: Scene) -> Plant:
 
 
 def _compiled(scene: Scene) -> Plant:
-    support, reasons = _without_idle_friction(scene, support_of(scene))
+    support, idle = _without_idle_friction(scene, support_of(scene))
     _refuse_unsupported(scene, support)
-    method, why = _choose(scene, support)
-    _check_solver(scene, method)
+    method, reasons = _choose(scene.solver.method, support)
+    _check_solver(scene, method, support)
+    settings = methods.Settings(scene.solver.tolerance, scene.solver.substeps or 1)
     template, draws = _start(support)
     return Plant(
         method=method,
-        reasons=(*reasons, *why),
+        settings=settings,
+        reasons=(*idle, *reasons),
         support=support,
-        model=method.constants(support),
+        model=method.constants(support, settings),
         task=task_array(scene),
         template=template,
         draws=draws,
@@ -110,85 +103,51 @@ def _compiled(scene: Scene) -> Plant:
     )
 
 
-def _choose(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
-    """Return the method that the decision table or the scene asks for, and why."""
-    method, reasons = _from_table(scene, support)
-    asked = scene.solver.method
-    if asked in ("auto", method.name):
-        return method, reasons
-    others = _others(scene, support, method)
-    if asked not in others:
-        allowed = ", ".join(repr(name) for name in ("auto", method.name, *others))
-        why = f"({'; '.join(reasons)})"
-        msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"
-        raise CompileError(msg)
-    return others[asked], (f"solver.method asks for it in place of {method.name!r}",)
+def _choose(asked: str, support: Support) -> tuple[Method, tuple[str, ...]]:
+    """Return the first method of the table that applies, or of the name asked for; and why."""
+    obstacles = {method: method.obstacle(support) for method in methods.METHODS}
+    applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
+    reasons = _reasons(support, obstacles, applicable[0])
+    if asked in ("auto", applicable[0].name):
+        return applicable[0], reasons
+    for method in applicable:
+        if method.name == asked:
+            return method, (f"solver.method asks for it in place of {applicable[0].name!r}",)
+    allowed = ", ".join(repr(name) for name in ("auto", *_names(applicable)))
+    why = f"({'; '.join(reasons)})"
+    msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"
+    raise CompileError(msg)
 
 
-def _from_table(scene: Scene, support: Support) -> tuple[Method, tuple[str, ...]]:
-    """Walk down the decision table; return the method and why."""
-    moving = [
-        name
-        for name, row in support.names.items()
-        if row in _dynamic_rows(support) and not support.fixed(row)
-    ]
-    moves = tuple(_moves(name, support) for name in moving)
-    friction = _slips(support)
+def _names(applicable: list[Method]) -> list[str]:
+    return list(dict.fromkeys(method.name for method in applicable))
+
+
+def _reasons(
+    support: Support, obstacles: dict[Method, str | None], chosen: Method
+) -> tuple[str, ...]:
+    """Return what decides the choice, one clause each."""
+    reasons = [*_nonlinearities(support), *_friction(support)]
+    if support.kind == MASSLESS:
+        return "carriage.mass is 0: the forces on the carriage balance", FIXED
+    if support.is_nonlinear:
+        return tuple(reasons)
+    if not support.slips:
+        reasons.append(_coupling(support))
+    moves = [_moves(name, support) for name in support.varying]
     if support.sampled:
-        moves = (
-            *moves,
-            f"excitation besides harmonics, in {support.intervals_per_step} sample intervals",
-        )
-    if _is_nonlinear(support):
-        return taylor_method(scene.solver.tolerance, _name(support)), (
-            *_nonlinearities(support),
-            *_friction(support),
-        )
-    if friction:
-        return (SWITCHED_SERIES if moving or support.terms else SWITCHED), (
-            *_friction(support),
-            *(moves or (FIXED,)),
-        )
-    if support.low[at.M1] == 0.0:
-        return MASSLESS, ("carriage.mass is 0: the forces on the carriage balance", FIXED)
-    if not moving:
-        return LINEAR, (_coupling(scene), *(moves or (FIXED,)))
-    reasons, against = (_coupling(scene), *moves), obstacle(support)
-    if against is None:
-        return CAYLEY_HAMILTON, reasons
-    return EXPONENTIAL_ACTION, (*reasons, f"not a cubic in the generator: {against}")
+        moves.append("there is excitation besides harmonics")
+    skipped = [method for method in _before(chosen) if support.kind in method.kinds]
+    return (
+        *reasons,
+        *(moves or [FIXED]),
+        *(f"not {method.title}: {obstacles[method]}" for method in skipped),
+    )
 
 
-def _others(scene: Scene, support: Support, chosen: Method) -> dict[str, Method]:
-    """Return by name the methods that apply besides the one of the decision table.
-
-    Each applies within its declared domain.
-    """
-    if support.low[at.M1] == 0.0:
-        return {}
-    name = chosen.plant
-    others = {"taylor": taylor_method(scene.solver.tolerance, name)}
-    if not _slips(support):
-        substeps = scene.solver.substeps or 1
-        others["rk4"] = rk4_method(substeps, name)
-        others["semi_implicit_euler"] = semi_implicit_euler_method(substeps, name)
-    others.pop(chosen.name, None)
-    return others
-
-
-FIXED = "every parameter has one value"
-
-
-def _slips(support: Support) -> bool:
-    return bool(support.high[at.VR] > 0.0)
-
-
-def _is_nonlinear(support: Support) -> bool:
-    return bool(support.high[at.BETA] > 0.0 or support.high[at.L0] > 0.0)
-
-
-def _name(support: Support) -> str:
-    return "switched nonlinear" if _slips(support) else "smooth nonlinear"
+def _before(chosen: Method) -> tuple[Method, ...]:
+    """Return the methods that stand before one in the table."""
+    return methods.METHODS[: methods.METHODS.index(chosen)]
 
 
 def _nonlinearities(support: Support) -> list[str]:
@@ -201,7 +160,7 @@ def _nonlinearities(support: Support) -> list[str]:
 
 
 def _friction(support: Support) -> list[str]:
-    if not _slips(support):
+    if not support.slips:
         return []
     return [
         (
@@ -209,6 +168,19 @@ def _friction(support: Support) -> list[str]:
             f"{support.low[at.VR]:g} m/s"
         )
     ]
+
+
+def _coupling(support: Support) -> str:
+    joined = support.high[at.C] > 0.0 or support.high[at.K0] > 0.0
+    if joined:
+        return "all forces are linear in the state"
+    return "nothing joins the sphere to the carriage"
+
+
+def _moves(name: str, support: Support) -> str:
+    row = support.names[name]
+    name = "the stretch" if row == at.STRETCH else name
+    return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
 
 
 def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
@@ -219,14 +191,7 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
     )
     fixed = all(support.fixed(row) for row in FRICTION)
     asked = scene.solver.method == "switched"
-    if (
-        not _slips(support)
-        or driven
-        or asked
-        or not fixed
-        or high[at.L0] > 0.0
-        or low[at.M1] == 0.0
-    ):
+    if not support.slips or driven or asked or not fixed or high[at.L0] > 0.0 or low[at.M1] == 0.0:
         return support, ()
     fastest, vr = _fastest_slip(support), low[at.VR]
     if not fastest < vr:
@@ -253,27 +218,6 @@ def _fastest_slip(support: Support) -> float:
     twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
     twice += high[at.K1] * (high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
     return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))
-
-
-def _dynamic_rows(support: Support) -> set[int]:
-    """Rows that enter the propagator: physical parameters, stretch, the harmonics' frequencies."""
-    harmonics = {
-        at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY for j in range(len(support.ground))
-    }
-    return {at.STRETCH, *PHYSICAL, *harmonics}
-
-
-def _coupling(scene: Scene) -> str:
-    bare = scene.springs.kind == "none" and scene.interface.kind == "none"
-    return (
-        "nothing joins the sphere to the carriage" if bare else "all forces are linear in the state"
-    )
-
-
-def _moves(name: str, support: Support) -> str:
-    row = support.names[name]
-    name = "the stretch" if row == at.STRETCH else name
-    return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
 
 
 def _digest(scene: Scene, support: Support) -> str:
@@ -311,17 +255,10 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
 
 
 def _refuse_massless(support: Support) -> None:
-    """Raise `CompileError` unless the massless plant is linear with fixed parameters."""
-    low = support.low
-    reason = ""
-    if _slips(support) or _is_nonlinear(support):
-        reason = "needs a viscous interface, or none, and linear springs"
-    elif not all(support.fixed(row) for row in _dynamic_rows(support)):
-        reason = "needs parameters, stretch and frequencies that have one value"
-    elif not low[at.C] + low[at.D] > 0.0:
-        reason = "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
-    if reason:
-        msg = f"carriage.mass: 0 {reason}; a small mass has no such limit"
+    """Raise `CompileError` unless a method propagates this carriage without mass."""
+    obstacles = [method.obstacle(support) for method in methods.METHODS if MASSLESS in method.kinds]
+    if None not in obstacles:
+        msg = f"carriage.mass: 0 {obstacles[0]}; a small mass has no such limit"
         raise CompileError(msg)
 
 
@@ -338,14 +275,15 @@ def _refuse_infinite(scene: Scene) -> None:
         raise CompileError(msg)
 
 
-def _check_solver(scene: Scene, method: Method) -> None:
+def _check_solver(scene: Scene, method: Method, support: Support) -> None:
     """Warn of options that have no effect."""
     default = Solver()
     for option in ("tolerance", "substeps"):
-        if option in method.options or getattr(scene.solver, option) == getattr(default, option):
+        used = method.option is not None and method.option.name == option
+        if used or getattr(scene.solver, option) == getattr(default, option):
             continue
         warnings.warn(
-            f"solver.{option} has no effect: the {method.plant} plant is propagated by "
+            f"solver.{option} has no effect: the {support.kind} plant is propagated by "
             f"{method.name!r}",
             stacklevel=4,  # where `compile_scene` was called
         )

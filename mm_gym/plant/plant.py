@@ -16,7 +16,7 @@ from mm_gym.state_space.transition import massless_transition, transition
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.methods import Method
+    from mm_gym.methods import Method, Settings
     from mm_gym.methods.support import Support
     from mm_gym.state_space.equations import StateSpace
 
@@ -29,6 +29,8 @@ class Plant:
     ----------
     method
         What propagates the state, with its order, cost and bound.
+    settings
+        The fields of ``solver`` that it reads.
     reasons
         Why this method was chosen, one clause each.
     support
@@ -50,6 +52,7 @@ class Plant:
     """
 
     method: Method
+    settings: Settings
     reasons: tuple[str, ...]
     support: Support
     model: NDArray[np.float64]
@@ -63,6 +66,11 @@ class Plant:
     steps: int
     time_step: float
     digest: str
+
+    @property
+    def kind(self) -> str:
+        """The kind of plant, see `mm_gym.methods.support.KINDS`."""
+        return self.support.kind
 
     def linear(
         self, stretch: float | None = None
@@ -120,19 +128,22 @@ class Plant:
         return middle
 
     def at_interval(self, interval: float) -> Plant:
-        """Return the same plant with a sample interval of another length, for samples in between."""
+        """Return the same plant with a sample interval of another length."""
         return _at_interval(self, interval)
 
     def explain(self) -> str:
         """Say what was chosen, why, its order, its cost and its error bound."""
-        method = self.method
+        method, many = self.method, self.support.intervals_per_step
+        cost = method.cost(self.model)
+        if many > 1:
+            cost += f" in each of {many} sample intervals"
         lines = [
-            ("plant", method.plant),
+            ("plant", self.kind),
             ("because", "; ".join(self.reasons)),
             ("method", f"{method.name}: {method.how}"),
-            ("order", method.order),
-            ("cost", method.cost(self.model)),
-            ("error", method.bound),
+            ("order", method.order(self.settings)),
+            ("cost", cost),
+            ("error", method.bound(self.settings)),
         ]
         return "\n".join(f"{title:8} {text}" for title, text in lines)
 
@@ -140,4 +151,4 @@ class Plant:
 @lru_cache(maxsize=4096)
 def _at_interval(plant: Plant, interval: float) -> Plant:
     support = replace(plant.support, sample_interval=interval)
-    return replace(plant, support=support, model=plant.method.constants(support))
+    return replace(plant, support=support, model=plant.method.constants(support, plant.settings))

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym import methods
 from mm_gym.errors import CompileError, SimulationError
 from mm_gym.kernels import layout as at
-from mm_gym.plant.compile import PHYSICAL, compile_scene
+from mm_gym.methods.support import PHYSICAL
+from mm_gym.plant.compile import compile_scene
 from mm_gym.precision.episode import record, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision
 from mm_gym.simulation.lanes import Lanes
@@ -21,15 +23,6 @@ if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
     from mm_gym.precision.episode import Episode, Truth
     from mm_gym.scene.scene import Scene
-
-SETTINGS: dict[str, tuple[str, tuple[float, ...]]] = {
-    "exact": ("", (np.nan,)),
-    "switched": ("", (np.nan,)),
-    "taylor": ("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16))),
-    "rk4": ("substeps", tuple(2**k for k in range(12))),
-    "semi_implicit_euler": ("substeps", tuple(4**k for k in range(8))),
-}
-"""Option of each method and its values, from coarse to fine."""
 
 COSTLIEST = 0.1
 """Seconds for the episode beyond which a method is tried no finer."""
@@ -81,7 +74,7 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     truth = truth_of(scene, plant, episode)
     found: list[tuple[Setting, Callable[[], float]]] = []
     refused: dict[str, str] = {}
-    for method in SETTINGS:
+    for method in methods.names():
         try:
             found += _family(scene, method, episode, truth)
         except CompileError as error:
@@ -104,10 +97,10 @@ def _family(
 
     A run that diverges ends early, so it has no cost.
     """
-    option, values = SETTINGS[method]
+    option, values = _settings(method)
     found: list[tuple[Setting, Callable[[], float]]] = []
     for value in values:
-        solver = {"method": method} | ({option: value} if option else {})
+        solver = {"method": method} | ({option: _whole(value)} if option else {})
         plant = compile_scene(scene.replace(solver=solver))
         stopwatch = _stopwatch(plant, episode)
         seconds = stopwatch()
@@ -118,8 +111,14 @@ def _family(
     return found
 
 
+def _settings(name: str) -> tuple[str, tuple[float, ...]]:
+    """Return the option of a method and its values, or one value that is NaN without an option."""
+    option = next(method.option for method in methods.METHODS if method.name == name)
+    return ("", (np.nan,)) if option is None else option
+
+
 def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
-    """Return the largest error of the recording that the oracle integrated."""
+    """Return the largest error of the sample intervals that the oracle integrated."""
     own, worst = _lane(plant, episode), 0.0
     parameters = own.values[list(PHYSICAL), 0].copy()
     for n, want in zip(truth.rows, truth.states, strict=True):
@@ -131,6 +130,11 @@ def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
             return np.inf
         worst = max(worst, float((np.abs(own.values[:4, 0] - want) / episode.scale).max()))
     return worst
+
+
+def _whole(value: float) -> float:
+    """Return a value as the integer that it is, if it is one."""
+    return int(value) if value == int(value) else value
 
 
 def _lane(plant: Plant, episode: Episode) -> Lanes:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Self, cast
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, JsonValue, PlainValidator, model_validator
+from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.scene.actuators import Actuation
@@ -79,14 +80,42 @@ class Control(Part):
     """control steps in an episode"""
 
 
+def _method_names() -> list[str]:
+    from mm_gym.methods import names  # noqa: PLC0415 - it imports the compiler
+
+    return ["auto", *names()]
+
+
+def _known_method(name: object) -> str:
+    """Return the name of a method, or refuse it as pydantic does what is not in a `Literal`."""
+    if name == "auto" or (isinstance(name, str) and name in _method_names()):
+        return cast("str", name)
+    *others, last = map(repr, _method_names())
+    expected = f"{', '.join(others)} or {last}"
+    raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
+
+
+def _list_methods(schema: dict[str, JsonValue]) -> None:
+    schema["enum"] = list(_method_names())
+
+
+MethodName = Annotated[
+    str,
+    PlainValidator(_known_method, json_schema_input_type=str),
+    Field(json_schema_extra=_list_methods),
+]
+"""``"auto"``, or the name of a method."""
+
+
 class Solver(Part):
     """How the motion is propagated; see `docs/numerics.md`."""
 
-    method: Literal["auto", "exact", "switched", "taylor", "rk4", "semi_implicit_euler"] = "auto"
+    method: MethodName = "auto"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
     """bound of the relative error over a control step, for the methods that have one"""
     substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """steps within a control step, for the fixed-step methods"""
+    """of each sample interval, for the fixed-step methods; unless excitation is sampled, a control
+    step is one interval"""
 
 
 class Scene(Part):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The recording of a simulation; there are n.
+    """The n sample intervals of a simulation.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ def column(recording: Recording, row: int, duration: float) -> Array:
 
 
 def locate(recording: Recording, instants: Array) -> Place:
-    """Return the recording that instants [s] lie in; those on the grid begin one."""
+    """Return the sample intervals that instants [s] lie in; those on the grid begin one."""
     step = recording.plant.support.sample_interval
     phase = instants / step
     nearest = np.round(phase)

@@ -47,7 +47,7 @@ def _driven(scene: Scene) -> np.ndarray:
 def test_massless_carriage_meets_the_oracle() -> None:
     scene = DRIVEN.replace(**{"carriage.mass": 0.0})
     plant = compile_scene(scene)
-    assert plant.method.plant == "massless carriage"
+    assert plant.kind == "massless carriage"
     want = Oracle(scene).solve(np.arange(1, 51) * 0.01, forces=FORCES)
     # v1 jumps with the force; both report it before the jump.
     assert error(_driven(scene)[1:], want) <= 1e-11
@@ -171,7 +171,7 @@ def test_friction_without_a_kink_is_viscous() -> None:
     damping = 0.5 * 0.04 * 9.81 / 0.2
     scene = _friction(static_coefficient=0.5, kinetic_coefficient=0.5, slip_damping=damping)
     viscous = BASE.replace(interface=Viscous(damping=damping).model_dump())
-    assert compile_scene(scene).method.plant == "switched linear"
+    assert compile_scene(scene).kind == "switched linear"
     assert (
         error(simulate(scene, duration=0.5).state, simulate(viscous, duration=0.5).state) <= 1e-12
     )

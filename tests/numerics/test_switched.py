@@ -54,7 +54,7 @@ def test_trajectory_meets_the_oracle(name: str, time_step: float) -> None:
     forces = _forces(name, steps)
     got = simulate(scene, duration=0.5, action=forces)
     want = Oracle(scene, max_step=1e-3).solve(got.time, forces=forces)
-    assert compile_scene(scene).method.plant == "switched linear"
+    assert compile_scene(scene).kind == "switched linear"
     assert error(got.state, want) <= ORACLE
 
 
@@ -64,7 +64,7 @@ def test_series_alone_meets_the_transition_matrices(name: str, time_step: float)
     scene = SCENES[name].replace(**{"control.time_step": time_step})
     forces = _forces(name, round(0.5 / time_step))
     plant = compile_scene(_as_series(scene))
-    assert plant.method.plant == "parametric switched linear"
+    assert plant.kind == "parametric switched linear"
     # Both are exact to round-off, which the crossings amplify a little.
     assert (
         error(
@@ -148,12 +148,12 @@ def test_lane_among_many_equals_lane_alone(name: str, time_step: float) -> None:
 def test_friction_that_cannot_slip_is_a_viscous_interface() -> None:
     scene = BASE.replace(**{"interface.reference_velocity": 2.0})
     plant = compile_scene(scene)
-    assert plant.method.plant == "linear"
+    assert plant.kind == "linear"
     assert "never slips" in plant.explain()
     as_switched = simulate(scene.replace(**{"solver.method": "switched"}), duration=0.5)
     assert error(simulate(plant, duration=0.5).state, as_switched.state) <= 1e-12
     faster = scene.replace(**{"initial.carriage_velocity": 10.0})
-    assert compile_scene(faster).method.plant == "switched linear"
+    assert compile_scene(faster).kind == "switched linear"
 
 
 def test_actuated_stretch_with_friction_meets_the_oracle() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.methods.base import Method, header
+from mm_gym.methods.base import ExactMethod, Settings, header
 from mm_gym.methods.cayley_hamilton import kernel as ch
-from mm_gym.methods.support import fastest_rate
+from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
 from mm_gym.state_space.coefficients import values_of
 
 if TYPE_CHECKING:
@@ -37,22 +37,64 @@ MOST_AMPLIFIED = 256.0
 the difference of two such motions loses as much in precision."""
 
 
-def obstacle(support: Support) -> str | None:
-    """Return why the method does not apply; None where only stretch and harmonics of a force change."""
-    if not all(support.fixed(row) for row in range(at.M1, at.HARMONICS)):
-        return "a parameter besides the stretch differs between lanes"
-    if support.terms or any(support.ground):
-        return "of all excitation only harmonic forces enter it"
-    phase = fastest_rate(support) * support.sample_interval
-    if not phase <= LONGEST_STEP:
-        return f"the fastest rate turns by {phase:.3g} in a step, more than {LONGEST_STEP:g}"
-    amplification = _amplification(support)
-    if not amplification <= MOST_AMPLIFIED:
-        return (
-            "too little damping for a harmonic force: its steady motion may be "
-            f"{amplification:.3g} times that within a step, more than {MOST_AMPLIFIED:g}"
-        )
-    return None
+class CayleyHamilton(ExactMethod):
+    """The exponential as a cubic in the generator, for a stretch that is actuated."""
+
+    name = "exact"
+    title = "a cubic in the generator"
+    how = (
+        "exponential as a cubic in the generator (Cayley-Hamilton), its coefficients polynomials "
+        "in the springs' stiffness; a harmonic force by its steady motion"
+    )
+    kinds = (PARAMETRIC_LINEAR,)
+    entries = build(ch.propagate)
+    held = "a held force and stretch"
+
+    def limit(self, support: Support) -> str | None:
+        """Return why not, unless only the stretch and harmonic forces change, within bounds."""
+        others = [
+            name for name in support.varying if support.names[name] in range(at.M1, at.HARMONICS)
+        ]
+        if others:
+            return f"{others[0]} is randomised"
+        if support.terms or any(support.ground):
+            return "of all excitation only harmonic forces enter it"
+        phase = fastest_rate(support) * support.sample_interval
+        if not phase <= LONGEST_STEP:
+            return f"the fastest rate turns by {phase:.3g} in a step, more than {LONGEST_STEP:g}"
+        amplification = _amplification(support)
+        if not amplification <= MOST_AMPLIFIED:
+            return (
+                "too little damping for a harmonic force: its steady motion may be "
+                f"{amplification:.3g} times that within a step, more than {MOST_AMPLIFIED:g}"
+            )
+        return None
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the generator and the polynomials of the cubic's coefficients."""
+        model = np.concatenate([header(support, 0), np.zeros(ch.END - at.MODEL_OWN)])
+        p = values_of(support.low)  # at the least stretch the springs are the stiffest
+        with localcontext(Context(prec=DIGITS)):
+            h, m1 = Decimal(support.sample_interval), p["m1"]
+            unit = h * h / m1
+            softest, stiffest = values_of(_most_stretched(support))["k2"], p["k2"]
+            middle, half = unit * (stiffest + softest) / 2, unit * (stiffest - softest) / 2
+            model[ch.K1], model[ch.D], model[ch.C] = (
+                p["k1"] * unit,
+                p["d"] * h / m1,
+                p["c"] * h / m1,
+            )
+            model[ch.K0], model[ch.PUSH] = 2 * Decimal(float(support.low[at.K0])) * unit, unit
+            model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
+            model[ch.SCALE] = 1 / half if half else 0
+            model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
+            cubics = _cubics(p, h, (softest + stiffest) / 2, (stiffest - softest) / 2)
+        model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
+        return model
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work of the polynomials and of the harmonics."""
+        return f"{4 * ch.COEFFICIENTS + 28 + 40 * int(model[at.HARMONIC_COUNT])} products"
 
 
 def _amplification(support: Support) -> float:
@@ -66,24 +108,6 @@ def _amplification(support: Support) -> float:
     c, d, h = support.low[at.C], support.low[at.D], support.sample_interval
     least = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
     return 2.0 * support.low[at.M1] / least if least > 0.0 else math.inf
-
-
-def _model(support: Support) -> NDArray[np.float64]:
-    model = np.concatenate([header(support, 0), np.zeros(ch.END - at.MODEL_OWN)])
-    p = values_of(support.low)  # at the least stretch the springs are the stiffest
-    with localcontext(Context(prec=DIGITS)):
-        h, m1 = Decimal(support.sample_interval), p["m1"]
-        unit = h * h / m1
-        softest, stiffest = values_of(_most_stretched(support))["k2"], p["k2"]
-        middle, half = unit * (stiffest + softest) / 2, unit * (stiffest - softest) / 2
-        model[ch.K1], model[ch.D], model[ch.C] = p["k1"] * unit, p["d"] * h / m1, p["c"] * h / m1
-        model[ch.K0], model[ch.PUSH] = 2 * Decimal(float(support.low[at.K0])) * unit, unit
-        model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
-        model[ch.SCALE] = 1 / half if half else 0
-        model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
-        cubics = _cubics(p, h, (softest + stiffest) / 2, (stiffest - softest) / 2)
-    model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
-    return model
 
 
 def _most_stretched(support: Support) -> NDArray[np.float64]:
@@ -129,18 +153,3 @@ def _characteristic(p: Values, h: Decimal, k2: Decimal) -> NDArray[np.object_]:
             h * (c / m2 + (c + d) / m1),
         ]
     )
-
-
-CAYLEY_HAMILTON = Method(
-    name="exact",
-    plant="parametric linear",
-    how=(
-        "exponential as a cubic in the generator (Cayley-Hamilton), its coefficients polynomials "
-        "in the springs' stiffness; a harmonic force by its steady motion"
-    ),
-    order="exact for a held force and stretch",
-    bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: f"{4 * ch.COEFFICIENTS + 28 + 40 * int(model[at.HARMONIC_COUNT])} products",
-    model=_model,
-    entries=build(ch.propagate),
-)

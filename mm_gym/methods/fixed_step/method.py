@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.methods.base import Method, header
-from mm_gym.methods.fixed_step import kernel as fixed_step
+from mm_gym.methods.base import Method, Option, Settings, header
+from mm_gym.methods.fixed_step import kernel
+from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,48 +17,64 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 
-def _model(support: Support, *, substeps: int) -> NDArray[np.float64]:
-    model = header(support, 2)
-    model[fixed_step.SUBSTEPS] = substeps
-    model[fixed_step.IS_FINITE] = support.high[at.L0] > 0.0
-    return model
+class FixedStep(Method):
+    """A method with equal substeps in each sample interval."""
+
+    kinds = (LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR)
+    evaluations: ClassVar[int]
+    """of the forces in a substep"""
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+        """Return the number of substeps, and which springs there are."""
+        model = header(support, 2)
+        model[kernel.SUBSTEPS] = settings.substeps
+        model[kernel.IS_FINITE] = support.high[at.L0] > 0.0
+        return model
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the number of evaluations of the forces."""
+        return f"{self.evaluations * int(model[kernel.SUBSTEPS])} evaluations of the forces"
 
 
-def rk4_method(substeps: int, plant: str) -> Method:
-    """Return the classical Runge-Kutta method with a number of steps in each control step."""
-    return Method(
-        name="rk4",
-        plant=plant,
-        how="classical Runge-Kutta method with a fixed step; kept for comparison",
-        order="4",
-        bound=(
-            "none: the error falls with the fourth power of the step while rate * step < 2.8, "
+class RK4(FixedStep):
+    """The classical Runge-Kutta method (Kutta, 1901)."""
+
+    name = "rk4"
+    title = "the classical Runge-Kutta method"
+    how = "classical Runge-Kutta method with fixed substeps; kept for comparison"
+    evaluations = 4
+    entries = build(kernel.propagate_rk4)
+    option = Option("substeps", tuple(2.0**k for k in range(12)))
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it is fixed
+        """Return the order."""
+        return "4"
+
+    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - it has none
+        """Return where it is stable."""
+        return (
+            "none: the error falls with the fourth power of the substep while rate * substep "
+            "< 2.8, and grows without limit beyond"
+        )
+
+
+class SemiImplicitEuler(FixedStep):
+    """The semi-implicit Euler method: velocities first, then positions with the new ones."""
+
+    name = "semi_implicit_euler"
+    title = "the semi-implicit Euler method"
+    how = "velocities first, then positions, with fixed substeps; kept for comparison"
+    evaluations = 1
+    entries = build(kernel.propagate_semi_implicit_euler)
+    option = Option("substeps", tuple(4.0**k for k in range(8)))
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it is fixed
+        """Return the order."""
+        return "1"
+
+    def bound(self, settings: Settings) -> str:  # noqa: ARG002 - it has none
+        """Return where it is stable."""
+        return (
+            "none: the error falls with the substep while rate * substep < 2, "
             "and grows without limit beyond"
-        ),
-        cost=lambda _: f"{4 * substeps} evaluations of the forces",
-        model=partial(_model, substeps=substeps),
-        entries=RK4,
-        options=("substeps",),
-    )
-
-
-def semi_implicit_euler_method(substeps: int, plant: str) -> Method:
-    """Return the semi-implicit Euler method with a number of steps in each control step."""
-    return Method(
-        name="semi_implicit_euler",
-        plant=plant,
-        how="velocities first, then positions, with a fixed step; kept for comparison",
-        order="1",
-        bound=(
-            "none: the error falls with the step while rate * step < 2, "
-            "and grows without limit beyond"
-        ),
-        cost=lambda _: f"{substeps} evaluations of the forces",
-        model=partial(_model, substeps=substeps),
-        entries=SEMI_IMPLICIT_EULER,
-        options=("substeps",),
-    )
-
-
-RK4 = build(fixed_step.propagate_rk4)
-SEMI_IMPLICIT_EULER = build(fixed_step.propagate_semi_implicit_euler)
+        )

@@ -9,7 +9,7 @@ from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.excitation import excited
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.outputs import scaling, shown, shows_state
-from mm_gym.kernels.task import is_at_once, is_lost, check_termination, state_cost, state_weights
+from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_cost, state_weights
 
 if TYPE_CHECKING:
     from collections.abc import Callable

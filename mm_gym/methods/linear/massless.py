@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mm_gym.methods.base import Method, refuse_overflow
-from mm_gym.methods.linear.method import LINEAR, linear_model
+from mm_gym.kernels import layout as at
+from mm_gym.methods.base import Settings, refuse_overflow
+from mm_gym.methods.linear.method import Linear, linear_model
+from mm_gym.methods.support import MASSLESS
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.transition import massless_response, massless_transition
 
@@ -16,23 +18,29 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 
-def _model(support: Support) -> NDArray[np.float64]:
-    values, time = values_of(support.low), support.sample_interval
-    with refuse_overflow(support):
-        return linear_model(
-            support,
-            massless_transition(values, time),
-            lambda source, ground: massless_response(values, source, ground=ground, time=time),
-        )
+class Massless(Linear):
+    """Transition matrix of the three states that a carriage without mass leaves."""
 
+    title = "the transition matrix of three states"
+    how = "transition matrix of the three states x1, x2, v2; v1 balances the forces on the carriage"
+    kinds = (MASSLESS,)
 
-MASSLESS = Method(
-    name="exact",
-    plant="massless carriage",
-    how="transition matrix of the three states x1, x2, v2; v1 balances the forces on the carriage",
-    order=LINEAR.order,
-    bound=LINEAR.bound,
-    cost=LINEAR.cost,
-    model=_model,
-    entries=LINEAR.entries,
-)
+    def limit(self, support: Support) -> str | None:
+        """Return what else the scene must be; it is the only method without inertia."""
+        if support.slips or support.is_nonlinear:
+            return "needs a viscous interface, or none, and linear springs"
+        if support.varying:
+            return "needs parameters, stretch and frequencies that have one value"
+        if not support.low[at.C] + support.low[at.D] > 0.0:
+            return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
+        return None
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the transition matrix and the responses to all excitation."""
+        values, time = values_of(support.low), support.sample_interval
+        with refuse_overflow(support):
+            return linear_model(
+                support,
+                massless_transition(values, time),
+                lambda source, ground: massless_response(values, source, ground=ground, time=time),
+            )

@@ -8,10 +8,11 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.methods.base import Method, header, refuse_overflow
-from mm_gym.methods.linear import kernel as linear
+from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
+from mm_gym.methods.linear import kernel
+from mm_gym.methods.support import LINEAR
 from mm_gym.state_space.coefficients import linear_system
-from mm_gym.state_space.transition import jet, response, harmonic, transition
+from mm_gym.state_space.transition import harmonic, jet, response, transition
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,16 +21,6 @@ if TYPE_CHECKING:
 
     from mm_gym.methods.support import Support
     from mm_gym.state_space.transition import Exosystem
-
-
-def _model(support: Support) -> NDArray[np.float64]:
-    system, time = linear_system(support.low), support.sample_interval
-    with refuse_overflow(support):
-        return linear_model(
-            support,
-            transition(system, time),
-            lambda source, ground: response(system, source, ground=ground, time=time),
-        )
 
 
 def linear_model(
@@ -47,24 +38,28 @@ def linear_model(
     return np.concatenate(parts)
 
 
-def _cost(model: NDArray[np.float64]) -> str:
-    products = 20 + 8 * int(model[at.HARMONIC_COUNT] + model[at.TERMS])
-    intervals = int(model[at.INTERVALS])
-    return f"{products} products" + (
-        f" in each of {intervals} sample intervals" if intervals > 1 else ""
-    )
+class Linear(ExactMethod):
+    """Transition matrix, with harmonics and sampled excitation as exosystems (Van Loan, 1978)."""
 
-
-LINEAR = Method(
-    name="exact",
-    plant="linear",
-    how=(
+    name = "exact"
+    title = "the transition matrix"
+    how = (
         "transition matrix, computed once in decimal arithmetic and rounded once; "
         "excitation as an exosystem"
-    ),
-    order="exact for a held force",
-    bound="round-off: 1e-12 of the trajectory's scale",
-    cost=_cost,
-    model=_model,
-    entries=build(linear.propagate, linear.at_once),
-)
+    )
+    kinds = (LINEAR,)
+    entries = build(kernel.propagate, kernel.at_once)
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the transition matrix and the responses to all excitation."""
+        system, time = linear_system(support.low), support.sample_interval
+        with refuse_overflow(support):
+            return linear_model(
+                support,
+                transition(system, time),
+                lambda source, ground: response(system, source, ground=ground, time=time),
+            )
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the size of the matrix products."""
+        return f"{20 + 8 * int(model[at.HARMONIC_COUNT] + model[at.TERMS])} products"

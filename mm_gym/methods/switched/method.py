@@ -10,10 +10,9 @@ import numpy as np
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.methods.base import Method, degree, header, refuse_overflow
-from mm_gym.methods.support import fastest_oscillation, fastest_rate
+from mm_gym.methods.base import ExactMethod, Settings, degree, header, refuse_overflow
+from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel as switched
-from mm_gym.methods.switched import series_kernel as friction
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import slip_space
 from mm_gym.state_space.matrix_exponential import halved_exponentials
@@ -24,8 +23,8 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 STATE_INPUTS = 6
-"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; cosine and sine of each harmonic
-follow."""
+"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; then cosine and sine of each
+harmonic."""
 
 LONGEST_SERIES = 2.0
 """Longest last level, in units of the shortest time constant; its Taylor series loses no digits."""
@@ -37,9 +36,6 @@ interval or more."""
 LONGEST_DECAY = 2.0**28
 """Longest control step, in units of the shortest time constant: the slow motion after a fast decay
 takes few intervals."""
-
-MOST_PIECES = 10_000.0
-"""Pieces of a control step that the series alone may take: some 0.01 s of work."""
 
 FINER = 3
 """Halvings of the last level at which |w''| is sampled."""
@@ -53,40 +49,69 @@ SAMPLING = 1.1
 """What |w''| may exceed its samples by, an eighth of the shortest time constant apart."""
 
 
-def _model(support: Support) -> NDArray[np.float64]:
-    low = support.low
-    mu1, mu2, vr, chi, normal = (
-        Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+class Switched(ExactMethod):
+    """A transition matrix for each regime, crossings of the reference velocity bisected."""
+
+    name = "switched"
+    title = "transition matrices for stick and slip"
+    how = (
+        "a transition matrix for stick and one for slip; "
+        "crossings of the reference velocity bisected on halved steps"
     )
-    with localcontext(Context(prec=60)):
-        stick = mu1 * normal / vr
-        offset = mu2 * normal - chi * vr
-    phase = fastest_rate(support, max(float(stick), float(chi))) * support.sample_interval
-    _refuse_long_step(support, phase, LONGEST_DECAY, "the shortest time constant of the friction")
-    oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
-    _refuse_long_step(
-        support,
-        oscillation * support.sample_interval,
-        LONGEST_OSCILLATION,
-        "1 / the fastest frequency",
-    )
-    levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
-    with refuse_overflow(support):
-        regimes = [_regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, offset))]
-    model = header(support, switched.REGIMES - at.MODEL_OWN)
-    model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
-    model[switched.DEGREE] = degree(phase / 2.0**levels)
-    model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(support.ground)
-    model[switched.STICK] = switched.REGIMES
-    model[switched.SLIP] = switched.REGIMES + regimes[0].size
-    return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+    kinds = (SWITCHED_LINEAR,)
+    entries = build(switched.propagate)
+    held = "a held force, every crossing found"
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the transition matrices of both regimes over the interval and its halvings."""
+        low = support.low
+        mu1, mu2, vr, chi, normal = (
+            Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+        )
+        with localcontext(Context(prec=60)):
+            stick = mu1 * normal / vr
+            offset = mu2 * normal - chi * vr
+        phase = fastest_rate(support, max(float(stick), float(chi))) * support.sample_interval
+        refuse_long_step(
+            support, phase, LONGEST_DECAY, "the shortest time constant of the friction"
+        )
+        oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
+        refuse_long_step(
+            support,
+            oscillation * support.sample_interval,
+            LONGEST_OSCILLATION,
+            "1 / the fastest frequency",
+        )
+        levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
+        with refuse_overflow(support):
+            regimes = [
+                _regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, offset))
+            ]
+        model = header(support, switched.REGIMES - at.MODEL_OWN)
+        model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
+        model[switched.DEGREE] = degree(phase / 2.0**levels)
+        model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(
+            support.ground
+        )
+        model[switched.STICK] = switched.REGIMES
+        model[switched.SLIP] = switched.REGIMES + regimes[0].size
+        return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work of an interval, and of a change of regime."""
+        inputs = STATE_INPUTS + 2 * int(model[at.HARMONIC_COUNT])
+        return (
+            f"7 products with {inputs} inputs; "
+            f"a series of degree {int(model[switched.DEGREE])} per change of regime"
+        )
 
 
-def _refuse_long_step(support: Support, phase: float, longest: float, unit: str) -> None:
-    """Raise `CompileError` if the control step is longer than can be followed within some 0.1 s."""
+def refuse_long_step(support: Support, phase: float, longest: float, unit: str) -> None:
+    """Raise `CompileError` if a sample interval takes more than some 0.1 s to follow."""
     if not phase <= longest:
         msg = (
-            f"control.time_step: {support.sample_interval} s is {phase:.3g} times {unit}, "
+            f"control.time_step: a sample interval of {support.sample_interval} s is "
+            f"{phase:.3g} times {unit}, "
             f"{support.sample_interval / phase:.3g} s; allowed: {longest:.3g} times. "
             "Shorten the step, or slow down what is so fast"
         )
@@ -189,55 +214,3 @@ def _gains(
         bend = largest[last] if last < len(rows) else np.full(len(second) + 1, np.inf)
         gains.append(0.5 * (support.sample_interval / 2.0**k) ** 2 * bend)
     return gains
-
-
-def _cost(model: NDArray[np.float64]) -> str:
-    harmonics = int(model[at.HARMONIC_COUNT])
-    return (
-        f"7 products with {6 + 2 * harmonics} inputs; "
-        f"a series of degree {int(model[switched.DEGREE])} per change of regime"
-    )
-
-
-SWITCHED = Method(
-    name="switched",
-    plant="switched linear",
-    how=(
-        "a transition matrix for stick and one for slip; "
-        "crossings of the reference velocity bisected on halved steps"
-    ),
-    order="exact for a held force, every crossing found",
-    bound="round-off: 1e-12 of the trajectory's scale",
-    cost=_cost,
-    model=_model,
-    entries=build(switched.propagate),
-)
-
-
-def _series_model(support: Support) -> NDArray[np.float64]:
-    low, high = support.low, support.high
-    damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
-    phase = fastest_rate(support, damping) * support.sample_interval
-    _refuse_long_step(
-        support, phase, MOST_PIECES, "the shortest time constant that the scene can have"
-    )
-    model = header(support, 1)
-    model[friction.DEGREE] = degree(LONGEST_SERIES)
-    return model
-
-
-SWITCHED_SERIES = Method(
-    name="switched",
-    plant="parametric switched linear",
-    how=(
-        "a Taylor series, cut off below round-off, for each regime; "
-        "crossings of the reference velocity found on it"
-    ),
-    order="exact for a held force and stretch, every crossing found",
-    bound="round-off: 1e-12 of the trajectory's scale",
-    cost=lambda model: (
-        f"a series of degree {int(model[friction.DEGREE])} per time constant and change of regime"
-    ),
-    model=_series_model,
-    entries=build(friction.propagate),
-)

@@ -1,0 +1,52 @@
+"""The switched linear plant whose parameters differ or change: a series for each regime."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.control_step import build
+from mm_gym.methods.base import ExactMethod, Settings, degree, header
+from mm_gym.methods.support import PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR, fastest_rate
+from mm_gym.methods.switched import series_kernel
+from mm_gym.methods.switched.method import LONGEST_SERIES, refuse_long_step
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+
+MOST_PIECES = 10_000.0
+"""Pieces of a control step that the series alone may take: some 0.01 s of work."""
+
+
+class SwitchedSeries(ExactMethod):
+    """A Taylor series for each regime; crossings of the reference velocity are found on it."""
+
+    name = "switched"
+    title = "a series for stick and slip"
+    how = (
+        "a Taylor series, cut off below round-off, for each regime; "
+        "crossings of the reference velocity found on it"
+    )
+    kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
+    entries = build(series_kernel.propagate)
+    held = "a held force and stretch, every crossing found"
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the degree of the series."""
+        low, high = support.low, support.high
+        damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
+        phase = fastest_rate(support, damping) * support.sample_interval
+        refuse_long_step(
+            support, phase, MOST_PIECES, "the shortest time constant that the scene can have"
+        )
+        model = header(support, 1)
+        model[series_kernel.DEGREE] = degree(LONGEST_SERIES)
+        return model
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work of a time constant, and of a change of regime."""
+        degree = int(model[series_kernel.DEGREE])
+        return f"a series of degree {degree} per time constant and change of regime"
