@@ -14,12 +14,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from benchmarks.report import table
 from mm_gym import MovingMassEnv
-from mm_gym.env.tasks import PRE_STRETCH
 from mm_gym.sb3 import make_vec_env
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
+TASK = "mm_gym/PreStretch-v0"
 LANES = 64
 ROLLOUT = 200
 ROUNDS = 5
@@ -44,8 +44,8 @@ def learning() -> str:
     """Return the section on training 64 lanes in turns, with SB3's default networks."""
     torch.set_num_threads(1)
     envs = {
-        "native VecEnv": make_vec_env("mm_gym/PreStretch-v0", LANES),
-        "DummyVecEnv": DummyVecEnv([lambda: MovingMassEnv(PRE_STRETCH)] * LANES),
+        "native VecEnv": make_vec_env(TASK, LANES),
+        "DummyVecEnv": DummyVecEnv([lambda: MovingMassEnv(TASK)] * LANES),
     }
     watches = {name: Stopwatch(env) for name, env in envs.items()}
     models = {

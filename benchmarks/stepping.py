@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.report import table
 from benchmarks.timing import side_by_side
-from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene
-from mm_gym.env.tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_DUFFING, PRE_STRETCH, TASKS
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
 from mm_gym.paper import scene as paper_scene
 from mm_gym.simulation.lanes import Lanes
+from mm_gym.task_files import ids
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -36,6 +36,7 @@ slow down. Undisturbed: each step of an episode at its quickest of the nine roun
 ACTIONS = 8
 """Arrays of random actions that take turns."""
 
+CARRIAGE_FORCE = load_scene("mm_gym/CarriageForce-v0")
 FRICTION = paper_scene("fig8").model_copy(
     update={"actuation": CARRIAGE_FORCE.actuation, "initial": CARRIAGE_FORCE.initial}
 )
@@ -43,9 +44,9 @@ DUFFING_10_MS = CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 2e6})
 
 MANY = {
     "linear": CARRIAGE_FORCE,
-    "actuated stretch": PRE_STRETCH,
+    "actuated stretch": load_scene("mm_gym/PreStretch-v0"),
     "dry friction, 1 ms": FRICTION,
-    "Duffing, 2 ms": CARRIAGE_FORCE_DUFFING,
+    "Duffing, 2 ms": load_scene("mm_gym/CarriageForceDuffing-v0"),
     "Duffing, 10 ms": DUFFING_10_MS,
 }
 """A scene of each kind: the tasks CarriageForce, PreStretch and CarriageForceDuffing, figure 8, and
@@ -60,7 +61,7 @@ BARE = "bare 4 x 5 product over the lanes"
 def single() -> str:
     """Return the section on single environments, all unwrapped."""
     candidates: dict[str, Callable[[], object]] = {
-        name: _step_of_one(scene) for name, scene in TASKS.items()
+        name: _step_of_one(load_scene(name)) for name in ids()
     }
     for name in ("MountainCarContinuous-v0", "CartPole-v1"):
         candidates[name] = _step_of_peer(name)

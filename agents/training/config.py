@@ -7,7 +7,6 @@ import tomllib
 from pathlib import Path
 from typing import Annotated
 
-import gymnasium
 import tyro
 from pydantic import Field, Strict
 
@@ -66,17 +65,7 @@ class TrainSettings(Part):
 
     def load_scene(self) -> Scene:
         """Return the scene to train on; raise `SceneError` if file or task does not hold one."""
-        if self.scene is not None:
-            return load_scene(self.scene)
-        try:
-            scene = gymnasium.spec(self.task).kwargs.get("scene")
-        except gymnasium.error.Error as error:
-            msg = f"task: {error}"
-            raise SceneError(msg) from error
-        if not isinstance(scene, Scene):
-            msg = f"task: {self.task!r} is not a task of mm_gym"
-            raise SceneError(msg)
-        return scene
+        return load_scene(self.task if self.scene is None else self.scene)
 
 
 def read_settings(path: str | Path) -> TrainSettings:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import gymnasium
 
-from mm_gym.env.tasks import TASKS
+from mm_gym.task_files import ids
 
 
 def register_envs() -> None:
-    """Register every task that is not registered yet."""
-    for name, scene in TASKS.items():
+    """Register every task that is not registered yet.
+
+    By its id, not by its scene: so specifications can be written as JSON, and no file is read here.
+    """
+    for name in ids():
         if name not in gymnasium.registry:
             gymnasium.register(  # pyright: ignore[reportUnknownMemberType] - its own annotation
                 id=name,
                 entry_point="mm_gym.env.single:MovingMassEnv",
                 vector_entry_point="mm_gym.env.vector:MovingMassVectorEnv",
-                kwargs={"scene": scene},
+                kwargs={"scene": name},
             )

@@ -23,11 +23,14 @@ FLOAT32 = np.dtype(np.float32)
 
 
 def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
-    """Return the scene itself, or the one in the file at this path, with at least one actuator."""
+    """Return a scene by itself, a task's id or a file's path; it must have an actuator."""
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
-        msg = f"scene: got {type(scene).__name__}; allowed: a Scene or the path of a TOML file"
+        msg = (
+            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id or the path of a "
+            "TOML file"
+        )
         raise SceneError(msg)
     if scene.actuation.force is None and scene.actuation.stretch is None:
         msg = (

@@ -14,6 +14,7 @@ from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_lines import lines_of
+from mm_gym.task_files import is_id, path_of
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -28,13 +29,19 @@ LONGEST_LINE = 2**11
 def load_scene(path: str | PathLike[str]) -> Scene:
     """Read a scene from a TOML file.
 
+    Parameters
+    ----------
+    path
+        The file's path, or the id of a registered task, such as "mm_gym/PreStretch-v0".
+
     Raises
     ------
     SceneError
-        If the file is missing or unreadable, is not TOML, or says something that is not allowed.
-        The message lists every finding, each with the path and, where it is known, the line.
+        If there is no such task, or the file is missing or unreadable, is not TOML, or says
+        something that is not allowed. The message lists every finding, each with the path and,
+        where it is known, the line.
     """
-    file = Path(path)
+    file = path_of(path) if isinstance(path, str) and is_id(path) else Path(path)
     text = _read_text(file)
     data = _parse(file, text)
     try:

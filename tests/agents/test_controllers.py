@@ -2,6 +2,13 @@
 
 import numpy as np
 import pytest
+from tasks import (
+    CARRIAGE_FORCE,
+    CARRIAGE_FORCE_FRICTION,
+    PRE_STRETCH,
+    PRE_STRETCH_SHOCK,
+    TASKS,
+)
 
 from agents.controllers.controller import (
     ConstantStretch,
@@ -14,13 +21,6 @@ from agents.controllers.neutraliser import MatchingStretch
 from agents.controllers.semi_active import ClippedLQR, PhaseLaw
 from agents.evaluation.episodes import baselines, best_constant_stretch, evaluate, regulators
 from mm_gym import MovingMassVectorEnv
-from mm_gym.env.tasks import (
-    CARRIAGE_FORCE,
-    CARRIAGE_FORCE_FRICTION,
-    PRE_STRETCH,
-    PRE_STRETCH_SHOCK,
-    TASKS,
-)
 
 RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
 

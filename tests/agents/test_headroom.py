@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.controllers.controller import Zero
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import Evaluation, evaluate
 from agents.evaluation.headroom import SCORES, headroom, interval
 from agents.evaluation.planner import Effort, Planner
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 COMMITTED = json.loads(SCORES.read_text("utf-8"))
 COMMAND = "python -m agents.headroom"

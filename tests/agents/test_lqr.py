@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from agents.controllers.lqr import LQR, DesignError, design
 from mm_gym import MovingMassVectorEnv, Scene, compile_scene
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 LONG = CARRIAGE_FORCE.replace(
     **{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0}

@@ -6,9 +6,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
+from tasks import CARRIAGE_FORCE
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv
-from mm_gym.env.tasks import CARRIAGE_FORCE
 from mm_gym.sb3 import VectorEnvAdapter, make_vec_env
 
 SHORT = CARRIAGE_FORCE.replace(**{"control.steps": 9, "objective.displacement_limit": 0.0095})

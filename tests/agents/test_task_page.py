@@ -3,11 +3,11 @@
 import json
 
 import pytest
+from tasks import CARRIAGE_FORCE, HYBRID, TASKS
 
 from agents.evaluation.headroom import SCORES, tasks
 from agents.report.description import describe
 from agents.report.task_page import PAGE, page
-from mm_gym.env.tasks import CARRIAGE_FORCE, HYBRID, TASKS
 
 
 def test_committed_page_is_up_to_date():

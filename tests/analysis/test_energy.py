@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import Scene, simulate
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 RELEASE = {"carriage_displacement": 0.01, "sphere_offset": 0.02}
 STEPS = {"time_step": 0.005, "steps": 100}

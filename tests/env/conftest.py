@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 # Short horizons, and limits that random starts and actions exceed now and then; some episodes of
 # the first begin beyond the limit and end at once.

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
+from tasks import TASKS
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv
-from mm_gym.env.tasks import TASKS
 
 
 @pytest.fixture(params=list(TASKS))

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import (
     ActionError,
@@ -15,7 +16,6 @@ from mm_gym import (
     SceneError,
     SimulationError,
 )
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 LANES = 4
 

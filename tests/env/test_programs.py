@@ -7,9 +7,9 @@ from gymnasium import wrappers
 from ppo_continuous_action import train
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
+from tasks import TASKS
 
 import mm_gym  # noqa: F401 - registers the tasks
-from mm_gym.env.tasks import TASKS
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -8,9 +8,9 @@ import sys
 import numba
 import numpy as np
 import pytest
+from tasks import CARRIAGE_FORCE, TASKS
 
 from mm_gym import ActionError, MovingMassVectorEnv, SimulationError
-from mm_gym.env.tasks import CARRIAGE_FORCE, TASKS
 from mm_gym.kernels import layout as at
 
 LANES = 3 * at.BLOCK - 100
@@ -24,9 +24,9 @@ from hashlib import sha256
 import numba
 import numpy as np
 from mm_gym import MovingMassVectorEnv
-from mm_gym.tasks import CARRIAGE_FORCE
 
-envs = [MovingMassVectorEnv(CARRIAGE_FORCE, 2000, threads=count) for count in (1, 2, 2, 2)]
+TASK = "mm_gym/CarriageForce-v0"
+envs = [MovingMassVectorEnv(TASK, 2000, threads=count) for count in (1, 2, 2, 2)]
 for env in envs:
     env.reset(seed=0)
 action = np.ones((2000, 1), np.float32)

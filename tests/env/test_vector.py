@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from tasks import CARRIAGE_FORCE
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, SimulationError
-from mm_gym.env.tasks import CARRIAGE_FORCE
 from mm_gym.kernels import episodes
 
 LANES, STEPS, SEED = 5, 160, 11

@@ -6,9 +6,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 from oracle import System
+from tasks import PRE_STRETCH
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene
-from mm_gym.env.tasks import PRE_STRETCH
 from mm_gym.state_space.matrix_exponential import exponential
 
 SYSTEMS = {

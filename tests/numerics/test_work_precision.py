@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tasks import PRE_STRETCH
 
 from mm_gym import Scene, SceneError, SimulationError, load_scene, work_precision
 from mm_gym.__main__ import main
-from mm_gym.env.tasks import PRE_STRETCH
 from mm_gym.precision import Setting, WorkPrecision, measure
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.actuators import StretchActuator

@@ -30,11 +30,20 @@ def test_import_loads_none_of_the_extras():
     assert set(EXTRAS).isdisjoint(loaded)
 
 
-def test_import_waits_with_the_compiler_until_it_is_needed():
+def test_import_registers_the_tasks_without_reading_them():
     program = """
 import sys, gymnasium, mm_gym
 assert "mm_gym/CarriageForce-v0" in gymnasium.registry
+print(*sys.modules)
+"""
+    assert {"pydantic", "numba", "scipy", "tomllib"}.isdisjoint(run(program).split())
+
+
+def test_scene_is_made_and_read_without_the_compiler():
+    program = """
+import sys, mm_gym
 mm_gym.Scene()
+mm_gym.load_scene("mm_gym/CarriageForce-v0")
 print(*sys.modules)
 """
     assert {"numba", "scipy"}.isdisjoint(run(program).split())
@@ -44,7 +53,7 @@ def test_public_names_are_found_in_any_order_of_imports():
     program = """
 import types
 import mm_gym.analysis
-import mm_gym.simulate
+import mm_gym.simulation.simulate
 import mm_gym
 from mm_gym import simulate
 assert isinstance(simulate, types.FunctionType) and mm_gym.simulate is simulate

@@ -7,14 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tasks import TASKS
+
 import mm_gym
-from mm_gym.env.tasks import TASKS
 
 PROGRAM = """
 import mm_gym
-from mm_gym.tasks import CARRIAGE_FORCE
 assert mm_gym.__file__.startswith({root!r}), mm_gym.__file__
-env = mm_gym.MovingMassEnv(CARRIAGE_FORCE)
+env = mm_gym.MovingMassEnv("mm_gym/CarriageForce-v0")
 env.reset(seed=0)
 print(*env.state)
 """

@@ -9,8 +9,7 @@ import warnings
 import numpy as np
 import pytest
 
-from mm_gym import MovingMassVectorEnv
-from mm_gym.env.tasks import TASKS
+from mm_gym import MovingMassVectorEnv, load_scene
 from mm_gym.kernels import layout as at
 
 LANES = at.BLOCK + 1
@@ -29,7 +28,7 @@ def motion(name):
     """States of the first and last lane after three steps."""
     # As plain Python, numpy warns of the overflow that the random numbers are made of.
     warnings.filterwarnings("ignore", "overflow encountered", RuntimeWarning)
-    env = MovingMassVectorEnv(TASKS[f"mm_gym/{name}-v0"], LANES, threads=2)
+    env = MovingMassVectorEnv(load_scene(f"mm_gym/{name}-v0"), LANES, threads=2)
     env.reset(seed=0)
     actions = np.linspace(-1.0, 1.0, LANES, dtype=np.float32)[:, None]
     for _ in range(3):

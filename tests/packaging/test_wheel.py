@@ -1,7 +1,9 @@
 """What is shipped."""
 
+import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -11,13 +13,21 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    out = tmp_path_factory.mktemp("dist")
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(out)]
-    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    (path,) = out.glob("*.whl")
-    with zipfile.ZipFile(path) as archive:
+def build(target, source, folder):
+    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    (path,) = (path for path in folder.iterdir() if path.is_file())
+    return path
+
+
+@pytest.fixture(scope="module", params=["checkout", "source distribution"])
+def wheel(request, tmp_path_factory):
+    out, source = tmp_path_factory.mktemp("dist"), ROOT
+    if request.param != "checkout":
+        with tarfile.open(build("sdist", ROOT, out)) as archive:
+            archive.extractall(out, filter="data")
+        (source,) = (path for path in out.iterdir() if path.is_dir())
+    with zipfile.ZipFile(build("wheel", source, tmp_path_factory.mktemp("wheel"))) as archive:
         yield archive
 
 
@@ -33,6 +43,23 @@ def test_wheel_holds_every_module_and_nothing_generated(wheel):
     sources = {str(p.relative_to(ROOT).as_posix()) for p in (ROOT / "mm_gym").rglob("*.py")}
     assert sources <= shipped
     assert not [name for name in shipped if "__pycache__" in name or name.endswith(".nbi")]
+
+
+def test_wheel_holds_the_tasks_and_their_schema(wheel, tmp_path):
+    files = {f"mm_gym/tasks/{path.name}" for path in (ROOT / "mm_gym" / "tasks").iterdir()}
+    assert {"mm_gym/tasks/pre_stretch.toml", "mm_gym/tasks/scene.schema.json"} <= files
+    assert files == {name for name in wheel.namelist() if name.startswith("mm_gym/tasks/")}
+    shutil.unpack_archive(wheel.filename, tmp_path, "zip")
+    program = """
+import gymnasium, mm_gym
+names = [name for name in gymnasium.registry if name.startswith("mm_gym/")]
+assert all(isinstance(mm_gym.load_scene(name), mm_gym.Scene) for name in names)
+print(mm_gym.__file__, len(names))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, check=True, text=True
+    )
+    assert done.stdout.split() == [str(tmp_path / "mm_gym" / "__init__.py"), str(len(files) - 1)]
 
 
 def test_wheel_names_its_extras_and_licence(wheel):

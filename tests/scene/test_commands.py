@@ -3,10 +3,10 @@
 import csv
 
 import pytest
+from tasks import TASKS
 
 from mm_gym import simulate
 from mm_gym.__main__ import main
-from mm_gym.env.tasks import TASKS
 
 SCENE = "[initial]\ncarriage_displacement = [0.005, 0.01]\n"
 WRONG = "[carriage]\nmass = -1\nmas = 2\n"

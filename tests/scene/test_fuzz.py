@@ -7,9 +7,9 @@ import warnings
 
 import numpy as np
 import pytest
+from tasks import TASKS
 
 from mm_gym import CompileError, Scene, SceneError, SimulationError, compile_scene, simulate
-from mm_gym.env.tasks import TASKS
 
 VALUES = [
     *[0, 1, -1, 3, 0.5, 1e-300, 1e-80, 1e-9, 1e9, 1e80, 1e300, -1e300, 5e-324, 10**400, -0.0],

@@ -3,9 +3,9 @@
 import json
 
 import pytest
+from tasks import TASKS
 
 from mm_gym import Scene, SceneError
-from mm_gym.env.tasks import TASKS
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.excitation import Harmonic
 from mm_gym.scene.mechanics import SmallOnLarge

@@ -2,7 +2,6 @@
 
 import json
 import tomllib
-from pathlib import Path
 
 import jsonschema
 import pytest
@@ -10,12 +9,12 @@ import pytest
 from mm_gym import Scene, SceneError
 from mm_gym.__main__ import main
 from mm_gym.scene.schema import scene_schema
+from mm_gym.task_files import FOLDER
 
-CONFIGS = Path(__file__).parents[2] / "configs"
-FILES = sorted((CONFIGS / "scenes").glob("*.toml"))
+FILES = sorted(FOLDER.glob("*.toml"))
 DRAFTS = [jsonschema.Draft7Validator, jsonschema.Draft202012Validator]
 SCHEMA = json.loads(scene_schema())
-FILE = CONFIGS / "scene.schema.json"
+FILE = FOLDER / "scene.schema.json"
 
 
 def accepted(data):
@@ -34,7 +33,7 @@ def loads(data):
 
 
 def test_committed_schema_is_up_to_date():
-    command = f"python -m mm_gym schema > {FILE.relative_to(CONFIGS.parent)}"
+    command = "python -m mm_gym schema > mm_gym/tasks/scene.schema.json"
     assert FILE.read_text("utf-8") == scene_schema(), f"run `{command}`"
 
 

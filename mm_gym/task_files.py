@@ -1,0 +1,49 @@
+"""The registered tasks: one scene file each in `mm_gym/tasks`, whose name gives the task's id.
+
+``pre_stretch.toml`` is "mm_gym/PreStretch-v0", and ``pre_stretch_v1.toml`` would be its version 1.
+Such a file is all that a new task needs.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from mm_gym.errors import SceneError, suggest
+
+FOLDER = Path(__file__).with_name("tasks")
+
+_VERSION = re.compile(r"_v(\d+)$")
+_ID = re.compile(r"mm_gym/[^/.]+|.*-v\d+")
+
+
+def ids() -> list[str]:
+    """Return the ids of all tasks, in the order of their files."""
+    return list(_files())
+
+
+def is_id(text: str) -> bool:
+    """Tell whether a text has the form of an id, misspelt ones included, and not that of a path."""
+    return _ID.fullmatch(text) is not None
+
+
+def path_of(task: str) -> Path:
+    """Return the scene file of a task, or raise `SceneError` with the nearest id."""
+    files = _files()
+    if task not in files:
+        nearest = suggest(task, files)
+        msg = f"task: {task!r} is not a task of mm_gym{nearest}; allowed: {', '.join(files)}"
+        raise SceneError(msg)
+    return files[task]
+
+
+def _files() -> dict[str, Path]:
+    files = sorted(FOLDER.glob("*.toml"), key=lambda file: file.stem)
+    return {_id_of(file.stem): file for file in files}
+
+
+def _id_of(stem: str) -> str:
+    version = _VERSION.search(stem)
+    words = stem[: version.start()] if version else stem
+    name = "".join(word.capitalize() for word in words.split("_"))
+    return f"mm_gym/{name}-v{version[1] if version else 0}"
