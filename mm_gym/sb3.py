@@ -1,4 +1,4 @@
-"""A native Stable-Baselines3 `VecEnv`: no loop over environments, and episode ends told right."""
+"""A native Stable-Baselines3 `VecEnv`: no loop over environments, and correct ends of episodes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def make_vec_env(id: str, num_envs: int, **kwargs: Any) -> VectorEnvAdapter:  # 
     64
     """
     if not kwargs.get("copy", True):
-        message = "copy: got False; allowed: True, for observations are kept over the next step"
+        message = "copy: got False; allowed: True: observations are kept over the next step"
         raise ValueError(message)
     env = gymnasium.make_vec(
         id,
@@ -90,7 +90,7 @@ class VectorEnvAdapter(VecEnv):
                 seed=seed,  # pyright: ignore[reportArgumentType] - Gymnasium's SyncVectorEnv takes a list too
                 options=self._merged_options(),
             )
-        finally:  # also what was refused is not asked for again
+        finally:  # seeds and options that were refused, too
             self._reset_seeds()
             self._reset_options()
         self.reset_infos = self._split(infos)
@@ -110,7 +110,7 @@ class VectorEnvAdapter(VecEnv):
         self._returns += rewards
         self._lengths += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        if not np.count_nonzero(done):  # as nearly always
+        if not np.count_nonzero(done):  # the common case
             return observations, rewards, done, infos
         for i in np.flatnonzero(done):
             infos[i] = {
@@ -154,16 +154,13 @@ class VectorEnvAdapter(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Indices = None
     ) -> list[bool]:
-        """Tell that episodes are monitored and that nothing else is wrapped.
-
-        They are monitored without a wrapper.
-        """
+        """Return true for `Monitor` only: episodes are monitored, though without a wrapper."""
         return [issubclass(wrapper_class, Monitor)] * len(self._lanes(indices))
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the rendered frames, if the environment renders."""
         frames = self.env.render()
-        return [None] * self.num_envs if frames is None else list(frames)  # pyright: ignore[reportReturnType] - Gymnasium does not tell the type of a frame
+        return [None] * self.num_envs if frames is None else list(frames)  # pyright: ignore[reportReturnType] - Gymnasium does not declare the type of a frame
 
     def _lanes(self, indices: Indices) -> list[int]:
         return list(self._get_indices(indices))

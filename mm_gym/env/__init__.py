@@ -1,1 +1,1 @@
-"""The environments of Gymnasium, single and vector, and the registered tasks."""
+"""Gymnasium environments, single and vector, and the registration of the tasks."""

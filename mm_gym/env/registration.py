@@ -1,4 +1,4 @@
-"""Registers the tasks with Gymnasium, which imports this package for "mm_gym:mm_gym/<task>"."""
+"""Registration of the tasks with Gymnasium, which imports mm_gym for "mm_gym:mm_gym/<task>"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`MovingMassEnv`: one lane behind Gymnasium's interface. No equations here."""
+"""`MovingMassEnv`: one lane behind Gymnasium's interface, without equations."""
 
 from __future__ import annotations
 
@@ -8,15 +8,9 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from mm_gym.env.pickling import Picklable, flag_of
-from mm_gym.env.spaces import (
-    FLOAT32,
-    action_space,
-    checked_actions,
-    checked_options,
-    observation_space,
-    scene_of,
-)
+from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag_of, scene_of
+from mm_gym.env.pickling import Picklable
+from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
@@ -30,6 +24,7 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
 SEEDS = 2**63
+"""Number of seeds to choose from where none is given."""
 
 
 class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
@@ -39,7 +34,7 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     -----------
     A carriage on a spring and a damper carries a sphere that rolls on it, coupled by an interface
     and, optionally, by pre-stretched springs (docs/model.md). Each control step holds the action
-    and propagates the motion within its plant's bound, which `Plant.explain` tells.
+    constant and propagates the motion within the error bound that `Plant.explain` states.
 
     Action Space
     ------------
@@ -53,13 +48,14 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     stretch  `actuation.stretch` [-]    `maximum`
     =======  =========================  ================================================
 
-    Commanded as a rate, it means +rate_limit. Rate limits and lags say how far the actuator gets.
+    With ``command = "rate"``, an action of 1 means +rate_limit. Rate limits and lags determine how
+    far the actuator gets within the step.
 
     Observation Space
     -----------------
-    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels`, of
+    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels` at the last
     `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
-    `sensors.noise`. An episode starts with its first frame repeated.
+    `sensors.noise`. At an episode's start, the first frame stands for those before it.
 
     ===============================================  =========================================
     channel                                          scaled by
@@ -82,8 +78,8 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Starting State
     --------------
-    Drawn uniformly from `initial` and `randomization`, noise from its stationary law. Any drawn
-    field, or part of the initial state, is set by its dotted name:
+    Drawn uniformly from `initial` and `randomization`; noise starts in its stationary distribution.
+    Any drawn field, or part of the initial state, can be set by its dotted name:
     `reset(options={"initial.sphere_offset": 0.01})`.
 
     Episode End
@@ -93,18 +89,18 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Information
     -----------
-    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, what the
-    actuators reached [N, -].
+    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, the
+    force [N] and stretch [-] that the actuators reached.
 
     Continuation
     ------------
-    `get_state` and `set_state` save and restore an episode exactly; copies and pickles of the
-    environment go on from where it is, and share nothing with it.
+    `get_state` and `set_state` save and restore an episode exactly. Copies and pickles of the
+    environment continue from its current state, and have memory of their own.
 
     Arguments
     ---------
     scene
-        A `Scene` or the path of a TOML file.
+        A `Scene`, the id of a registered task, or the path of a TOML file.
 
     Version History
     ---------------
@@ -127,7 +123,7 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         self._shape = self.action_space.shape
 
     def _prepare(self) -> None:
-        """Make what follows from the scene, and views of the one lane.
+        """Compile the scene, and make the lane and views of its outputs.
 
         The views are kept because indexing an array takes as long as a control step.
         """
@@ -153,7 +149,8 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises
         ------
         SceneError
-            If the field is unknown, or of the initial state, which is no more; see `reset`'s info.
+            If the field is unknown, or part of the initial state, which a step changes. The info of
+            `reset` has the initial state.
         """
         return float(self._lanes.drawn(name)[0])
 
@@ -199,14 +196,14 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
             and action.dtype is FLOAT32
             and action.shape == self._shape
             and action.flags.carray
-        ):  # what is usual, at once
+        ):  # the common case
             status = self._advance(action, 0, 1)
         else:
             status = self._lanes.advance(checked_actions(action, self._shape))
         terminated = truncated = False
         if status:
             lanes = self._lanes
-            self._running = status == at.NOT_FINITE  # then nothing has changed
+            self._running = status == at.NOT_FINITE  # the action is refused, nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         frame, reward, state, applied = self._views
@@ -214,7 +211,7 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         return frame.copy(), reward.item(), terminated, truncated, info
 
     def get_state(self) -> dict[str, object]:
-        """Return the episode's exact present, random stream included, for `set_state`."""
+        """Return the episode's exact state, random stream included, for `set_state`."""
         flags = {"running": self._running, "seeded": self._seeded}
         return self._lanes.snapshot() | flags
 

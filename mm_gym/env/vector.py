@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -11,22 +10,26 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from mm_gym.env.pickling import Picklable, flag_of
-from mm_gym.env.single import SEEDS
-from mm_gym.env.spaces import (
-    action_space,
+from mm_gym.env.arguments import (
     checked_actions,
+    checked_autoreset_mode,
+    checked_count,
+    checked_mask,
     checked_options,
-    observation_space,
+    checked_seeds,
+    flag_of,
+    flags_of,
     scene_of,
 )
-from mm_gym.errors import SceneError, suggest
+from mm_gym.env.pickling import Picklable
+from mm_gym.env.single import SEEDS
+from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
-from mm_gym.simulation.lanes import Lanes, array_of, is_array
+from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from os import PathLike
 
     from gymnasium import Space
@@ -43,20 +46,20 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     Parameters
     ----------
     scene
-        A `Scene` or the path of a TOML file.
+        A `Scene`, the id of a registered task, or the path of a TOML file.
     num_envs
         Number of lanes.
     autoreset_mode
-        Any of Gymnasium's three: a finished lane begins anew in the next step (the default), in the
-        same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or when
-        ``reset(options={"reset_mask": mask})`` says so.
+        Any of Gymnasium's three: a finished lane is reset in the next step (the default), in the
+        same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
+        ``reset(options={"reset_mask": mask})``.
     copy
-        If false, the arrays handed out are views of memory that the next step overwrites.
+        If false, the returned arrays are views of memory that the next step overwrites.
     threads
-        Number of numba's threads that share the lanes of a step; the results do not depend on it.
-        Worth it from some thousand lanes on, as long as so many processors are free, and where
-        numba finds OpenMP or TBB (``numba.threading_layer()``; its own work queue takes ten times
-        as long to begin). A process forked from one whose threads ran steps all lanes itself.
+        Number of numba's threads among which the lanes of a step are divided; results do not depend
+        on it. Useful from some thousand lanes on, if as many processors are free and numba finds
+        OpenMP or TBB (``numba.threading_layer()``): its own work queue takes ten times as long to
+        start. A process that is forked after the threads have run steps all lanes in one thread.
 
     Notes
     -----
@@ -78,17 +81,13 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
-        for name, number in (("num_envs", num_envs), ("threads", threads)):
-            if type(number) is not int or number < 1:
-                msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
-                raise SceneError(msg)
+        self.num_envs = checked_count(num_envs, "num_envs")
         self.scene = scene_of(scene)
-        self.num_envs = num_envs
         self.render_mode = render_mode
-        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self._copy = copy
-        self._threads = threads
+        self._threads = checked_count(threads, "threads")
         self._seeded = False
         self._prepare()
         self.single_action_space = action_space(self.plant)
@@ -97,10 +96,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self._shape = (num_envs, *self.single_action_space.shape)
 
     def _prepare(self) -> None:
-        """Make what follows from the scene: lanes before their first episode, and views of them."""
+        """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._views = [array.T for array in lanes.shown]
+        self._views = [array.T for array in lanes.outputs]
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
@@ -110,7 +109,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     def observation_space(self) -> Space[Any]:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
         """The space of all lanes' observations.
 
-        Made when first asked for: its bounds take twice the memory of the observations.
+        Made on first use: its bounds take twice the memory of the observations.
         """
         return batch_space(self.single_observation_space, self.num_envs)
 
@@ -120,7 +119,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         return self._lanes.values[:4].copy().T
 
     def drawn(self, name: str) -> NDArray[np.float64]:
-        """Return every lane's present value of a field by its dotted name, see `MovingMassEnv`."""
+        """Return every lane's current value of a field by its dotted name, see `MovingMassEnv`."""
         return self._lanes.drawn(name).copy()
 
     def reset(
@@ -131,11 +130,16 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
-        Other options set drawn fields by dotted name, a number or one per lane, as in
-        `MovingMassEnv`.
+        Other options set drawn fields by dotted name, as in `MovingMassEnv`: a number, or one per
+        lane.
+
+        Raises
+        ------
+        SceneError
+            If a seed, name or value is not allowed.
         """
         fields = checked_options(options)
-        mask = self._mask(fields.pop("reset_mask", None))
+        mask = checked_mask(fields.pop("reset_mask", None), self.num_envs)
         fixed = self._lanes.checked(fields)
         self._seed(seed, mask)
         self._lanes.restart(mask, fixed)
@@ -143,6 +147,18 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self._any_finished = bool(self._finished.any())
         observations, *_, state, applied = self._outputs()
         return observations, self._info(state, applied)
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        """Seed the lanes of the mask; without a seed, they continue their streams."""
+        if seed is None or isinstance(seed, int):
+            super().reset(seed=seed)
+        else:
+            seed = checked_seeds(seed, self.num_envs)
+        if not self._seeded:
+            self._lanes.seed(int(self.np_random.integers(SEEDS)))
+            self._seeded = True
+        if seed is not None:
+            self._lanes.seed(seed, mask)
 
     def step(
         self, actions: NDArray[np.floating]
@@ -179,50 +195,29 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
             status = self._lanes.advance(actions)
         final = None
         if status or self._any_finished:
-            final = self._begin_and_end_episodes(status)
+            final = self._end_and_restart_episodes(status)
             if final:
-                copies = None  # of the end, not of the new beginning
+                copies = None  # they are of the end, not of the restart
         observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
         info = self._info(state, applied)
         if final:
             info |= final
         return observations, rewards, terminated, truncated, info
 
-    def get_state(self) -> dict[str, object]:
-        """Return the exact present of all lanes, random streams included, for `set_state`."""
-        flags = {"finished": self._finished.copy(), "seeded": self._seeded}
-        return self._lanes.snapshot() | flags
-
-    def set_state(self, state: Mapping[str, object]) -> None:
-        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
-        finished = state.get("finished")
-        if (
-            not is_array(finished)
-            or finished.dtype != np.bool_
-            or finished.shape != self._finished.shape
-        ):
-            msg = f"state.finished: allowed: a boolean array of shape {self._finished.shape}"
-            raise SceneError(msg)
-        seeded = flag_of(state, "seeded")
-        self._lanes.restore(state)
-        self._finished[...] = finished
-        self._any_finished = bool(finished.any())
-        self._seeded = seeded
-
     def _rest(self, actions: NDArray[np.floating]) -> None:
-        """Let the lanes rest that begin anew in this step: unseen, they must not make it fail."""
+        """Let the lanes rest that this step restarts: their motion must not make it fail."""
         if not np.isfinite(actions).all():
             self._lanes.raise_for(at.NOT_FINITE)
         self._lanes.rest(self._finished)
 
-    def _begin_and_end_episodes(self, status: int) -> dict[str, Any] | None:
-        """Let the lanes that had finished begin anew; mark those that have now.
+    def _end_and_restart_episodes(self, status: int) -> dict[str, Any] | None:
+        """Restart the lanes that had finished before this step; mark those that finish in it.
 
-        Return how these ended if they begin anew at once.
+        Return the end of the latter if they are restarted in the same step.
         """
         lanes = self._lanes
         if status > at.ENDED:
-            if status != at.NOT_FINITE:  # then nothing has changed
+            if status != at.NOT_FINITE:  # refused actions change nothing
                 self._finished[:] = True
                 self._any_finished = True
             lanes.raise_for(status)
@@ -238,7 +233,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         return None
 
     def _restart(self, *, paused: bool = False) -> None:
-        """Let the finished lanes begin anew."""
+        """Begin an episode in the finished lanes, see `Lanes.restart`."""
         self._lanes.restart(self._finished, paused=paused)
         self._finished[:] = False
         self._any_finished = False
@@ -246,10 +241,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.
 
-        They are laid out as by Gymnasium's SyncVectorEnv.
+        Their layout is that of Gymnasium's `SyncVectorEnv`.
         """
         mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
-        observed, *_, state, applied = self._lanes.shown
+        observed, *_, state, applied = self._lanes.outputs
         last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
         observations = np.full(self.num_envs, None, dtype=object)
         observations[over] = np.fromiter(last, dtype=object, count=len(last))
@@ -266,7 +261,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         }
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
-        """Return observations, rewards, ends, states and what was applied."""
+        """Return observations, rewards, terminated, truncated, states and what was applied."""
         if not self._copy:
             return self._views
         return [array.T for array in copies or self._lanes.copies()]
@@ -275,41 +270,16 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         everywhere = self._everywhere
         return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
 
-    def _mask(self, mask: ArrayLike | None) -> NDArray[np.bool_]:
-        # An array of its own: for a read-only one the kernels would be compiled anew.
-        array = array_of(self._everywhere if mask is None else mask, "reset_mask").copy()
-        if array.shape != (self.num_envs,) or array.dtype != np.bool_:
-            msg = (
-                f"reset_mask: got {array.dtype} of shape {array.shape}; "
-                f"allowed: bool of shape ({self.num_envs},)"
-            )
-            raise SceneError(msg)
-        return array
+    def get_state(self) -> dict[str, object]:
+        """Return the exact state of all lanes, random streams included, for `set_state`."""
+        flags = {"finished": self._finished.copy(), "seeded": self._seeded}
+        return self._lanes.snapshot() | flags
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
-        if seed is None or isinstance(seed, int):
-            super().reset(seed=seed)
-        elif (
-            not isinstance(seed, Sequence)
-            or len(seed) != self.num_envs
-            or not all(value is None or (type(value) is int and value >= 0) for value in seed)
-        ):
-            msg = (
-                f"seed: got {seed!r}; allowed: a Python integer of at least 0, "
-                f"or a sequence of {self.num_envs} of them"
-            )
-            raise SceneError(msg)
-        if not self._seeded:
-            self._lanes.seed(int(self.np_random.integers(SEEDS)))
-            self._seeded = True
-        if seed is not None:
-            self._lanes.seed(seed, mask)
-
-
-def _autoreset_mode(name: str | AutoresetMode) -> AutoresetMode:
-    try:
-        return AutoresetMode(name)
-    except ValueError:
-        allowed = [mode.value for mode in AutoresetMode]
-        msg = f"autoreset_mode: got {name!r}{suggest(str(name), allowed)}; allowed: {allowed}"
-        raise SceneError(msg) from None
+    def set_state(self, state: Mapping[str, object]) -> None:
+        """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
+        finished = flags_of(state, "finished", self.num_envs)
+        seeded = flag_of(state, "seeded")
+        self._lanes.restore(state)
+        self._finished[...] = finished
+        self._any_finished = bool(finished.any())
+        self._seeded = seeded

@@ -1,8 +1,8 @@
-"""How numba's threads share the lanes.
+"""A loop over ranges of lanes, run by numba's threads.
 
-What they do is not compiled into the loop that shares it out but called by its address: compiled
-once, it is the very code that a lone thread runs, and one loop serves all kernels of the same
-arguments.
+The kernels that it runs are not compiled into the loop but called by address. So each is compiled
+once, its code is the same with one thread and with several, and one loop serves all kernels with
+arguments of the same types.
 """
 
 # ruff: noqa: ARG001 - numba gives types, and wants intrinsics to be plain functions
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 def address_of(work: Callable[..., int], *arguments: object) -> int:
-    """Return the address of what a kernel is compiled to for such arguments.
+    """Return the address of a kernel's machine code for arguments like these.
 
-    It holds as long as the kernel lives.
+    It is valid as long as the kernel exists.
     """
     compiled = compiled_for(work, *arguments)
     return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
@@ -36,7 +36,7 @@ def address_of(work: Callable[..., int], *arguments: object) -> int:
 
 @intrinsic
 def _call(_context, address, arguments):
-    """Return the status of the kernel at an address."""
+    """Call the kernel at an address, and return its status."""
 
     def build(context, builder, signature, values):
         kinds, convention = signature.args[1].types, context.call_conv
@@ -53,8 +53,8 @@ def _call(_context, address, arguments):
 
 
 @intrinsic
-def _threads(_context):
-    """Return how many of numba's threads share the loops of this one."""
+def _thread_count(_context):
+    """Return how many of numba's threads run the loops of this one."""
 
     def build(_context, builder, _signature, _values):
         kind = ir.FunctionType(cgutils.intp_t, [])
@@ -65,8 +65,8 @@ def _threads(_context):
 
 
 @intrinsic
-def _use_threads(_context, count):
-    """Let so many of them do."""
+def _set_thread_count(_context, count):
+    """Set how many of them do."""
 
     def build(context, builder, _signature, values):
         number = ir.IntType(32)
@@ -80,25 +80,42 @@ def _use_threads(_context, count):
 
 @borrowing_kernel
 def nothing(first, last):
-    """Do nothing after other work."""
+    """Do nothing: the second kernel where there is only one to run."""
     return at.OK
 
 
 @sharing_kernel
 def in_threads(work, then, statuses, length, count, arguments, more):
-    """Let two kernels, at addresses, work in turn on each share of so many lanes.
+    """Run two kernels, one after the other, on each range of lanes.
 
-    Their signatures are ``(*arguments, first, last) -> status`` and ``(*more, first, last)``. There
-    is a share for each of the statuses, which are written. Return the largest.
+    Parameters
+    ----------
+    work : int
+        Address of a kernel ``(*arguments, first, last) -> status``.
+    then : int
+        Address of a kernel ``(*more, first, last) -> status``, whose status is ignored.
+    statuses : (ranges,) int64, written
+        Status of `work` on each range.
+    length : int
+        Number of lanes in a range; the last one may have fewer.
+    count : int
+        Number of lanes.
+    arguments, more : tuple
+        What the kernels read and write.
+
+    Returns
+    -------
+    int
+        The largest status.
     """
-    before = _threads()
-    _use_threads(min(before, statuses.shape[0]))
+    before = _thread_count()
+    _set_thread_count(min(before, statuses.shape[0]))
     for k in numba.prange(statuses.shape[0]):
         first = np.int64(k) * length
         last = min(first + length, count)
         statuses[k] = _call(work, (*arguments, first, last))
         _call(then, (*more, first, last))
-    _use_threads(before)
+    _set_thread_count(before)
     status = statuses[0]
     for k in range(1, statuses.shape[0]):
         status = max(status, statuses[k])

@@ -1,4 +1,4 @@
-"""Lanes shared among threads."""
+"""Lanes divided among numba's threads."""
 
 from __future__ import annotations
 
@@ -25,27 +25,32 @@ if TYPE_CHECKING:
 _turn = Lock()
 """Some of numba's threading layers serve one caller at a time."""
 
-_alone = False
+_forked = False
 """Whether this process was forked from one whose threads it has not inherited."""
 
 
 class Threads:
-    """So many lanes, shared among numba's threads.
+    """A number of lanes, divided among numba's threads.
 
     Parameters
     ----------
     count
         Number of lanes.
     threads
-        Number of shares at most. No more of numba's threads work than it lets the caller use.
+        Number of threads at most; never more than numba lets the caller use.
+
+    Attributes
+    ----------
+    are_several
+        Whether there are lanes for more than one thread.
     """
 
     def __init__(self, count: int, threads: int) -> None:
-        # Whole blocks for each thread, so that none works on the cache lines of another.
+        # Whole blocks for each thread, so that no two write to the same cache line.
         length = at.BLOCK * ceil(count / (at.BLOCK * threads))
         self._statuses = np.zeros(ceil(count / length), np.int64)
-        self._place = (self._statuses, length, count)
-        self._whole = (0, count)
+        self._ranges = (self._statuses, length, count)
+        self._all_lanes = (0, count)
         self.are_several = len(self._statuses) > 1 and COMPILED
         if self.are_several:
             with _turn:
@@ -57,61 +62,62 @@ class Threads:
         *arguments: object,
         then: tuple[Kernel, tuple[object, ...]] | None = None,
     ) -> Kernel:
-        """Return a function that has a kernel work on all lanes, and returns the largest status.
-
-        The function's arguments follow those given here; the first is an array, whose type tells
-        those of the others. The kernel's last two are the first lane and the one after the last.
+        """Return a function that runs a kernel on all lanes and returns the largest status.
 
         Parameters
         ----------
+        work
+            A kernel ``(*arguments, *more, first, last) -> status``. The function takes `more`. Its
+            first is an array, and kernels are compiled again only for another dtype of it.
         then
-            A kernel and its arguments that works on each share as soon as the first is done with
-            it. Of the function's arguments it gets all but one.
+            A kernel and its arguments that each thread runs on its lanes as soon as `work` is done
+            with them. Then `work` takes the first of `more`, and this kernel the others.
         """
         second, others = then or (nothing, ())
-        whole = self._whole
+        all_lanes = self._all_lanes
 
-        def alone(*more: NDArray[Any]) -> int:
+        def in_one_thread(*more: NDArray[Any]) -> int:
             if then is None:
-                return work(*arguments, *more, *whole)
-            status = work(*arguments, more[0], *whole)
-            second(*others, *more[1:], *whole)
+                return work(*arguments, *more, *all_lanes)
+            status = work(*arguments, more[0], *all_lanes)
+            second(*others, *more[1:], *all_lanes)
             return status
 
         if not self.are_several:
-            return alone
-        ready: dict[np.dtype[Any], Kernel] = {}
+            return in_one_thread
+        compiled: dict[np.dtype[Any], Kernel] = {}
 
-        def share(*more: NDArray[Any]) -> int:
-            if _alone:
-                return alone(*more)
+        def in_several_threads(*more: NDArray[Any]) -> int:
+            if _forked:
+                return in_one_thread(*more)
             own = len(more) if then is None else 1
             calls = (*arguments, *more[:own]), (*others, *more[own:])
-            kind = more[0].dtype
-            work_in_shares = ready.get(kind)
-            if work_in_shares is None:
-                work_in_shares = ready[kind] = self._compiled((work, second), calls)
+            dtype = more[0].dtype
+            run = compiled.get(dtype)
+            if run is None:
+                run = compiled[dtype] = self._compiled((work, second), calls)
             with _turn:
-                return work_in_shares(*calls)
+                return run(*calls)
 
-        return share
+        return in_several_threads
 
     def _compiled(
-        self, works: tuple[Kernel, Kernel], calls: tuple[tuple[object, ...], tuple[object, ...]]
+        self, kernels: tuple[Kernel, Kernel], calls: tuple[tuple[object, ...], tuple[object, ...]]
     ) -> Kernel:
-        """Return what has two kernels work in shares, given such arguments."""
+        """Return a function that runs two kernels in threads, given arguments like these."""
         addresses = [
-            address_of(work, *call, *self._whole) for work, call in zip(works, calls, strict=True)
+            address_of(kernel, *call, *self._all_lanes)
+            for kernel, call in zip(kernels, calls, strict=True)
         ]
-        place = (*addresses, *self._place)
-        return partial(entry_point(in_threads, *place, *calls), *place)
+        constants = (*addresses, *self._ranges)
+        return partial(entry_point(in_threads, *constants, *calls), *constants)
 
 
 def _launch() -> None:
-    """Start numba's threads, if they are not running, and let them wait awake for some 0.1 ms only.
+    """Start numba's threads, if they are not running, and let them wait actively for 0.1 ms only.
 
-    GNU's OpenMP lets them for 15 ms. Where there is more to do than there are processors, they
-    would keep the very thread that they wait for from running: a step of 50 us took 3 ms.
+    By default GNU's OpenMP lets them for 15 ms. Where there are fewer free processors than threads,
+    they would keep the very thread that they wait for from running: a step of 50 us took 3 ms.
     """
     if "GOMP_SPINCOUNT" in os.environ or "OMP_WAIT_POLICY" in os.environ:
         get_num_threads()
@@ -124,13 +130,13 @@ def _launch() -> None:
 
 
 def _after_fork() -> None:
-    """Work alone if numba's threads ran: OpenMP ends a forked process that calls it again."""
-    global _alone  # noqa: PLW0603 - a fact about the process
+    """Use one thread if numba's threads ran: OpenMP ends a forked process that calls it again."""
+    global _forked  # noqa: PLW0603 - a fact about the process
     try:
         threading_layer()
     except ValueError:  # none ran
         return
-    _alone = True
+    _forked = True
 
 
 if hasattr(os, "register_at_fork"):

@@ -1,4 +1,4 @@
-"""Does the native VecEnv tell Stable-Baselines3 the truth?"""
+"""The native VecEnv reports to Stable-Baselines3 what its own VecEnv would."""
 
 import gymnasium
 import numpy as np
@@ -74,7 +74,7 @@ def test_unequal_options_are_refused() -> None:
     env.set_options([{"initial.carriage_displacement": 0.001}, {}])
     with pytest.raises(ValueError, match="same fields"):
         env.reset()
-    env.reset()  # what was refused is not asked for again
+    env.reset()  # refused options are cleared
 
 
 def test_views_are_refused_because_observations_are_kept() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-# Short horizons, and limits that random starts and actions exceed now and then; some episodes of
-# the first begin beyond the limit and end at once.
+# Short horizons, and limits that random starts and actions sometimes exceed; some episodes of the
+# first begin beyond the limit and end in their first step.
 ENDING = {
     "force": CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.007, "control.steps": 12}),
     "stretch": PRE_STRETCH.replace(

@@ -65,7 +65,7 @@ def test_twin_rollouts_with_one_seed_agree_to_the_last_bit(env, assert_same):
         result = env.step(action)
         assert_same(result, twin.step(action))
         if result[2] or result[3] or step == 120:
-            # Without a seed: the stream goes on.
+            # Without a seed: the random stream continues.
             assert_same(env.reset(), twin.reset())
 
 

@@ -1,4 +1,4 @@
-"""Do the options of the solver mean the same in every shell around the physics?"""
+"""The options of the solver mean the same in simulations and in both environments."""
 
 from __future__ import annotations
 

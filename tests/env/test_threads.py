@@ -1,4 +1,4 @@
-"""Lanes shared among threads: the results are one thread's, to the last bit, whatever happens."""
+"""Lanes divided among threads: the results are those of one thread, to the last bit."""
 
 import os
 import signal
@@ -14,7 +14,7 @@ from mm_gym import ActionError, MovingMassVectorEnv, SimulationError
 from mm_gym.kernels import layout as at
 
 LANES = 3 * at.BLOCK - 100
-"""Two or three shares, the last one short and no multiple of a vector."""
+"""Two or three ranges of lanes, the last one short and no multiple of a vector."""
 
 SECONDS = 60
 
@@ -77,14 +77,14 @@ def test_no_task_depends_on_the_number_of_threads(name, copy, assert_same):
         assert_same(together.step(action), alone.step(action))
 
 
-def test_actions_of_either_precision_are_shared(assert_same):
+def test_threads_take_actions_of_either_precision(assert_same):
     alone, together = envs(CARRIAGE_FORCE, (1, 2))
     for action in actions_for(alone, 4):
         for kind in (np.float32, np.float64):
             assert_same(together.step(action.astype(kind)), alone.step(action.astype(kind)))
 
 
-def test_a_wrong_action_in_one_share_changes_nothing_in_the_others(assert_same):
+def test_a_wrong_action_in_one_thread_changes_nothing_in_the_others(assert_same):
     for env in envs(CARRIAGE_FORCE, (2, 3)):
         for lane in (0, LANES - 1):
             before, action = env.get_state(), np.zeros((LANES, 1), np.float32)
@@ -95,7 +95,7 @@ def test_a_wrong_action_in_one_share_changes_nothing_in_the_others(assert_same):
 
 
 @pytest.mark.parametrize("lane", [0, LANES - 1])
-def test_what_fails_in_one_share_is_raised(lane):
+def test_failure_in_one_thread_is_raised(lane):
     (env,) = envs(CARRIAGE_FORCE, (3,))
     starts = np.zeros(LANES)
     starts[lane] = 1e200  # costs more than the largest double
@@ -128,7 +128,7 @@ def test_the_process_environment_is_left_as_it_was(monkeypatch):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_forked_process_goes_on():
+def test_a_forked_process_continues():
     alone, together = envs(CARRIAGE_FORCE, (1, 2))
     action = np.ones((LANES, 1), np.float32)
     together.step(action)  # numba's threads run now
@@ -158,7 +158,7 @@ def test_environments_may_be_stepped_at_the_same_time(layer):
     assert len(states) == 1
 
 
-def test_more_threads_than_there_is_work_for_do_no_harm(assert_same):
+def test_more_threads_than_lanes_do_no_harm(assert_same):
     scene = CARRIAGE_FORCE
     few, many = (MovingMassVectorEnv(scene, 5, threads=count) for count in (1, 64))
     assert_same(many.reset(seed=1), few.reset(seed=1))

@@ -60,8 +60,8 @@ def test_lanes_are_restored_and_partly_reset_after_any_end(ending_scene, mode, a
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_motion_that_nobody_sees_does_not_make_a_step_fail(mode, assert_same):
-    """A lane that is over would overflow in its next step, had it one."""
+def test_motion_of_a_finished_lane_does_not_make_a_step_fail(mode, assert_same):
+    """A finished lane would overflow if it made one more step."""
     scene = CARRIAGE_FORCE.replace(
         **{
             "carriage.cubic_coefficient": 2e9,
@@ -179,7 +179,7 @@ def test_reset_mask_that_does_not_fit_is_refused(scene, mask, assert_same):
     assert_same(before, native.get_state())
 
 
-def test_copies_are_handed_out_by_default_and_views_on_request(scene):
+def test_copies_are_returned_by_default_and_views_on_request(scene):
     for copy in (True, False):
         native = MovingMassVectorEnv(scene, 3, copy=copy)
         first, _ = native.reset(seed=0)

@@ -10,6 +10,9 @@ from pathlib import Path
 from tasks import TASKS
 
 import mm_gym
+from mm_gym.kernels.jit import sources
+
+PACKAGE = Path(mm_gym.__file__).parent
 
 PROGRAM = """
 import mm_gym
@@ -30,9 +33,7 @@ def uniform(streams, i):
 
 def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
     package = tmp_path / "mm_gym"
-    shutil.copytree(
-        Path(mm_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     environment = {
         name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"
     } | {"PYTHONPATH": str(tmp_path)}
@@ -62,11 +63,10 @@ def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
 
 def test_package_that_cannot_be_written_to_is_cached_elsewhere_by_processes_at_once(tmp_path):
     package, cache = tmp_path / "mm_gym", tmp_path / "cache"
-    shutil.copytree(
-        Path(mm_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
-    )
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     # Permissions would not keep root out, as in a container; a file in the directory's place does.
-    (package / "kernels" / "__pycache__").touch()
+    for folder in {file.parent.relative_to(PACKAGE) for file in sources()}:
+        (package / folder / "__pycache__").touch()
     environment = {
         name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"
     } | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(cache)}

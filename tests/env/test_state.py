@@ -1,4 +1,4 @@
-"""The present of an episode is saved and restored exactly; what is refused changes nothing."""
+"""The state of an episode is saved and restored exactly; a refused argument changes nothing."""
 
 import copy
 import pickle
@@ -33,7 +33,7 @@ def random_actions(env, steps, seed=0):
 
 
 def rollout(env, actions):
-    """Step, beginning anew where an episode ends; return everything that was handed out."""
+    """Step, and reset where an episode ends; return all results."""
     seen = []
     for action in actions:
         result = env.step(action)
@@ -98,7 +98,7 @@ def test_failed_step_ends_the_episode(make):
         with pytest.raises(ResetNeeded):
             env.step(action)
         env.reset()
-    _, reward, *_ = env.step(0.0 * action)  # all lanes begin anew
+    _, reward, *_ = env.step(0.0 * action)  # all lanes are reset
     assert np.isfinite(reward).all()
 
 
@@ -107,7 +107,7 @@ def pickled(env):
 
 
 def received(env):
-    """As from another process that hands arrays over in memory that nobody may write to."""
+    """As from another process, whose arrays arrive in read-only memory."""
     buffers = []
     data = pickle.dumps(env, protocol=5, buffer_callback=buffers.append)
     return pickle.loads(data, buffers=[bytes(one.raw()) for one in buffers])  # noqa: S301 - our own
@@ -117,7 +117,9 @@ COPIED = [copy.deepcopy, copy.copy, pickled, received]
 
 
 @pytest.mark.parametrize("copied", COPIED)
-def test_a_copy_goes_on_alone_as_the_original_would(make, ending_scene, copied, assert_same):
+def test_a_copy_continues_independently_as_the_original_would(
+    make, ending_scene, copied, assert_same
+):
     env = make(ending_scene)
     env.reset(seed=3)
     rollout(env, random_actions(env, 13, seed=1))
@@ -222,7 +224,7 @@ def test_bad_action_is_refused_and_changes_nothing(make, scene, name, assert_sam
     with pytest.raises(ActionError, match="action"):
         env.step(BAD_ACTIONS[name](env.action_space.shape))
     assert_same(before, env.get_state())
-    # It goes on as if nothing had been asked.
+    # It continues as if the action had not been given.
     twin = make(scene)
     twin.set_state(before)
     actions = random_actions(env, 3)

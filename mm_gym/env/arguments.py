@@ -1,0 +1,145 @@
+"""Checks of what callers pass, the same for the single and the vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from mm_gym.errors import ActionError, SceneError, suggest
+from mm_gym.scene.scene import Scene
+from mm_gym.scene.toml_file import load_scene
+from mm_gym.simulation.checks import array_of, is_array
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+FLOAT32 = np.dtype(np.float32)
+
+
+def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
+    """Return a scene given by itself, a task's id or a file's path; it must have an actuator."""
+    if isinstance(scene, str | PathLike):
+        scene = load_scene(scene)
+    if not isinstance(scene, Scene):
+        msg = (
+            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id or the path of a "
+            "TOML file"
+        )
+        raise SceneError(msg)
+    if scene.actuation.force is None and scene.actuation.stretch is None:
+        msg = (
+            "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
+        )
+        raise SceneError(msg)
+    return scene
+
+
+def checked_count(number: int, name: str) -> int:
+    """Return an integer of at least 1, or raise `SceneError`."""
+    if type(number) is not int or number < 1:
+        msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
+        raise SceneError(msg)
+    return number
+
+
+def checked_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    """Return one of Gymnasium's three modes, or raise `SceneError` with the nearest."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        allowed = [mode.value for mode in AutoresetMode]
+        msg = f"autoreset_mode: got {mode!r}{suggest(str(mode), allowed)}; allowed: {allowed}"
+        raise SceneError(msg) from None
+
+
+def checked_options(options: object) -> dict[str, ArrayLike]:
+    """Return a copy of the options of `reset`, or raise `SceneError`."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        msg = f"options: got {options!r}; allowed: a dictionary of fields by dotted name"
+        raise SceneError(msg)
+    return dict(cast("Mapping[str, ArrayLike]", options))
+
+
+def checked_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_]:
+    """Return the mask of the lanes to reset (all by default), or raise `SceneError`."""
+    if mask is None:
+        return np.ones(count, np.bool_)
+    # A copy: the kernels would be compiled again for a read-only or strided array.
+    array = array_of(mask, "reset_mask").copy()
+    if array.shape != (count,) or array.dtype != np.bool_:
+        msg = (
+            f"reset_mask: got {array.dtype} of shape {array.shape}; "
+            f"allowed: bool of shape ({count},)"
+        )
+        raise SceneError(msg)
+    return array
+
+
+def checked_seeds(seeds: Sequence[int | None], count: int) -> Sequence[int | None]:
+    """Return a seed per lane, None for those that keep their stream, or raise `SceneError`."""
+    if (
+        not isinstance(seeds, Sequence)
+        or len(seeds) != count
+        or not all(seed is None or (type(seed) is int and seed >= 0) for seed in seeds)
+    ):
+        msg = (
+            f"seed: got {seeds!r}; allowed: a Python integer of at least 0, "
+            f"or a sequence of {count} of them"
+        )
+        raise SceneError(msg)
+    return seeds
+
+
+def checked_actions(
+    actions: object, shape: tuple[int, ...]
+) -> NDArray[np.float64] | NDArray[np.float32]:
+    """Return actions as an ordinary floating-point array of the shape, or raise `ActionError`."""
+    if (
+        type(actions) is np.ndarray
+        and actions.dtype is FLOAT32
+        and actions.shape == shape
+        and (actions.flags.carray or actions.flags.farray)
+    ):
+        return actions  # the common case
+    try:
+        array = np.asarray(actions)
+    except (ValueError, TypeError, RuntimeError) as error:  # a tensor may raise any of them
+        msg = f"action: not an array: {error}"
+        raise ActionError(msg) from None
+    if isinstance(actions, np.ma.MaskedArray):
+        msg = "action: got a masked array; allowed: a number for every lane"
+        raise ActionError(msg)
+    if array.dtype.kind not in "fiu":
+        msg = f"action: got type {array.dtype}; allowed: numbers"
+        raise ActionError(msg)
+    if array.shape != shape:
+        msg = f"action: got shape {array.shape}; allowed: {shape}"
+        raise ActionError(msg)
+    # The kernels would be compiled again for a read-only or strided array.
+    return np.require(
+        array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"]
+    )
+
+
+def flag_of(state: Mapping[str, object], name: str) -> bool:
+    """Return a flag of what `get_state` returned, or raise `SceneError`."""
+    flag = state.get(name)
+    if type(flag) is not bool:
+        msg = f"state.{name}: got {flag!r}; allowed: true or false, from get_state"
+        raise SceneError(msg)
+    return flag
+
+
+def flags_of(state: Mapping[str, object], name: str, count: int) -> NDArray[np.bool_]:
+    """Return a flag per lane of what `get_state` returned, or raise `SceneError`."""
+    flags = state.get(name)
+    if not is_array(flags) or flags.dtype != np.bool_ or flags.shape != (count,):
+        msg = f"state.{name}: allowed: a boolean array of shape ({count},)"
+        raise SceneError(msg)
+    return flags
