@@ -82,7 +82,7 @@ def _parse(file: Path, text: str) -> dict[str, object]:
 
 
 def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
-    """Let the relative path of a record start from the scene's folder."""
+    """Resolve the relative paths of records from the scene's folder."""
     sources = data.get("excitation")
     for source in cast("list[object]", sources) if isinstance(sources, list) else ():
         if isinstance(source, dict):
@@ -101,7 +101,7 @@ def _with_lines(file: Path, text: str, findings: str) -> str:
 
 
 def _place(finding: str, lines: dict[str, int]) -> str:
-    """Return the line of the longest name that a finding begins with; what is missing has none."""
+    """Return the line of the longest name that a finding begins with; a missing field has none."""
     ends = [match.start() for match in re.finditer(r"[.:]", finding)]
     numbers = [lines[finding[:end]] for end in ends if finding[:end] in lines]
     return f":{numbers[-1]}" if numbers else ""
