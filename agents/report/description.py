@@ -6,7 +6,6 @@ import re
 from typing import TYPE_CHECKING
 
 from mm_gym.plant.compile import compile_scene
-from mm_gym.plant.task import scale_and_zero
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -14,16 +13,6 @@ if TYPE_CHECKING:
     from mm_gym.scene.actuators import Actuator
     from mm_gym.scene.part import Part
     from mm_gym.scene.scene import Scene
-
-UNITS = {
-    "displacement": "m",
-    "offset": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s^2",
-    "force": "N",
-    "stretch": "-",
-}
-"""Unit of a channel, by the last word of its name."""
 
 TARGETS = ("force", "ground")
 """In the order in which docstrings give the units of an amplitude."""
@@ -59,11 +48,9 @@ def _observation(scene: Scene) -> str:
     )
     late = f", {sensors.delay} control steps late" if sensors.delay else ""
     rows: list[list[str]] = []
-    for channel in sensors.channels:
-        scale, zero = scale_and_zero(scene, channel)
-        noise = sensors.noise.get(channel, 0.0)
-        unit = UNITS[channel.rpartition("_")[2]]
-        rows.append([channel, unit, f"{zero:g}", f"{zero + 1.0 / scale:g}", f"{noise:g}"])
+    for shown in compile_scene(scene).observed:
+        numbers = (f"{number:g}" for number in (shown.zero, shown.one, shown.noise))
+        rows.append([shown.name, shown.unit, *numbers])
     header = ["channel", "unit", "shown as 0", "shown as 1", "standard deviation of the noise"]
     return f"{size} numbers: {frames}{late}.\n\n{table(header, rows)}"
 

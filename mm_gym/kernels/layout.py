@@ -50,6 +50,7 @@ FORCE_ASKED, STRETCH_ASKED = 8, 9  # what a rate commanded adds up to
 # Rows of what follows from the state, written only if a channel shows them.
 CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 10, 11, 12
 DISTURBANCE, GROUND_ACCELERATION = 13, 14
+DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
 
 # Rows of the flags that say how a control step ended; MARKED: whether one of a block is set, in its
 # first lane.
@@ -86,7 +87,7 @@ MODEL_OWN = 7
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
-FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # SHARE: of the way to its command that a lag lets it go
+FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # a lag lets it go this fraction of the way a control step
 HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
 STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
 WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
@@ -94,15 +95,10 @@ DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
 IS_DERIVED, IS_NOISY = 18, 19  # whether a channel shows what follows from the state; has noise
 CHANNEL_COUNT = 20
 CHANNELS = 21  # then, per channel, CHANNEL_SIZE slots
-CHANNEL_SIZE = 4
-CODE, SCALE, ZERO, NOISE = 0, 1, 2, 3  # noise: standard deviation, scaled
-
-# Codes of the observation channels.
-CARRIAGE_DISPLACEMENT, SPHERE_DISPLACEMENT, SPHERE_OFFSET = 0, 1, 2
-CARRIAGE_VELOCITY, SPHERE_VELOCITY, SLIP_VELOCITY = 3, 4, 5
-STATE_CHANNELS = (CARRIAGE_DISPLACEMENT, SPHERE_OFFSET, CARRIAGE_VELOCITY, SPHERE_VELOCITY)
-STRETCH_CHANNEL = 6
-DERIVED_CHANNELS = 7  # this one and the following show rows from CARRIAGE_ACCELERATION on
+CHANNEL_SIZE = 5
+SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
+SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise
+NO_ROW = -1
 
 OBSERVATION_BOUND = 1e6
 """Scaled observations are clipped to this magnitude, so that the observation space is bounded."""

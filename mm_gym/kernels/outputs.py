@@ -67,6 +67,9 @@ def spring_force(lanes, offset, i):
 
 BOUND = np.float32(at.OBSERVATION_BOUND)
 
+STATE = ((at.X1, at.NO_ROW), (at.X2, at.X1), (at.V1, at.NO_ROW), (at.V2, at.NO_ROW))
+"""Rows shown and subtracted by the channels of x1, x2 - x1, v1 and v2."""
+
 
 @borrowing_kernel
 def observe(task, lanes, frames, streams, first, last):
@@ -87,10 +90,10 @@ def write_channels(task, lanes, frames, newest, first, last):
     prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
         scale, shift = scaling(task, k)
-        plus, minus = channel_rows(code_of(task, k))
-        frame, values = frames[newest + k, first:last], lanes[plus, first:last]
-        if minus >= 0:
-            subtracted = lanes[minus, first:last]
+        row, subtracted_row = rows_of(task, k)
+        frame, values = frames[newest + k, first:last], lanes[row, first:last]
+        if subtracted_row != at.NO_ROW:
+            subtracted = lanes[subtracted_row, first:last]
             for i in range(last - first):
                 frame[i] = shown(values[i] - subtracted[i], scale, shift)
         else:
@@ -120,20 +123,21 @@ def scaling(task, k):
 
 
 @borrowing_kernel
-def code_of(task, k):
-    """Return a channel's code."""
-    return int(task[at.CHANNELS + at.CHANNEL_SIZE * k + at.CODE])
+def rows_of(task, k):
+    """Return the row that channel k shows and the row subtracted from it, or `NO_ROW`."""
+    slot = at.CHANNELS + at.CHANNEL_SIZE * k
+    return int(task[slot + at.SHOWN]), int(task[slot + at.SUBTRACTED])
 
 
 @borrowing_kernel
 def shows_state(task, frames):
     """Tell whether the newest frame is all that is observed: x1, offset, v1 and v2, noiseless."""
-    count = len(at.STATE_CHANNELS)
+    count = len(STATE)
     if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
         return False
     same = True
     for k in range(count):
-        same &= code_of(task, k) == at.STATE_CHANNELS[k]
+        same &= rows_of(task, k) == STATE[k]
     return same
 
 
@@ -147,26 +151,6 @@ def shown(value, scale, shift):
 def bounded(value):
     """Return the value within the bounds of the observation space."""
     return clip(value, -BOUND, BOUND)
-
-
-@borrowing_kernel
-def channel_rows(code):
-    """Return the row that a channel shows and the row subtracted from it, -1 for none."""
-    if code == at.CARRIAGE_DISPLACEMENT:
-        return at.X1, -1
-    if code == at.SPHERE_DISPLACEMENT:
-        return at.X2, -1
-    if code == at.SPHERE_OFFSET:
-        return at.X2, at.X1
-    if code == at.CARRIAGE_VELOCITY:
-        return at.V1, -1
-    if code == at.SPHERE_VELOCITY:
-        return at.V2, -1
-    if code == at.SLIP_VELOCITY:
-        return at.V2, at.V1
-    if code == at.STRETCH_CHANNEL:
-        return at.STRETCH, -1
-    return at.CARRIAGE_ACCELERATION + code - at.DERIVED_CHANNELS, -1
 
 
 @borrowing_kernel

@@ -47,7 +47,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
-from mm_gym.plant.task import task_array
+from mm_gym.plant.task import observed, task_array
 from mm_gym.scene.scene import Solver
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _compiled(scene: Scene) -> Plant:
         actuators=tuple(
             name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None
         ),
-        channels=scene.sensors.channels,
+        observed=observed(scene),
         history=scene.sensors.history,
         delay=scene.sensors.delay,
         steps=scene.control.steps,

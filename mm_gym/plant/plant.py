@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from mm_gym.methods import Method, Settings
     from mm_gym.methods.support import Support
+    from mm_gym.plant.task import Observed
     from mm_gym.state_space.equations import StateSpace
 
 
@@ -43,8 +44,10 @@ class Plant:
         (rows,) the start of every lane, and (n, 3) rows to draw, each with its low and high.
     actuators
         Names of the action's columns, in order: "force" [N], "stretch" [-].
-    history, delay, channels
-        Frames observed, control steps by which they are late, and the names of the channels.
+    observed
+        The channels, in order, each with name, unit, scale, zero and noise.
+    history, delay
+        Frames observed, and the age of the newest in control steps.
     steps, time_step
         Control steps of an episode, and their length [s].
     digest
@@ -60,7 +63,7 @@ class Plant:
     template: NDArray[np.float64]
     draws: NDArray[np.float64]
     actuators: tuple[str, ...]
-    channels: tuple[str, ...]
+    observed: tuple[Observed, ...]
     history: int
     delay: int
     steps: int
@@ -71,6 +74,11 @@ class Plant:
     def kind(self) -> str:
         """The kind of plant, see `mm_gym.methods.support.KINDS`."""
         return self.support.kind
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(channel.name for channel in self.observed)
 
     def linear(
         self, stretch: float | None = None

@@ -1,38 +1,77 @@
-"""What the agent is paid for and what it sees, as the array that the kernels read."""
+"""Actuators, objective and sensors as the task array, which the kernels read."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.scene.sensors import Channel
+from mm_gym.kernels.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mm_gym.scene.scene import Scene
 
-CODES = {name: code for code, name in enumerate(get_args(Channel))}
-"""Code of each observation channel, in the order of `mm_gym.interaction.Channel`."""
+
+class Observed(NamedTuple):
+    """A channel as the agent observes it: (value - zero) * scale, plus the scaled noise.
+
+    Attributes
+    ----------
+    name, unit
+        The channel and its SI unit.
+    scale
+        Factor that makes it of order one [1 / unit].
+    zero
+        Value shown as 0 [unit].
+    noise
+        Standard deviation of its noise [unit].
+    """
+
+    name: str
+    unit: str
+    scale: float
+    zero: float
+    noise: float
+
+    @property
+    def one(self) -> float:
+        """Value shown as 1 [unit]."""
+        return self.zero + 1.0 / self.scale
+
+
+def observed(scene: Scene) -> tuple[Observed, ...]:
+    """Return the channels that a scene observes, in order."""
+    scales = _scales_and_zeros(scene)
+    return tuple(
+        Observed(
+            name,
+            CHANNELS[name].unit,
+            *scales[CHANNELS[name].scale],
+            scene.sensors.noise.get(name, 0.0),
+        )
+        for name in scene.sensors.channels
+    )
 
 
 def task_array(scene: Scene) -> NDArray[np.float64]:
     """Return actuators, objective and channels in the slots of `mm_gym.kernels.layout`."""
-    channels = scene.sensors.channels
+    channels = observed(scene)
     task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))
     _actuators(scene, task)
     _objective(scene, task)
     task[at.CHANNEL_COUNT] = len(channels)
     for k, channel in enumerate(channels):
-        slot = at.CHANNELS + at.CHANNEL_SIZE * k
-        scale, zero = scale_and_zero(scene, channel)
-        noise = scene.sensors.noise.get(channel, 0.0)
-        task[slot : slot + at.CHANNEL_SIZE] = CODES[channel], scale, zero, noise * scale
-    task[at.IS_DERIVED] = any(CODES[channel] >= at.DERIVED_CHANNELS for channel in channels)
-    task[at.IS_NOISY] = any(noise > 0.0 for noise in scene.sensors.noise.values())
+        slots = task[at.CHANNELS + at.CHANNEL_SIZE * k :]
+        row = CHANNELS[channel.name]
+        slots[at.SHOWN], slots[at.SUBTRACTED] = row.row, row.subtracted
+        slots[at.SCALE], slots[at.ZERO] = channel.scale, channel.zero
+        slots[at.NOISE] = channel.noise * channel.scale
+    task[at.IS_DERIVED] = any(CHANNELS[channel.name].row in at.DERIVED for channel in channels)
+    task[at.IS_NOISY] = any(channel.noise > 0.0 for channel in channels)
     return task
 
 
@@ -45,18 +84,18 @@ def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
         if force.rate_limit is not None:
             task[at.FORCE_RATE] = force.rate_limit * step
         task[at.FORCE_IS_RATE] = force.command == "rate"
-        task[at.FORCE_LAG_FACTOR] = _share(force.lag, step)
+        task[at.FORCE_LAG_FACTOR] = _lag_factor(force.lag, step)
     if stretch is not None:
         task[at.HAS_STRETCH] = 1.0
         task[at.STRETCH_LOW], task[at.STRETCH_HIGH] = stretch.minimum, stretch.maximum
         task[at.STRETCH_IS_RATE] = stretch.command == "rate"
         if stretch.rate_limit is not None:
             task[at.STRETCH_RATE] = stretch.rate_limit * step
-        task[at.STRETCH_LAG_FACTOR] = _share(stretch.lag, step)
+        task[at.STRETCH_LAG_FACTOR] = _lag_factor(stretch.lag, step)
 
 
-def _share(lag: float, step: float) -> float:
-    """Return the share of the way to its command that an actuator goes in a control step."""
+def _lag_factor(lag: float, step: float) -> float:
+    """Return the fraction of the way to its command that an actuator goes in a control step."""
     return 1.0 if lag == 0.0 else -math.expm1(-step / lag)
 
 
@@ -75,21 +114,19 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.STEPS] = scene.control.steps
 
 
-def scale_and_zero(scene: Scene, channel: str) -> tuple[float, float]:
-    """Return the factor of a channel and the value shown as zero: observations are of order one."""
-    objective, actuator = scene.objective, scene.actuation.stretch
-    if channel == "stretch":
-        if actuator is None:
-            return 1.0, 0.0
-        return 2.0 / (actuator.maximum - actuator.minimum), 0.5 * (
-            actuator.maximum + actuator.minimum
-        )
+def _scales_and_zeros(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Return for each scale of the table of channels its factor and the value shown as zero."""
+    objective, stretch = scene.objective, scene.actuation.stretch
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
-    scales = {
-        "displacement": displacement,
-        "offset": objective.stroke_scale,
-        "velocity": velocity,
-        "acceleration": velocity**2 / displacement,
-        "force": scene.carriage.stiffness * displacement,
+    reached = (1.0, 0.0)
+    if stretch is not None:  # the actuator's limits are shown as -1 and 1
+        low, high = stretch.minimum, stretch.maximum
+        reached = 2.0 / (high - low), 0.5 * (high + low)
+    return {
+        "displacement": (1.0 / displacement, 0.0),
+        "stroke": (1.0 / objective.stroke_scale, 0.0),
+        "velocity": (1.0 / velocity, 0.0),
+        "acceleration": (1.0 / (velocity**2 / displacement), 0.0),
+        "force": (1.0 / (scene.carriage.stiffness * displacement), 0.0),
+        "stretch": reached,
     }
-    return 1.0 / scales[channel.rpartition("_")[2]], 0.0

@@ -1,32 +1,24 @@
-"""What passes between the agent and the plant: actuators and sensors."""
+"""Sensors: the channels that the agent observes, with noise, delay and history."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.excitation import NonNegative
 from mm_gym.scene.part import Part, listed
 
-Channel = Literal[
-    "carriage_displacement",
-    "sphere_displacement",
-    "sphere_offset",
-    "carriage_velocity",
-    "sphere_velocity",
-    "slip_velocity",
-    "stretch",
-    "carriage_acceleration",
-    "sphere_acceleration",
-    "spring_force",
-    "disturbance_force",
-    "ground_acceleration",
-]
+if TYPE_CHECKING:
+    Channel: TypeAlias = str
+else:
+    Channel = Literal[*CHANNELS]
+    """A name of the table of channels."""
 
 
 class Sensors(Part):
-    """What the agent sees: channels of `history` control steps, oldest first."""
+    """What the agent observes: the channels at the last `history` control steps, oldest first."""
 
     channels: Annotated[tuple[Channel, ...], BeforeValidator(listed), Field(min_length=1)] = (
         "carriage_displacement",
@@ -34,14 +26,14 @@ class Sensors(Part):
         "carriage_velocity",
         "sphere_velocity",
     )
-    """accelerations are absolute; the forces are those of the sphere's springs on the carriage and
-    of the disturbance"""
+    """accelerations are absolute; spring_force is the force of the sphere's springs on the
+    carriage, disturbance_force that of the excitation"""
     noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
-    """standard deviation of a channel's Gaussian noise, in its SI unit"""
+    """standard deviation of a channel's Gaussian noise, in the channel's SI unit"""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
-    """control steps by which the newest frame is late"""
+    """age of the newest frame, in control steps"""
     history: Annotated[int, Field(ge=1, le=1000)] = 1
-    """frames observed"""
+    """number of frames observed; a frame holds all channels at one control step"""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

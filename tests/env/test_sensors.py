@@ -1,8 +1,13 @@
-"""What an agent sees and how its actuators follow, recomputed from the states handed out."""
+"""Observations and actuators, recomputed from the states that the environment returns."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import mm_gym
 from mm_gym import (
     CompileError,
     MovingMassEnv,
@@ -191,3 +196,45 @@ def test_an_episode_does_not_depend_on_whether_its_frames_are_seen(noise):
         lanes.restart(seen=lanes is seen)
     assert np.array_equal(seen.values, unseen.values)
     assert np.array_equal(seen.streams, unseen.streams)
+
+
+NEW_CHANNEL = """
+import sys, types
+
+package = types.ModuleType("mm_gym")  # so that the table alone is imported
+package.__path__ = [sys.argv[1]]
+sys.modules["mm_gym"] = package
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.channels import CHANNELS, Channel
+CHANNELS["push"] = Channel(at.FORCE, at.NO_ROW, "N", "force", "control force on the carriage")
+del sys.modules["mm_gym"]
+
+import json, mm_gym, numpy as np
+from mm_gym.scene.schema import scene_schema
+scene = mm_gym.Scene(
+    actuation={"force": {"limit": 3.0}},
+    sensors={"channels": ["carriage_displacement", "push"], "noise": {"push": 0.0}},
+)
+(_, push), unit = mm_gym.compile_scene(scene).observed, 400.0 * 0.01
+assert push == ("push", "N", 1.0 / unit, 0.0, 0.0)
+env = mm_gym.MovingMassEnv(scene)
+env.reset(seed=0)
+observation, *_, info = env.step([0.5])
+assert info["applied"] == [1.5]
+assert observation[1] == np.float32(1.5 / unit)
+schema = json.loads(scene_schema())["$defs"]["Sensors"]["properties"]
+assert "push" in schema["channels"]["items"]["enum"]
+assert "push" in schema["noise"]["propertyNames"]["enum"]
+try:
+    mm_gym.Scene(sensors={"channels": ["pusch"]})
+except mm_gym.SceneError as error:
+    assert "did you mean 'push'?" in str(error)
+"""
+
+
+def test_one_row_of_the_table_makes_a_channel():
+    package = str(Path(mm_gym.__file__).parent)
+    done = subprocess.run(
+        [sys.executable, "-c", NEW_CHANNEL, package], capture_output=True, check=False, text=True
+    )
+    assert done.returncode == 0, done.stderr
