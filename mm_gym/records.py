@@ -1,7 +1,7 @@
 """Recorded motions in files: PEER's AT2, and columns of text.
 
-A record is read strictly: what does not fit is refused with its line, because a sample misread or
-left out would pass for an earthquake all the same.
+Records are read strictly: the first line that does not fit is refused, because nobody would notice
+a sample that is misread or missing.
 """
 
 from __future__ import annotations
@@ -34,50 +34,51 @@ ACCELERATION_UNITS = {
     "ft/s^2": 0.3048,
     "in/s^2": 0.0254,
 }
-"""Unit of an acceleration -> its size [m/s^2]; g is the standard acceleration of ISO 80000-3."""
+"""Unit of acceleration -> its size [m/s^2]; g is the standard acceleration of ISO 80000-3."""
 
 FORCE_UNITS = {"N": 1.0, "kN": 1000.0, "lbf": 4.4482216152605}
-"""Unit of a force -> its size [N]."""
+"""Unit of force -> its size [N]."""
 
 UNITS = ACCELERATION_UNITS | FORCE_UNITS
 
 MOST_BYTES = 16 * 2**20
-"""Size of a file; an hour and a half at 200 Hz takes about this much."""
+"""Largest file: about an hour and a half at 200 Hz."""
 
 MOST_SAMPLES = 10_000_000
-"""Samples after resampling; their memory is 8 bytes each."""
+"""Most samples after resampling, of 8 bytes each."""
 
 LARGEST = 1e12
-"""Largest magnitude of a number in a file; those that mark missing samples are larger."""
+"""Largest magnitude of a number in a file; larger numbers mark missing samples."""
 
 SHORTEST = 1e-9
-"""Least spacing of samples [s]."""
+"""Shortest spacing of samples [s]."""
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDd][+-]?\d+)?", re.ASCII)
-"""A number as Fortran writes it; no two ways to match, so that long lines take no longer. Not
-possessive: before Python 3.11.5 a possessive group may match what it must not."""
+"""A number as Fortran writes it. It matches in one way only, so long lines need no backtracking.
+Not possessive: before Python 3.11.5 possessive groups may match too much."""
 
 NUMERIC = re.compile(r"[+-]?(?:\.?\d|(?:nan|inf|infinity)\b)", re.ASCII | re.IGNORECASE)
-"""How a cell begins that is a number, or was meant to be one."""
+"""Start of a cell that is a number, or was meant to be one."""
 
 PLAIN = re.compile(r"[0-9.+\-EeDd \t\n]*+")
 FORTRAN = str.maketrans("Dd", "Ee")
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 HEADER_LINES = 4
+COUNTS = "NPTS= (number of samples), DT= (seconds)"
 
 
 @dataclass(frozen=True)
 class Record:
-    """Samples of an acceleration of the ground, or of a force.
+    """Samples of a ground acceleration or of a force.
 
     Attributes
     ----------
     times
-        (n,) float64, increasing instants [s] from 0 on; not necessarily evenly spaced.
+        (n,) float64, increasing instants [s] of at least 0; not necessarily evenly spaced.
     values
         (n,) float64 samples [m/s^2] or [N].
     time_step
-        Spacing of the samples [s]; the least one where the file states times.
+        Spacing of the samples [s]; the shortest one if the file states times.
     """
 
     times: NDArray[np.float64]
@@ -89,10 +90,10 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     """Read a recorded motion.
 
     A file named ``.AT2``, or with the word NPTS in its first four lines, has the format of the PEER
-    ground motion databases: four header lines, of which one states NPTS and DT, then the samples
+    ground motion databases: four header lines, one of which states NPTS and DT, then the samples
     in any number of columns. All other files have one or two columns, separated by commas,
-    semicolons or white space: time [s] and sample, or samples alone. Headings without numbers may
-    precede them, and ``#`` begins a comment.
+    semicolons or white space: samples, or time [s] and sample. Headings without numbers may come
+    first, and ``#`` begins a comment.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     unit
         Unit of the samples, one of `UNITS`.
     time_step
-        Spacing of the samples [s], for a file of one column; others state their times.
+        Spacing of the samples [s], for a file with one column; other files state their times.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     else:
         times, values, spacing = _read_columns(file, lines, time_step)
     if len(values) < 2:  # noqa: PLR2004 - the ends of a line
-        _refuse(file, None, "got one sample; allowed: two at least")
+        _refuse(file, None, "got one sample; allowed: at least two")
     values *= UNITS[unit]
     times.setflags(write=False)
     values.setflags(write=False)
@@ -132,13 +133,13 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
 def resample(
     record: Record, step: float, *, scale: float = 1.0, time_scale: float = 1.0
 ) -> NDArray[np.float64]:
-    """Sample a record anew at k * step, k = 0, 1, ...
+    """Resample a record at k * step, k = 0, 1, ...
 
     The motion is the piecewise-linear interpolant of the points (time_scale * times[i],
     scale * values[i]), and zero before the first and after the last of them. The result holds its
-    values at the instants up to the last point, and a zero one step later. A consumer that
-    interpolates linearly between the instants thus has the interpolant itself wherever the points
-    are among the instants; elsewhere corners are cut, at most by what one step holds.
+    values at the instants up to the last point, and a zero one step later. Linear interpolation
+    between the instants reproduces the motion where its points are among the instants; elsewhere
+    it cuts corners, within one step.
 
     Parameters
     ----------
@@ -158,31 +159,33 @@ def resample(
     Raises
     ------
     SceneError
-        If the result had more than `MOST_SAMPLES` samples, or one beyond the largest double.
+        If the result would have more than `MOST_SAMPLES` samples, or one beyond the largest double.
     """
     rounding = 16.0 * np.finfo(np.float64).eps
     with np.errstate(over="ignore"):
         last = np.multiply(record.times[-1], time_scale) / step * (1.0 + rounding)
     if not last < MOST_SAMPLES:
-        msg = f"the record lasts {last:.3g} steps of {step:g} s; allowed: {MOST_SAMPLES:.0e}"
+        msg = (
+            f"the record lasts {last:.3g} steps of {step:g} s; allowed: at most {MOST_SAMPLES:.0e}"
+        )
         raise SceneError(msg)
     instants = np.arange(int(last) + 1) * step / time_scale
     after = np.clip(np.searchsorted(record.times, instants), 1, len(record.times) - 1)
-    for index in (after - 1, after):  # an instant that is a point but for rounding is that point
+    for index in (after - 1, after):  # an instant within round-off of a point is that point
         point = record.times[index]
         instants = np.where(np.abs(instants - point) <= rounding * point, point, instants)
     samples = np.interp(instants, record.times, record.values, left=0.0, right=0.0)
     with np.errstate(over="ignore"):
         samples *= scale
     if not np.all(np.isfinite(samples)):
-        msg = f"scale: got {scale:g}, which takes the record beyond the largest double"
+        msg = f"scale: got {scale:g}, which makes samples larger than the largest double"
         raise SceneError(msg)
     return np.append(samples, 0.0)
 
 
 def _read_lines(file: Path) -> list[str]:
-    """Return the lines of a text file, numbered as editors do."""
-    # A station's name may be in any encoding; in a number, what is replaced stands out.
+    """Return the lines of a text file, split as editors count them."""
+    # A station's name may be in any encoding; a number with a replaced character is refused.
     text = read_bytes(file, most=MOST_BYTES).decode("utf-8-sig", errors="replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     strange = CONTROL.search(text)
@@ -190,7 +193,7 @@ def _read_lines(file: Path) -> list[str]:
         line = text.count("\n", 0, strange.start()) + 1
         _refuse(file, line, f"got the character {strange[0]!r}; allowed: text")
     if not text.strip():
-        _refuse(file, None, "empty")
+        _refuse(file, None, "the file is empty")
     return text.split("\n")
 
 
@@ -201,7 +204,7 @@ def _counts_in(line: str) -> bool:
 
 def _check_no_time_step(file: Path, time_step: float | None, states: str) -> None:
     if time_step is not None:
-        _refuse(file, None, f"states {states}; time_step has no effect")
+        _refuse(file, None, f"the file states {states}, so time_step has no effect")
 
 
 def _read_peer(
@@ -210,7 +213,8 @@ def _read_peer(
     head = lines[:HEADER_LINES]
     last = next((n for n, line in enumerate(head, 1) if _counts_in(line)), HEADER_LINES)
     if len(lines) <= last:
-        _refuse(file, len(lines), f"ends within the header; allowed: {last} lines, then samples")
+        text = f"the file ends within its header; allowed: {last} header lines, then samples"
+        _refuse(file, len(lines), text)
     _check_quantity(file, head[: last - 1], unit)
     count, step = _counts(file, last, lines[last - 1])
     body, numbers = lines[last:], range(last + 1, len(lines) + 1)
@@ -221,24 +225,26 @@ def _read_peer(
         values = _values(file, rows, numbers)
     if len(values) != count:
         end = max((n for n, line in zip(numbers, body, strict=True) if line.strip()), default=last)
-        _refuse(file, end, f"got {len(values)} samples; allowed: NPTS = {count}, as line {last}")
+        _refuse(file, end, f"got {len(values)} samples; line {last} promises {count}")
     return _evenly(count, step), values, step
 
 
 def _check_quantity(file: Path, head: list[str], unit: str) -> None:
-    """Refuse velocities and displacements, and a unit that the header contradicts."""
+    """Refuse velocities and displacements, and units that the header contradicts."""
     for number, line in enumerate(head, 1):
         words = line.upper()
         for quantity in ("VELOCITY", "DISPLACEMENT"):
             if f"{quantity} TIME" in words:
-                _refuse(file, number, f"states a {quantity.lower()}; allowed: an acceleration")
+                text = f"the header states a {quantity.lower()}; allowed: an acceleration"
+                _refuse(file, number, text)
         stated = re.search(r"\bUNITS\s+OF\s+([^\s,;]+)", words)
         if stated and (stated[1].rstrip(".") == "G") != (unit == "g"):
-            _refuse(file, number, f"states units of {stated[1][:20]}; got unit = {unit!r}")
+            text = f"the header states units of {stated[1][:20]}; got unit = {unit!r}"
+            _refuse(file, number, text)
 
 
 def _counts(file: Path, number: int, line: str) -> tuple[int, float]:
-    """Return NPTS and DT [s] of either form: ``NPTS= 4000, DT= .005 SEC`` or before the words."""
+    """Return NPTS and DT [s] from ``NPTS= 4000, DT= .005 SEC`` or ``4000  .005  NPTS, DT``."""
     before = re.match(r"[\s,]*([^\s,]+)[\s,]+([^\s,]+)[\s,]+NPTS\s*,\s*DT\b", line, re.IGNORECASE)
     if before:
         npts, dt, unit = before[1], before[2], ""
@@ -248,9 +254,9 @@ def _counts(file: Path, number: int, line: str) -> tuple[int, float]:
         found = re.search(rf"\bDT\s*=\s*({NUMBER.pattern}|[^\s,]+)\s*(\w*)", line, re.IGNORECASE)
         dt, unit = (found[1], found[2]) if found else (None, "")
     if npts is None:
-        _refuse(file, number, "NPTS is missing; allowed: NPTS= (number of samples), DT= (seconds)")
+        _refuse(file, number, f"NPTS is missing; allowed: {COUNTS}")
     if dt is None:
-        _refuse(file, number, "DT is missing; allowed: NPTS= (number of samples), DT= (seconds)")
+        _refuse(file, number, f"DT is missing; allowed: {COUNTS}")
     if not re.fullmatch(r"0*[1-9][0-9]{0,8}", npts):
         _refuse(
             file, number, f"NPTS: got {reprlib.repr(npts)}; allowed: an integer from 1 to 999999999"
@@ -265,9 +271,9 @@ def _counts(file: Path, number: int, line: str) -> tuple[int, float]:
 
 
 def _apart(cell: str) -> list[str]:
-    """Split numbers that a sign alone separates, as full columns of Fortran have them.
+    """Split numbers that only a sign separates, as in full Fortran columns.
 
-    Each needs its decimal point: in ``1.5-105`` the sign may be that of an exponent.
+    Each must have a decimal point: in ``1.5-105`` the sign may belong to an exponent.
     """
     parts = NUMBER.findall(cell)
     joined = "".join(parts) == cell and all("." in part for part in parts)
@@ -275,7 +281,7 @@ def _apart(cell: str) -> list[str]:
 
 
 def _floats(text: str) -> NDArray[np.float64] | None:
-    """Return the numbers in a text, or None if one is not allowed; fast."""
+    """Return the numbers in a text, or None if one is not allowed: the fast way."""
     if not PLAIN.fullmatch(text):  # float() takes more, such as nan and 1_000
         return None
     try:
@@ -286,7 +292,7 @@ def _floats(text: str) -> NDArray[np.float64] | None:
 
 
 def _values(file: Path, rows: list[list[str]], numbers: Sequence[int]) -> NDArray[np.float64]:
-    """Return the numbers in all cells, or refuse the first that is not allowed."""
+    """Return the numbers in all cells, or refuse the first one that is not allowed."""
     values: list[float] = []
     for number, row in zip(numbers, rows, strict=True):
         for cell in row:
@@ -306,7 +312,7 @@ def _read_columns(
     texts = list(filter(None, texts))
     first = _headings(texts)
     if first == len(texts):
-        _refuse(file, None, "holds no samples")
+        _refuse(file, None, "the file holds no samples")
     texts, numbers = texts[first:], numbers[first:]
     separator = next((mark for mark in ";," if mark in texts[0]), None)
     columns = len(texts[0].split(separator))
@@ -320,7 +326,7 @@ def _read_columns(
         values = _values(file, rows, numbers)
     if columns == 1:
         if time_step is None:
-            _refuse(file, numbers[0], "one column states no times; set time_step")
+            _refuse(file, numbers[0], "a file with one column states no times; set time_step")
         return _evenly(len(values), time_step), values, time_step
     _check_no_time_step(file, time_step, "times")
     times, values = values[::2].copy(), values[1::2].copy()
@@ -329,7 +335,7 @@ def _read_columns(
 
 
 def _table(separator: str | None, columns: int) -> re.Pattern[str]:
-    """Return the pattern of lines of one or two cells that may be numbers."""
+    """Return the pattern of lines with one or two cells that may be numbers."""
     between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
     row = between.join([r"[0-9.+\-EeDd]++"] * min(columns, 2))
     return re.compile(rf"(?:{row}\n)*{row}")
@@ -339,8 +345,9 @@ def _check_columns(file: Path, rows: list[list[str]], numbers: list[int]) -> Non
     columns = len(rows[0])
     for number, row in zip(numbers, rows, strict=True):
         if len(row) != columns or columns > 2:  # noqa: PLR2004 - time and sample
-            allowed = "one or two, as many on each line; before them, headings without numbers"
-            _refuse(file, number, f"got {len(row)} columns; allowed: {allowed}")
+            got = "1 column" if len(row) == 1 else f"{len(row)} columns"
+            allowed = "one or two, the same number on every line below the headings"
+            _refuse(file, number, f"got {got}; allowed: {allowed}")
 
 
 def _evenly(count: int, step: float) -> NDArray[np.float64]:
@@ -348,7 +355,7 @@ def _evenly(count: int, step: float) -> NDArray[np.float64]:
 
 
 def _headings(texts: Iterable[str]) -> int:
-    """Return how many lines at the start hold no number at all."""
+    """Return the number of lines at the start that hold no number."""
 
     def is_heading(text: str) -> bool:
         return not any(NUMERIC.match(word) for word in re.split(r"[\s,;]+", text))

@@ -1,4 +1,4 @@
-"""What follows from the state at a step's end: forces and absolute accelerations (eqs 1 and 2)."""
+"""Outputs of a control step: observed channels, and copies of what it shows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
-from mm_gym.kernels.excitation import jet_value
+from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_rows, span
 from mm_gym.kernels.random import normals
@@ -73,7 +73,21 @@ STATE = ((at.X1, at.NO_ROW), (at.X2, at.X1), (at.V1, at.NO_ROW), (at.V2, at.NO_R
 
 @borrowing_kernel
 def observe(task, lanes, frames, streams, first, last):
-    """Append the newest frame of every channel to the history, the oldest frame falling off."""
+    """Append the newest frame to the history, and drop the oldest.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64, read.
+    frames
+        (frames * channels, lanes) float32, oldest frame first, written.
+    streams
+        (2, lanes) uint64, advanced if there is noise.
+    first, last
+        The lanes first .. last - 1.
+    """
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
     for row in range(newest):
@@ -86,7 +100,21 @@ def observe(task, lanes, frames, streams, first, last):
 
 @borrowing_kernel
 def write_channels(task, lanes, frames, newest, first, last):
-    """Write the channels, scaled."""
+    """Write the scaled channels of the newest frame.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64, read.
+    frames
+        (frames * channels, lanes) float32, written.
+    newest
+        First row of the newest frame.
+    first, last
+        The lanes first .. last - 1.
+    """
     prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
         scale, shift = scaling(task, k)
@@ -103,7 +131,21 @@ def write_channels(task, lanes, frames, newest, first, last):
 
 @borrowing_kernel
 def blur(task, frames, newest, streams, first, last):
-    """Add the sensors' noise to the newest frame."""
+    """Add the sensors' noise to the newest frame.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    frames
+        (frames * channels, lanes) float32, written.
+    newest
+        First row of the newest frame.
+    streams
+        (2, lanes) uint64, advanced.
+    first, last
+        The lanes first .. last - 1.
+    """
     channels = int(task[at.CHANNEL_COUNT])
     for i in range(first, last):
         for k in range(0, channels, 2):
@@ -116,7 +158,7 @@ def blur(task, frames, newest, streams, first, last):
 
 @borrowing_kernel
 def scaling(task, k):
-    """Return what a channel is multiplied by, and what is then added."""
+    """Return the factor of a channel, and what is added to the product."""
     slot = at.CHANNELS + at.CHANNEL_SIZE * k
     scale = task[slot + at.SCALE]
     return scale, -task[slot + at.ZERO] * scale
@@ -131,7 +173,7 @@ def rows_of(task, k):
 
 @borrowing_kernel
 def shows_state(task, frames):
-    """Tell whether the newest frame is all that is observed: x1, offset, v1 and v2, noiseless."""
+    """Tell whether one frame of x1, x2 - x1, v1 and v2 without noise is all that is observed."""
     count = len(STATE)
     if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
         return False
@@ -149,7 +191,7 @@ def shown(value, scale, shift):
 
 @borrowing_kernel
 def bounded(value):
-    """Return the value within the bounds of the observation space."""
+    """Return the value, clipped to the bounds of the observation space."""
     return clip(value, -BOUND, BOUND)
 
 
@@ -168,7 +210,25 @@ def copy_outputs(
     first,
     last,
 ):
-    """Copy what a control step shows."""
+    """Copy the outputs of a control step; return the status.
+
+    Parameters
+    ----------
+    lanes, frames, ends
+        (rows, lanes) float64, float32 and bool, read.
+    applied_row
+        First row of what the actuators applied.
+    observed
+        (k, lanes) float32, written: the frames observed.
+    rewards, terminated, truncated
+        (lanes,) float64, bool and bool, written.
+    states
+        (4, lanes) float64, written [m, m, m/s, m/s].
+    applied
+        (actuators, lanes) float64, written [N, -].
+    first, last
+        The lanes first .. last - 1.
+    """
     copy_rows(frames, 0, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     copy_rows(lanes, applied_row, applied, first, last)

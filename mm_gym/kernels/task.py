@@ -1,7 +1,7 @@
-"""What a control step does around the physics: command, score, observe.
+"""The task in a control step: commands to the actuators, the reward, the end of an episode.
 
-Each kernel works on the lanes first .. last - 1. Loops run over lanes innermost, without calls or
-early exits, so that the compiler vectorises them.
+Each kernel works on the lanes first .. last - 1. The innermost loops run over lanes, without calls
+or early exits, so that the compiler vectorises them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,20 @@ def finite(actions):
 
 @borrowing_kernel
 def command(task, lanes, actions, first, last):
-    """Turn actions in [-1, 1] into force [N] and stretch; begin the rewards with their cost."""
+    """Apply actions: set force [N] and stretch, and begin the rewards with the actions' cost.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; force, stretch and rewards are written.
+    actions
+        (actuators * lanes,) float32 or float64, read: those of the force, then of the stretch;
+        clipped to [-1, 1].
+    first, last
+        The lanes first .. last - 1.
+    """
     has_force = task[at.HAS_FORCE] > 0.0
     if has_force:
         push(task, lanes, actions, first, last)
@@ -39,9 +52,9 @@ def command(task, lanes, actions, first, last):
 
 @borrowing_kernel
 def push(task, lanes, actions, first, last):
-    """Apply a force [N] and begin the rewards with its cost."""
+    """Apply a force [N] and begin the rewards with the cost of its action."""
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
-    share = task[at.FORCE_LAG_FACTOR]
+    lag_factor = task[at.FORCE_LAG_FACTOR]
     if task[at.FORCE_IS_RATE] > 0.0:
         integrate(lanes, at.FORCE_ASKED, actions, rate, -limit, limit, first, last)
         for i in span(first, last):
@@ -50,9 +63,9 @@ def push(task, lanes, actions, first, last):
                 lanes[at.FORCE, i],
                 lanes[at.FORCE_ASKED, i],
             )
-            lanes[at.FORCE, i] = approach(present, wanted, share, rate, -limit, limit)
+            lanes[at.FORCE, i] = approach(present, wanted, lag_factor, rate, -limit, limit)
             lanes[at.REWARD, i] = 0.0 - weight * a * a
-    elif is_at_once(rate, share):
+    elif is_at_once(rate, lag_factor):
         for i in span(first, last):
             a = clip(actions[i], -1.0, 1.0)
             lanes[at.FORCE, i] = limit * a
@@ -60,15 +73,15 @@ def push(task, lanes, actions, first, last):
     else:
         for i in span(first, last):
             a, present = clip(actions[i], -1.0, 1.0), lanes[at.FORCE, i]
-            lanes[at.FORCE, i] = approach(present, limit * a, share, rate, -limit, limit)
+            lanes[at.FORCE, i] = approach(present, limit * a, lag_factor, rate, -limit, limit)
             lanes[at.REWARD, i] = 0.0 - weight * a * a
 
 
 @borrowing_kernel
 def tune(task, lanes, asked, first, last):
-    """Set the stretch [-] within its limits; add its cost."""
+    """Set the stretch [-] and subtract the cost of its action from the rewards."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
-    share, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
+    lag_factor, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
     if task[at.STRETCH_IS_RATE] > 0.0:
         integrate(lanes, at.STRETCH_ASKED, asked, rate, low, high, first, last)
@@ -78,41 +91,66 @@ def tune(task, lanes, asked, first, last):
                 lanes[at.STRETCH, i],
                 lanes[at.STRETCH_ASKED, i],
             )
-            lanes[at.STRETCH, i] = approach(present, wanted, share, rate, low, high)
+            lanes[at.STRETCH, i] = approach(present, wanted, lag_factor, rate, low, high)
             lanes[at.REWARD, i] -= weight * a * a
     else:
         for i in span(first, last):
             a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
-            lanes[at.STRETCH, i] = approach(present, middle + half * a, share, rate, low, high)
+            lanes[at.STRETCH, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
             lanes[at.REWARD, i] -= weight * a * a
 
 
 @borrowing_kernel
-def is_at_once(rate, share):
-    """Tell whether an actuator reaches within the control step whatever it is commanded."""
-    return rate == np.inf and share == 1.0
+def is_at_once(rate, lag_factor):
+    """Tell whether an actuator has neither a rate limit nor a lag."""
+    return rate == np.inf and lag_factor == 1.0
 
 
 @borrowing_kernel
 def integrate(lanes, row, actions, rate, low, high, first, last):
-    """Add up what a rate commands, within the actuator's limits."""
+    """Integrate the rates that actions command, within the actuator's limits.
+
+    Parameters
+    ----------
+    lanes
+        (rows, lanes) float64; the row is written.
+    row
+        `FORCE_ASKED` or `STRETCH_ASKED`: the values commanded so far.
+    actions
+        (lanes,) float32 or float64, read; clipped to [-1, 1].
+    rate
+        What an action of 1 adds in a control step.
+    low, high
+        The actuator's limits.
+    first, last
+        The lanes first .. last - 1.
+    """
     for i in span(first, last):
         lanes[row, i] = clip(lanes[row, i] + rate * clip(actions[i], -1.0, 1.0), low, high)
 
 
 @borrowing_kernel
-def approach(present, wanted, share, rate, low, high):
-    """Return what an actuator reaches in a control step, as near to wanted as it can.
+def approach(present, wanted, lag_factor, rate, low, high):
+    """Return the force [N] or stretch [-] that an actuator reaches in a control step.
 
-    Its lag lets it go a share of the way; then the rate limit and the limits hold.
+    Parameters
+    ----------
+    present, wanted
+        What it has and what it is commanded.
+    lag_factor
+        Fraction of the way that its lag lets it go, 1 - exp(-time_step / lag).
+    rate
+        Largest change in a control step.
+    low, high
+        Its limits.
     """
-    aim = wanted if share == 1.0 else fma(share, wanted - present, present)
+    aim = wanted if lag_factor == 1.0 else fma(lag_factor, wanted - present, present)
     return clip(clip(aim, present - rate, present + rate), low, high)
 
 
 @borrowing_kernel
 def score(task, lanes, first, last):
-    """Take the state's cost off the rewards; return the status."""
+    """Subtract the state's cost from the rewards; return the status."""
     weights, lost = state_weights(task), False
     for i in span(first, last):
         cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])
@@ -130,7 +168,7 @@ def state_weights(task):
 
 @borrowing_kernel
 def state_cost(weights, x1, x2, v1):
-    """Return what a state costs."""
+    """Return the cost of a state [-]."""
     wx, wv, ws = weights
     offset = x2 - x1
     return fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
@@ -140,14 +178,26 @@ def state_cost(weights, x1, x2, v1):
 def is_lost(reward):
     """Tell whether the state is no longer finite.
 
-    That shows in the reward, whatever the weights: 0 times infinity is NaN.
+    The reward shows it for all weights, because 0 times infinity is NaN.
     """
     return not reward > -np.inf
 
 
 @borrowing_kernel
 def check_termination(task, lanes, ends, first, last):
-    """Count a block's step and mark the episodes that end with it; return the status."""
+    """Count a block's step and mark the episodes that it ends; return the status.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; state and start are read, the block's clock is written.
+    ends
+        (3, lanes) bool, written: terminated, truncated, and whether one of the block is marked.
+    first, last
+        The lanes first .. last - 1, of one block.
+    """
     furthest, rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
     now = lanes[at.NOW, first] + 1.0
     lanes[at.NOW, first] = now
@@ -156,7 +206,7 @@ def check_termination(task, lanes, ends, first, last):
         for i in span(first, last):
             x1 = lanes[at.X1, i]
             ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
-    if not ended:  # as nearly always
+    if not ended:  # the common case
         if ends[at.MARKED, first]:
             fill(ends, at.TERMINATED, False, first, last)
             fill(ends, at.TRUNCATED, False, first, last)
@@ -174,7 +224,7 @@ def check_termination(task, lanes, ends, first, last):
         late[i] = now - began[i] >= steps
     for i in range(last - first):
         ended |= over[i] | late[i]
-    for i in range(last - first):  # an integer: the largest double is not found side by side
+    for i in range(last - first):  # integers: a maximum of doubles would not vectorise
         oldest = max(oldest, int(now - began[i]))
     lanes[at.DUE, first] = now - oldest + steps
     ends[at.MARKED, first] = ended

@@ -1,259 +1,239 @@
-"""A scene's excitation as the rows and the description that the kernels read."""
+"""The kinds of excitation: one row each, from which their rows, slots and sample times follow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import ceil, inf, sqrt
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from math import inf, sqrt
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from mm_gym.errors import CompileError
 from mm_gym.kernels import excitation as kernels
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import noise
 from mm_gym.records import read_record, resample
-from mm_gym.scene.excitation import (
-    CloughPenzien,
-    FilteredNoise,
-    Harmonic,
-    Impulse,
-    KanaiTajimi,
-    Noise,
-    Recorded,
-    Sweep,
-)
 from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
-    from mm_gym.records import Record
-    from mm_gym.scene.excitation import NumberOrRange
-    from mm_gym.scene.scene import Scene
+    from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Recorded, Sweep
+    from mm_gym.scene.part import Part
 
-    Source = Sweep | Noise | KanaiTajimi | CloughPenzien | Impulse | Recorded
+    Array = NDArray[np.float64]
+    Slots = tuple[float, float, float]
 
-HARMONIC_FIELDS = {"amplitude": at.AMPLITUDE, "frequency": at.FREQUENCY, "phase": at.PHASE}
+HARMONIC = -1
+"""Code of a harmonic, which has no branch in the kernels: the methods know its rows."""
 
-SWEEP_FIELDS = {
-    "amplitude": kernels.SWEEP_AMPLITUDE,
-    "start_frequency": kernels.START_FREQUENCY,
-    "end_frequency": kernels.END_FREQUENCY,
-    "duration": kernels.DURATION,
-    "phase": kernels.SWEEP_PHASE,
-}
-NOISE_FIELDS = {
-    "rms": noise.RMS,
-    "rise": noise.RISE,
-    "plateau": noise.PLATEAU,
-    "decay": noise.DECAY,
-}
-SOIL_FIELDS = NOISE_FIELDS | {
-    "ground_frequency": noise.LOW_PASS,
-    "ground_damping": noise.LOW_PASS_DAMPING,
-}
-FIELDS: dict[str, dict[str, int]] = {
-    "sweep": SWEEP_FIELDS,
-    "noise": NOISE_FIELDS | {"low_frequency": noise.HIGH_PASS, "high_frequency": noise.LOW_PASS},
-    "kanai_tajimi": SOIL_FIELDS,
-    "clough_penzien": SOIL_FIELDS
-    | {"filter_frequency": noise.HIGH_PASS, "filter_damping": noise.HIGH_PASS_DAMPING},
-    "impulse": {"size": kernels.IMPULSE_SIZE, "rate": kernels.RATE, "time": kernels.TIME},
-    "record": {
-        "scale": kernels.RECORD_SCALE,
-        "time_scale": kernels.TIME_SCALE,
-        "start": kernels.RECORD_START,
-    },
-}
-"""Row of each field within the rows of its kind."""
-
-NEVER = {"plateau": inf, "time": inf}
-"""What the absence of a field stands for."""
-
-BUTTERWORTH = {
-    noise.LOW_PASS_DAMPING: sqrt(0.5),
-    noise.HIGH_PASS_DAMPING: sqrt(0.5),
-}
-"""Damping ratios of band-limited noise's filters."""
+P = TypeVar("P", bound="Part")
 
 SWEEP_PHASE = 0.5
-"""Longest sample interval of a sweep, times its highest frequency: so few terms are below round-off."""
-
-SWEEP_TERMS = 14
-"""Terms of a sweep's series: 0.5**14 / 14! is 7e-16."""
+"""Longest sample interval of a sweep, times its highest frequency."""
 
 NOISE_PHASE = 0.25
 """Default sample time of filtered noise, times its highest frequency."""
 
-MOST_INTERVALS = 10_000
-
 
 @dataclass(frozen=True)
-class Layout:
-    """Where the excitation's numbers are.
+class Kind(Generic[P]):
+    """How a kind of excitation is compiled.
 
     Attributes
     ----------
+    fields
+        Numeric field -> its row among those of a part.
     rows
-        Dotted name of each numeric field -> its row of a lane.
+        Number of rows of a part.
+    code
+        Of its branches in `mm_gym.kernels.excitation`; harmonics have none.
+    terms
+        Coefficients of what it adds to a jet.
+    constants
+        Row -> value, of rows that no field sets.
+    interval
+        Returns the longest sample interval [s] where the part asks for none.
+    samples
+        Returns what the kernels interpolate, and its spacing [s].
+    slots
+        Returns the kind's own slots of the description.
+    prepare
+        Writes the rows of a lane (rows,) that follow from others, given the sample interval [s].
+    """
+
+    fields: dict[str, int]
+    rows: int
+    code: int = HARMONIC
+    terms: int = 0
+    constants: dict[int, float] = field(default_factory=dict[int, float])
+    interval: Callable[[Placed[P]], float] = lambda _: inf
+    samples: Callable[[P], tuple[Array, float]] = lambda _: (np.empty(0), 0.0)
+    slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0)
+    prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
+
+
+@dataclass(frozen=True)
+class Placed(Generic[P]):
+    """A part of a scene's excitation, with the place of its numbers.
+
+    Attributes
+    ----------
+    kind, part, name
+        Its kind, the part itself, and its dotted name, such as "excitation.0".
+    first
+        Its first row.
     values
-        Row -> value or range, of these and of the rows that no field sets.
-    description
-        See `mm_gym.kernels.sources`.
-    jets, terms, size
-        Row of the first jet, its terms, and the number of a lane's rows.
-    intervals_per_step
-        Sample intervals of a control step.
-    filters
-        For each filter, its first row, whether it passes the velocity, and whether it is drawn.
+        Field -> value, or range of values.
+    samples, step, data
+        What `Kind.samples` returned, and the slot of the description at which they begin.
     """
 
-    rows: dict[str, int]
-    values: dict[int, NumberOrRange]
-    description: NDArray[np.float64]
-    jets: int
-    terms: int
-    size: int
-    intervals_per_step: int
-    filters: tuple[tuple[int, bool, bool], ...]
+    kind: Kind[P]
+    part: P
+    name: str
+    first: int
+    values: dict[str, NumberOrRange]
+    samples: Array
+    step: float
+    data: int
+
+    def lowest(self, name: str) -> float:
+        """Return the least value of a field."""
+        return bounds(self.values[name])[0]
+
+    def highest(self, name: str) -> float:
+        """Return the largest value of a field."""
+        return bounds(self.values[name])[1]
+
+    def names(self) -> dict[str, int]:
+        """Return the dotted name of each field that can be set -> its row of a lane."""
+        return {
+            f"{self.name}.{name}": self.first + self.kind.fields[name]
+            for name in self.values
+            if getattr(self.part, name) is not None
+        }
+
+    def rows(self) -> dict[int, NumberOrRange]:
+        """Return row of a lane -> value or range, also of the rows that no field sets."""
+        own = {self.kind.fields[name]: value for name, value in self.values.items()}
+        return {self.first + row: value for row, value in (own | self.kind.constants).items()}
 
 
-def lay_out(scene: Scene) -> Layout:
-    """Lay out a scene's excitation.
-
-    Raises
-    ------
-    SceneError
-        If a record cannot be read.
-    CompileError
-        If a control step has too many sample intervals.
-    """
-    harmonics = sum(isinstance(part, Harmonic) for part in scene.excitation)
-    others = {k: part for k, part in enumerate(scene.excitation) if not isinstance(part, Harmonic)}
-    records = {k: _read(part) for k, part in others.items() if isinstance(part, Recorded)}
-    terms = _terms(others)
-    jets = at.HARMONICS + at.HARMONIC_ROWS * harmonics
-    free, next_harmonic = jets + 2 * terms, at.HARMONICS
-    rows: dict[str, int] = {}
-    values: dict[int, NumberOrRange] = {}
-    slots, samples = [float(len(others))], [np.empty(0)]
-    filters: list[tuple[int, bool, bool]] = []
-    for k, part in enumerate(scene.excitation):
-        harmonic = isinstance(part, Harmonic)
-        fields, first = (HARMONIC_FIELDS, next_harmonic) if harmonic else (FIELDS[part.kind], free)
-        for field, row in fields.items():
-            value = getattr(part, field)
-            if value is None:
-                values[first + row] = NEVER[field]
-            elif not isinstance(value, tuple):  # a range is drawn from by the kernel itself
-                rows[f"excitation.{k}.{field}"] = first + row
-                values[first + row] = scene.randomization.get(f"excitation.{k}.{field}") or value
-        if isinstance(part, Harmonic):
-            next_harmonic += at.HARMONIC_ROWS
-            continue
-        if isinstance(part, Noise):
-            values |= {first + row: value for row, value in BUTTERWORTH.items()}
-        if isinstance(part, FilteredNoise):
-            drawn = _is_drawn(values, first)
-            filters.append((first, not isinstance(part, Noise), drawn))
-        slots += [*_slots(part, first), *_own_slots(part, first, values)]
-        if k in records:
-            data = 1 + kernels.SIZE * len(others) + sum(len(sample) for sample in samples)
-            samples.append(resample(records[k], records[k].time_step))
-            slots[-3:] = data, len(samples[-1]), records[k].time_step
-        free += _row_count(part, terms)
-    return Layout(
-        rows=rows,
-        values=values,
-        description=np.concatenate([slots, *samples]),
-        jets=jets,
-        terms=terms,
-        size=free,
-        intervals_per_step=_intervals_per_step(scene, others, records, rows, values),
-        filters=tuple(filters),
-    )
+def _fraction_of(phase: float, *frequencies: str) -> Callable[[Placed[Any]], float]:
+    """Return `Kind.interval`: the time in which the highest frequency turns by a phase."""
+    return lambda placed: phase / max(placed.highest(name) for name in frequencies)
 
 
-def _terms(others: dict[int, Source]) -> int:
-    if any(isinstance(part, Sweep) for part in others.values()):
-        return SWEEP_TERMS
-    return 2 if any(not isinstance(part, Impulse) for part in others.values()) else 0
+def _sweep_slots(placed: Placed[Sweep]) -> Slots:
+    return float(placed.part.spacing == "logarithmic"), 0.0, 0.0
 
 
-def _row_count(part: Source, terms: int) -> int:
-    if isinstance(part, Sweep):
-        return kernels.SWEEP_ROWS + 2 * terms
-    if isinstance(part, FilteredNoise):
-        return noise.FILTER_ROWS
-    return kernels.IMPULSE_ROWS if isinstance(part, Impulse) else kernels.RECORD_ROWS
+def _impulse_slots(placed: Placed[Impulse]) -> Slots:
+    size = placed.part.size
+    return float(isinstance(size, tuple)), *bounds(size)
 
 
-def _is_drawn(values: dict[int, NumberOrRange], first: int) -> bool:
-    """Tell whether a filter's own parameters differ between lanes."""
-    own = range(first + noise.LOW_PASS, first + noise.HIGH_PASS_DAMPING + 1)
-    return any(isinstance(values.get(row), tuple) for row in own)
-
-
-def _slots(part: Source, first: int) -> list[float]:
-    """Return the slots that all sources have: kind, target and first row."""
-    kind = {"impulse": kernels.IMPULSE, "sweep": kernels.SWEEP, "record": kernels.RECORD}
-    ground = kernels.GROUND if part.target == "ground" else kernels.FORCE
-    return [kind.get(part.kind, kernels.FILTER), ground, first]
-
-
-def _own_slots(part: Source, first: int, values: dict[int, NumberOrRange]) -> list[float]:
-    if isinstance(part, Impulse):
-        return [isinstance(part.size, tuple), *bounds(part.size)]
-    if isinstance(part, Sweep):
-        return [part.spacing == "logarithmic", 0.0, 0.0]
-    if isinstance(part, FilteredNoise):
-        return [not isinstance(part, Noise), _is_drawn(values, first), 0.0]
-    return [0.0, 0.0, 0.0]
-
-
-def _read(part: Recorded) -> Record:
+def _record_samples(part: Recorded) -> tuple[Array, float]:
     usual = "N" if part.target == "force" else "m/s^2"
     peer = part.file.lower().endswith(".at2") and part.target == "ground"
     unit = part.unit or ("g" if peer else usual)
-    return read_record(part.file, unit=unit, time_step=part.time_step)
+    record = read_record(part.file, unit=unit, time_step=part.time_step)
+    return resample(record, record.time_step), record.time_step
 
 
-def _intervals_per_step(
-    scene: Scene,
-    others: dict[int, Source],
-    records: dict[int, Record],
-    rows: dict[str, int],
-    values: dict[int, NumberOrRange],
-) -> int:
-    """Return into how many sample intervals the shortest sample time divides a control step."""
-    shortest, name = inf, ""
-    for k, part in others.items():
+def _record_interval(placed: Placed[Recorded]) -> float:
+    return placed.step * placed.lowest("time_scale")
 
-        def end(field: str, which: int, k: int = k) -> float:
-            return bounds(values[rows[f"excitation.{k}.{field}"]])[which]
 
-        if isinstance(part, Impulse):
-            continue
-        if isinstance(part, Sweep):
-            time = SWEEP_PHASE / max(end("start_frequency", 1), end("end_frequency", 1))
-        elif part.sample_time is not None:
-            time = part.sample_time
-        elif isinstance(part, Recorded):
-            time = records[k].time_step * end("time_scale", 0)
-        else:
-            frequencies = ("high_frequency", "ground_frequency", "filter_frequency")
-            present = [end(field, 1) for field in frequencies if field in FIELDS[part.kind]]
-            time = NOISE_PHASE / max(present)
-        if time < shortest:
-            shortest, name = time, f"excitation.{k}"
-    # A sample time may be too short for a double.
-    intervals = max(1.0, scene.control.time_step / shortest) if shortest > 0.0 else inf
-    if not intervals <= MOST_INTERVALS:
-        msg = (
-            f"{name}: samples {shortest:.3g} s apart divide control.time_step = "
-            f"{scene.control.time_step:g} s into {intervals:.3g} sample intervals; allowed: "
-            f"{MOST_INTERVALS}. Shorten the step, or set a longer sample_time"
-        )
-        raise CompileError(msg)
-    return ceil(intervals - 1e-9)
+def _record_slots(placed: Placed[Recorded]) -> Slots:
+    return placed.data, len(placed.samples), placed.step
+
+
+def _filtered(
+    fields: dict[str, int], *, passes_velocity: bool, constants: dict[int, float] | None = None
+) -> Kind[FilteredNoise]:
+    """Return a kind of filtered noise, see `mm_gym.kernels.noise.prepare_filter`."""
+    filters = {name: row for name, row in fields.items() if row in noise.FILTER}
+    frequencies = [name for name in filters if filters[name] in {noise.LOW_PASS, noise.HIGH_PASS}]
+
+    def is_drawn(placed: Placed[FilteredNoise]) -> bool:
+        return any(placed.lowest(name) != placed.highest(name) for name in filters)
+
+    def slots(placed: Placed[FilteredNoise]) -> Slots:
+        return passes_velocity, is_drawn(placed), 0.0
+
+    def prepare(placed: Placed[FilteredNoise], lane: Array, interval: float) -> None:
+        if not is_drawn(placed):  # else each lane prepares its own
+            noise.prepare_filter(lane[:, None], placed.first, passes_velocity, interval, 0)
+
+    return Kind(
+        fields={
+            "rms": noise.RMS,
+            "rise": noise.RISE,
+            "plateau": noise.PLATEAU,
+            "decay": noise.DECAY,
+        }
+        | fields,
+        rows=noise.FILTER_ROWS,
+        code=kernels.FILTER,
+        terms=2,
+        constants=constants or {},
+        interval=_fraction_of(NOISE_PHASE, *frequencies),
+        slots=slots,
+        prepare=prepare,
+    )
+
+
+SOIL = {"ground_frequency": noise.LOW_PASS, "ground_damping": noise.LOW_PASS_DAMPING}
+HIGH_PASS = {"filter_frequency": noise.HIGH_PASS, "filter_damping": noise.HIGH_PASS_DAMPING}
+BUTTERWORTH = {noise.LOW_PASS_DAMPING: sqrt(0.5), noise.HIGH_PASS_DAMPING: sqrt(0.5)}
+
+KINDS: dict[str, Kind[Any]] = {
+    "harmonic": Kind(
+        fields={"amplitude": at.AMPLITUDE, "frequency": at.FREQUENCY, "phase": at.PHASE},
+        rows=at.HARMONIC_ROWS,
+    ),
+    "sweep": Kind(
+        fields={
+            "amplitude": kernels.SWEEP_AMPLITUDE,
+            "start_frequency": kernels.START_FREQUENCY,
+            "end_frequency": kernels.END_FREQUENCY,
+            "duration": kernels.DURATION,
+            "phase": kernels.SWEEP_PHASE,
+        },
+        rows=kernels.SWEEP_ROWS,
+        code=kernels.SWEEP,
+        terms=kernels.SWEEP_TERMS,
+        interval=_fraction_of(SWEEP_PHASE, "start_frequency", "end_frequency"),
+        slots=_sweep_slots,
+    ),
+    "noise": _filtered(
+        {"low_frequency": noise.HIGH_PASS, "high_frequency": noise.LOW_PASS},
+        passes_velocity=False,
+        constants=BUTTERWORTH,
+    ),
+    "kanai_tajimi": _filtered(SOIL, passes_velocity=True),
+    "clough_penzien": _filtered(SOIL | HIGH_PASS, passes_velocity=True),
+    "impulse": Kind(
+        fields={"size": kernels.IMPULSE_SIZE, "rate": kernels.RATE, "time": kernels.TIME},
+        rows=kernels.IMPULSE_ROWS,
+        code=kernels.IMPULSE,
+        slots=_impulse_slots,
+    ),
+    "record": Kind(
+        fields={
+            "scale": kernels.RECORD_SCALE,
+            "time_scale": kernels.TIME_SCALE,
+            "start": kernels.RECORD_START,
+        },
+        rows=kernels.RECORD_ROWS,
+        code=kernels.RECORD,
+        terms=2,
+        interval=_record_interval,
+        samples=_record_samples,
+        slots=_record_slots,
+    ),
+}
+"""Kind of excitation, by the name that a scene gives it -> how it is compiled."""

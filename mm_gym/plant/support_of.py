@@ -1,7 +1,4 @@
-"""Which row of a lane holds which field of a scene, and the scene's support.
-
-The support is what values the fields can take.
-"""
+"""The row of each field of a scene, and the scene's support: all values that the rows can take."""
 
 from __future__ import annotations
 
@@ -10,10 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.noise import prepare_filter
 from mm_gym.methods.support import Support
-from mm_gym.plant.excitation import lay_out
-from mm_gym.scene.excitation import Harmonic
+from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
 
@@ -42,7 +37,7 @@ ROWS: dict[str, int] = {
     "springs.stretch": at.STRETCH,
     "springs.rest_length": at.L0,
 }
-"""Row of each field of a lane; `mm_gym.plant.excitation` has those of the excitation."""
+"""Field -> its row of a lane; `mm_gym.plant.excitation` has those of the excitation."""
 
 
 def support_of(scene: Scene) -> Support:
@@ -58,20 +53,16 @@ def support_of(scene: Scene) -> Support:
     values, layout = _fields(scene), lay_out(scene)
     rows = {name: ROWS[name] for name in values}
     low, high = np.zeros(layout.size), np.zeros(layout.size)
-    low[at.STRETCH] = high[at.STRETCH] = (
-        1.0  # without springs: any stretch that the spring law allows
-    )
     own = [(rows[name], value) for name, value in values.items()]
     for row, value in [*own, *layout.values.items()]:
         low[row], high[row] = bounds(value)
     if scene.springs.kind == "none":
-        low[at.STRETCH] = high[at.STRETCH] = (
-            1.0  # springs of stiffness 0, unstretched: kernels divide by the stretch
-        )
+        # Springs of stiffness 0, unstretched: the kernels divide by the stretch.
+        low[at.STRETCH] = high[at.STRETCH] = 1.0
     sample_interval = scene.control.time_step / layout.intervals_per_step
-    for row, passes_velocity, drawn in layout.filters:
-        for lane in () if drawn else (low, high):
-            prepare_filter(lane[:, None], row, passes_velocity, sample_interval, 0)
+    for placed in layout.parts:
+        for lane in (low, high):
+            placed.kind.prepare(placed, lane, sample_interval)
     start_low, start_high = low.copy(), high.copy()
     if scene.actuation.force is not None:
         high[at.FORCE] = scene.actuation.force.limit
@@ -81,14 +72,13 @@ def support_of(scene: Scene) -> Support:
             scene.actuation.stretch.minimum,
             scene.actuation.stretch.maximum,
         )
-    harmonics = (part for part in scene.excitation if isinstance(part, Harmonic))
     return Support(
         start_low=start_low,
         start_high=start_high,
         low=low,
         high=high,
-        names=rows | layout.rows,
-        ground=tuple(harmonic.target == "ground" for harmonic in harmonics),
+        names=rows | layout.names,
+        ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
         jets=layout.jets,
@@ -98,7 +88,7 @@ def support_of(scene: Scene) -> Support:
 
 
 def _fields(scene: Scene) -> dict[str, NumberOrRange]:
-    """Return dotted name -> value or range of every number of a lane but the excitation's."""
+    """Return dotted name -> value or range of every number but the excitation's."""
     values: dict[str, NumberOrRange] = {}
     for part in ("carriage", "sphere", "interface", "springs", "initial"):
         for field, value in getattr(scene, part):
@@ -108,6 +98,6 @@ def _fields(scene: Scene) -> dict[str, NumberOrRange]:
         values["interface.normal_force"] = scene.sphere.mass * GRAVITY
     if scene.actuation.stretch is not None and "springs.stretch" in values:
         values.setdefault("initial.stretch", values["springs.stretch"])
-        del values["springs.stretch"]  # one row, and the initial value rules it
+        del values["springs.stretch"]  # both have the same row, and the initial value counts
     drawn = scene.randomization.items()
     return values | {name: value for name, value in drawn if name in ROWS}

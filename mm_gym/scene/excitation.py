@@ -1,4 +1,4 @@
-"""What disturbs the motion: a force on the carriage, or the acceleration of the ground."""
+"""Excitation: forces on the carriage and accelerations of the ground, one class a kind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ForceUnit = Literal["N", "kN", "lbf"]
 AccelerationUnit = Literal["m/s^2", "cm/s^2", "mm/s^2", "gal", "g", "ft/s^2", "in/s^2"]
 
 FIXED_FIELDS = ("sample_time", "time_step")
-"""Numbers that cannot differ from episode to episode."""
+"""Numbers that are the same in every episode."""
 
 
 class Harmonic(Part):
@@ -35,7 +35,7 @@ class Harmonic(Part):
 
 
 class Sweep(Part):
-    """amplitude * sin(phase + the integral of a frequency that runs from start to end)."""
+    """amplitude * sin(phase + integral of the frequency), which runs from start to end."""
 
     kind: Literal["sweep"] = "sweep"
     target: Target = "force"
@@ -45,32 +45,32 @@ class Sweep(Part):
     start_frequency: Positive
     """[rad/s]"""
     end_frequency: Positive
-    """[rad/s]; kept when it is reached"""
+    """[rad/s]; kept once it is reached"""
     duration: Positive
-    """[s] from one to the other, rounded up to whole sample intervals, of at most half of 1 / the highest
-    frequency each"""
+    """[s] from the start frequency to the end frequency, rounded up to whole sample intervals; a
+    sample interval is at most 0.5 / the highest frequency"""
     spacing: Literal["linear", "logarithmic"] = "linear"
-    """equal times for equal differences of frequency, or for equal ratios"""
+    """linear: equal differences of frequency in equal times; logarithmic: equal ratios"""
     phase: float = 0.0
     """[rad] at the start"""
 
 
 class Sampled(Part):
-    """What is known at samples and linear in between."""
+    """Excitation that is sampled, and linear between the samples."""
 
     target: Target = "ground"
     """a force on the carriage, or the acceleration of the ground"""
     sample_time: Positive | None = None
-    """[s] at most between two samples: each control step is divided into equal sample intervals, as many
-    as the scene's shortest sample time asks for"""
+    """longest sample interval [s]; the shortest sample time of a scene divides its control steps
+    into equal sample intervals"""
 
 
 class FilteredNoise(Sampled):
-    """White noise behind a linear filter, times an envelope.
+    """White noise through a linear filter, times an envelope.
 
-    The samples have exactly the law of the filter's continuous output. The envelope is
+    The samples have exactly the distribution of the filter's continuous output. The envelope is
     (t / rise)^2, then 1 for `plateau` seconds, then exp(-decay (t - rise - plateau)). By default
-    `sample_time` is a quarter of 1 / the filter's highest frequency.
+    `sample_time` is 0.25 / the filter's highest frequency.
     """
 
     rms: NonNegative
@@ -78,21 +78,21 @@ class FilteredNoise(Sampled):
     rise: NonNegative = 0.0
     """[s]"""
     plateau: NonNegative | None = None
-    """[s]; for ever by default"""
+    """[s]; by default to the end"""
     decay: NonNegative = 1.0
     """[1/s]"""
 
 
 class Noise(FilteredNoise):
-    """Band-limited noise: white noise behind a Butterworth filter of second order at each end."""
+    """Band-limited noise: white noise through Butterworth filters of second order."""
 
     kind: Literal["noise"] = "noise"
     target: Target = "force"
     """a force on the carriage, or the acceleration of the ground"""
     low_frequency: NonNegative = 0.0
-    """[rad/s], where the high-pass has fallen to half the power; 0 for none"""
+    """[rad/s] at which the high-pass halves the power; 0 for no high-pass"""
     high_frequency: Positive
-    """[rad/s], where the low-pass has fallen to half the power"""
+    """[rad/s] at which the low-pass halves the power"""
 
     @model_validator(mode="after")
     def _low_below_high(self) -> Self:
@@ -104,7 +104,7 @@ class Noise(FilteredNoise):
 
 
 class Soil(FilteredNoise):
-    """The acceleration of a layer of soil above bedrock that shakes with white noise."""
+    """The acceleration of a layer of soil on bedrock, whose acceleration is white noise."""
 
     ground_frequency: Positive
     """of the soil [rad/s]"""
@@ -113,13 +113,13 @@ class Soil(FilteredNoise):
 
 
 class KanaiTajimi(Soil):
-    """Filtered noise with the density of Kanai (1957) and Tajimi (1960)."""
+    """Filtered noise with the spectral density of Kanai (1957) and Tajimi (1960)."""
 
     kind: Literal["kanai_tajimi"] = "kanai_tajimi"
 
 
 class CloughPenzien(Soil):
-    """The same behind a high-pass, so that the ground does not drift (Clough and Penzien, 1975)."""
+    """Kanai-Tajimi noise through a high-pass: no drift of the ground (Clough and Penzien, 1975)."""
 
     kind: Literal["clough_penzien"] = "clough_penzien"
     filter_frequency: Positive
@@ -129,26 +129,26 @@ class CloughPenzien(Soil):
 
 
 class Impulse(Part):
-    """Impulses: jumps of a velocity, at the start of the sample interval in which they fall.
+    """Impulses: jumps of the velocities at the start of the sample interval in which they fall.
 
-    An impulse on the carriage changes v1 by size / m1; one of the ground changes both velocities by
-    -size.
+    An impulse on the carriage changes v1 by size / m1; an impulse of the ground changes both
+    velocities by -size.
     """
 
     kind: Literal["impulse"] = "impulse"
     target: Target = "force"
     """an impulse on the carriage, or a jump of the ground's velocity"""
     size: NumberOrRange
-    """[N s] or [m/s]; a range is drawn from anew for each impulse"""
+    """[N s] or [m/s]; from a range, each impulse draws its own"""
     rate: NonNegative = 0.0
-    """mean number per second of impulses at random times (Poisson) [1/s]"""
+    """mean number of impulses per second [1/s], at random times (Poisson)"""
     time: NonNegative | None = None
-    """[s] of one impulse more"""
+    """[s] of one further impulse; none by default"""
 
     @model_validator(mode="after")
     def _some(self) -> Self:
         if self.rate == 0.0 and self.time is None:
-            msg = "time: missing; without it, and with rate = 0, there is no impulse"
+            msg = "time: missing; with rate = 0 and no time there is no impulse"
             raise ValueError(msg)
         if isinstance(self.size, tuple) and self.size[0] > self.size[1]:
             msg = (
@@ -159,22 +159,22 @@ class Impulse(Part):
 
 
 class Recorded(Sampled):
-    """A record from a file, read from `start` on and zero after its end."""
+    """A record from a file, applied from `start` on, and zero after its end."""
 
     kind: Literal["record"] = "record"
     file: Annotated[str, Field(min_length=1)]
-    """a PEER AT2 file, or a CSV file of times [s] and values; a relative path in a scene file
-    starts from that file's folder"""
+    """a PEER AT2 file, or a CSV file of times [s] and values; a path in a scene file is relative to
+    that file's folder"""
     unit: ForceUnit | AccelerationUnit | None = None
-    """of the values; by default g for AT2, else m/s^2 or N"""
+    """unit of the values; by default g for AT2, else m/s^2 or N"""
     time_step: Positive | None = None
-    """[s] between the samples of a file of one column, which states no times"""
+    """[s] between the samples of a file with one column, which states no times"""
     scale: float = 1.0
     """factor of the values [-]"""
     time_scale: Positive = 1.0
-    """factor of the times [-]: below 1 the record passes faster"""
+    """factor of the times [-]; below 1 the record runs faster"""
     start: NonNegative = 0.0
-    """[s] of the record's own time at which an episode begins"""
+    """time of the record [s] at which an episode begins"""
 
     @model_validator(mode="after")
     def _unit_of_target(self) -> Self:
@@ -190,3 +190,4 @@ Excitation = Annotated[
     Harmonic | Sweep | Noise | KanaiTajimi | CloughPenzien | Impulse | Recorded,
     Field(discriminator="kind"),
 ]
+"""Any kind of excitation; `mm_gym.plant.excitation.KINDS` says how each compiles."""

@@ -1,4 +1,4 @@
-"""Layout of force and ground acceleration: what they are, and how every plant answers to them."""
+"""Excitation: what each kind is, and how every plant responds to it."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2, kstest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
-from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import noise
 from mm_gym.precision.oracle import Oracle
 
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 60})
@@ -33,7 +33,7 @@ PLANTS = {
         "springs": {"kind": "finite_stretch", "rest_length": 0.05},
         "solver.tolerance": 1e-12,
     },
-    "rk4": {"solver": {"method": "rk4", "recording": 400}},
+    "rk4": {"solver": {"method": "rk4", "substeps": 400}},
 }
 SWEEP = {
     "kind": "sweep",
@@ -47,7 +47,7 @@ LOGARITHMIC = SWEEP | {"spacing": "logarithmic", "target": "ground", "amplitude"
 NOISE = {"kind": "noise", "rms": 1.0, "low_frequency": 40.0, "high_frequency": 80.0}
 SOIL = {"kind": "kanai_tajimi", "rms": 2.0, "ground_frequency": 60.0, "ground_damping": 0.5}
 HIGH_PASSED = SOIL | {"kind": "clough_penzien", "filter_frequency": 10.0, "filter_damping": 0.7}
-TONE = {"kind": "harmonic", "amplitude": 0.3, "frequency": 33.0}
+HARMONIC = {"kind": "harmonic", "amplitude": 0.3, "frequency": 33.0}
 
 MOTION = np.random.default_rng(3).normal(0.0, 3.0, 80)
 MOTION_STEP = 0.004
@@ -90,13 +90,14 @@ def test_record_is_its_interpolant(record, scales):
     own = times / scales.get("time_scale", 1.0) + scales.get("start", 0.0)
     knots = MOTION_STEP * np.arange(81)
     expected = np.interp(own, knots, np.append(MOTION, 0.0), right=0.0) * scales.get("scale", 1.0)
-    # An instant within 1e-12 of a sample interval's start counts as that start, and the record is steep.
+    # An instant within 1e-12 of the start of a sample interval counts as that start, and the record
+    # is steep.
     assert np.abs(shown - expected).max() < 1e-12 * 60 * np.abs(MOTION).max()
 
 
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("kind", ["record", "sweep", "noise"])
-def test_plants_answer_as_the_oracle(plant, kind, record):
+def test_plants_respond_as_the_oracle(plant, kind, record):
     part = {"record": record, "sweep": LOGARITHMIC, "noise": NOISE | {"target": "ground"}}[kind]
     scene = BASE.replace(**PLANTS[plant]).replace(excitation=[part])
     times = np.array([0.05, 0.123, 0.3])
@@ -194,8 +195,8 @@ def test_variance_of_the_response_is_lyapunovs(part):
     system[-2, -1], system[-1, -2], system[-1, -1] = 1.0, -4000.0, -30.0
     drive = np.vstack([g, np.zeros((2, 1))])
     covariance = solve_continuous_lyapunov(system, -drive @ drive.T)
-    noise = out[0] @ covariance[: len(f), : len(f)] @ out[0]
-    expected = covariance[-2, -2] / noise * part["rms"] ** 2
+    variance = out[0] @ covariance[: len(f), : len(f)] @ out[0]
+    expected = covariance[-2, -2] / variance * part["rms"] ** 2
     squares = [
         np.mean(simulate(scene, duration=1000.0, seed=k).state[400:, 0] ** 2) for k in (1, 2)
     ]
@@ -227,17 +228,17 @@ def test_law_of_the_samples_is_lyapunovs(part):
     stationary = solve_continuous_lyapunov(f, -g @ g.T)
     transition = expm(f * h)
     order = len(f)
-    own = rows[first + kernels.TRANSITION :][:16].reshape(4, 4)[:order, :order]
+    own = rows[first + noise.TRANSITION :][:16].reshape(4, 4)[:order, :order]
     assert np.abs(own - transition).max() < 1e-14
     start, step = (
         _root(rows[first + slot :][:10])[:order, :order]
-        for slot in (kernels.START_SPREAD, kernels.SPREAD)
+        for slot in (noise.START_SPREAD, noise.SPREAD)
     )
     scale = np.abs(stationary).max()
     assert np.abs(start @ start.T - stationary).max() < 1e-12 * scale
     grown = stationary - transition @ stationary @ transition.T
     assert np.abs(step @ step.T - grown).max() < 1e-12 * scale
-    weights = rows[first + kernels.OUTPUT :][:order]
+    weights = rows[first + noise.OUTPUT :][:order]
     assert weights @ stationary @ weights == pytest.approx(1.0, abs=1e-12)
     assert weights == pytest.approx(out / np.sqrt(out @ stationary @ out), abs=1e-12)
 
@@ -279,18 +280,18 @@ def test_envelope_shapes_the_noise():
 
 def test_impulse_on_the_carriage_is_a_jump_of_its_velocity():
     impulse = {"kind": "impulse", "size": 0.05, "time": 0.1}
-    struck = simulate(BASE.replace(initial={}, excitation=[impulse]))
+    moved = simulate(BASE.replace(initial={}, excitation=[impulse]))
     free = simulate(BASE.replace(initial={"carriage_velocity": 0.05 / 0.1}))
-    assert not struck.state[:11].any()
-    assert np.abs(struck.state[11:] - free.state[1:51]).max() < 1e-15
+    assert not moved.state[:11].any()
+    assert np.abs(moved.state[11:] - free.state[1:51]).max() < 1e-15
 
 
 def test_impulse_of_the_ground_moves_both_masses():
     impulse = {"kind": "impulse", "target": "ground", "size": 0.2, "time": 0.0}
-    struck = simulate(BASE.replace(initial={}, excitation=[impulse]))
+    moved = simulate(BASE.replace(initial={}, excitation=[impulse]))
     start = {"carriage_velocity": -0.2, "sphere_velocity": -0.2}
     free = simulate(BASE.replace(initial=start))
-    assert np.abs(struck.state[1:] - free.state[1:]).max() < 1e-15
+    assert np.abs(moved.state[1:] - free.state[1:]).max() < 1e-15
 
 
 def test_random_impulses_have_their_rate_and_sizes():
@@ -314,7 +315,7 @@ def test_sweep_without_duration_has_its_last_frequency_at_once():
 
 
 def test_a_shaken_plant_is_the_same_however_its_steps_are_divided():
-    scene = BASE.replace(excitation=[LOGARITHMIC, TONE])
+    scene = BASE.replace(excitation=[LOGARITHMIC, HARMONIC])
     whole = simulate(scene).state
     halved = simulate(scene.replace(**{"control.time_step": 0.005, "control.steps": 120})).state
     assert np.abs(whole - halved[::2]).max() < 1e-14 * np.abs(whole).max() * 10.0

@@ -91,13 +91,13 @@ HEAD = "\n".join([*TITLE, QUANTITY])
     [
         (
             GOOD.replace("NPTS=      7", "NPTS= 8"),
-            ":6: got 7 samples; allowed: NPTS = 8, as line 4",
+            ":6: got 7 samples; line 4 promises 8",
         ),
         (
             GOOD.replace("NPTS=      7", "NPTS= 6"),
-            ":6: got 7 samples; allowed: NPTS = 6, as line 4",
+            ":6: got 7 samples; line 4 promises 6",
         ),
-        (GOOD + "\n\n0.5\n\n", ":9: got 8 samples; allowed: NPTS = 7"),
+        (GOOD + "\n\n0.5\n\n", ":9: got 8 samples; line 4 promises 7"),
         (GOOD.replace("NPTS=      7", "NPTS= -7"), ":4: NPTS: got '-7'; allowed: an integer"),
         (GOOD.replace("NPTS=      7", "NPTS= seven"), ":4: NPTS: got 'seven'; allowed: an integer"),
         (GOOD.replace("NPTS=      7", "NPTS= 7.5"), ":4: NPTS: got '7.5'; allowed: an integer"),
@@ -119,18 +119,27 @@ HEAD = "\n".join([*TITLE, QUANTITY])
         (GOOD.replace("0.0000000E+00", "0.1E-010.2E-1"), ":6: got '0.1E-010.2E-1'; allowed: a num"),
         (GOOD.replace("0.0000000E+00", "          \u0663.0"), ":6: got '\u0663.0'; allowed: a num"),
         (GOOD.replace("0.0000000E+00", "          ***"), ":6: got '***'; allowed: a number of ma"),
-        (GOOD.replace("ACCELERATION", "VELOCITY"), ":3: states a velocity; allowed: an accelerat"),
-        (GOOD.replace("ACCELERATION", "DISPLACEMENT"), ":3: states a displacement; allowed: an a"),
+        (
+            GOOD.replace("ACCELERATION", "VELOCITY"),
+            ":3: the header states a velocity; allowed: an accelerat",
+        ),
+        (
+            GOOD.replace("ACCELERATION", "DISPLACEMENT"),
+            ":3: the header states a displacement; allowed: an a",
+        ),
         (
             GOOD.replace("UNITS OF G", "UNITS OF CM/S/S"),
-            ":3: states units of CM/S/S; got unit = 'g",
+            ":3: the header states units of CM/S/S; got unit = 'g",
         ),
-        (HEAD + "\n", ":4: ends within the header; allowed: 4 lines, then samples"),
-        (HEAD + "\nNPTS= 7, DT= .005 SEC", ":4: ends within the header; allowed: 4 lines"),
-        (HEAD + "\nNPTS= 7, DT= .005 SEC\n", ":4: got 0 samples; allowed: NPTS = 7, as line 4"),
-        (HEAD + "\nNPTS= 1, DT= .005 SEC\n.5", ": got one sample; allowed: two at least"),
-        ("", ": empty"),
-        (" \r\n\t\n", ": empty"),
+        (HEAD + "\n", ":4: the file ends within its header; allowed: 4 header lines, then samples"),
+        (
+            HEAD + "\nNPTS= 7, DT= .005 SEC",
+            ":4: the file ends within its header; allowed: 4 header lines",
+        ),
+        (HEAD + "\nNPTS= 7, DT= .005 SEC\n", ":4: got 0 samples; line 4 promises 7"),
+        (HEAD + "\nNPTS= 1, DT= .005 SEC\n.5", ": got one sample; allowed: at least two"),
+        ("", ": the file is empty"),
+        (" \r\n\t\n", ": the file is empty"),
         (b"\x00\x01\x02", r":1: got the character '\x00'; allowed: text"),
         (GOOD.encode("utf-16"), r"allowed: text"),
         (b"PEER\n\x7fELF", r":2: got the character '\x7f'; allowed: text"),
@@ -158,9 +167,9 @@ def test_peer_file_that_is_wrong_is_refused_on_its_line(tmp_path, content, words
         ("nan nan\n1 2\n", ":1: got 'nan'; allowed: a number"),
         ("run 7\n0 1\n1 2\n", ":1: got 'run'; allowed: a number"),
         ("0,1\n1,2,\n", ":2: got 3 columns; allowed: one or two"),
-        ("0,1\n1\n", ":2: got 1 columns; allowed: one or two"),
+        ("0,1\n1\n", ":2: got 1 column; allowed: one or two"),
         ("0,1,2\n1,2,3\n", ":1: got 3 columns; allowed: one or two"),
-        ("0,1\n1;2\n", ":2: got 1 columns; allowed"),
+        ("0,1\n1;2\n", ":2: got 1 column; allowed"),
         ("0,1\n1,2 3\n", ":2: got '2 3'; allowed: a number"),
         # As many numbers as cells, in the wrong places.
         ("0,1\n1,\n2 3,4\n", ":2: got ''; allowed: a number"),
@@ -168,9 +177,9 @@ def test_peer_file_that_is_wrong_is_refused_on_its_line(tmp_path, content, words
         ("0,1\n1,0x10\n", ":2: got '0x10'; allowed: a number"),
         ("0,1\n1,-1-2.5\n", ":2: got '-1-2.5'; allowed: a number"),
         ("0,1\n1,1e13\n", ":2: got '1e13'; allowed: a number of magnitude at most 1e+12"),
-        ("1\n2\n", ":1: one column states no times; set time_step"),
-        ("time, a\n# none\n", ": holds no samples"),
-        ("0 1\n", ": got one sample; allowed: two at least"),
+        ("1\n2\n", ":1: a file with one column states no times; set time_step"),
+        ("time, a\n# none\n", ": the file holds no samples"),
+        ("0 1\n", ": got one sample; allowed: at least two"),
     ],
 )
 def test_columns_that_are_wrong_are_refused_on_their_line(tmp_path, content, words):
@@ -182,11 +191,13 @@ def test_columns_that_are_wrong_are_refused_on_their_line(tmp_path, content, wor
 def test_options_are_checked(tmp_path):
     with pytest.raises(SceneError, match=r"unit: got 'm/s2'; did you mean 'm/s\^2'\?; allowed: "):
         read(tmp_path, GOOD, unit="m/s2")
-    with pytest.raises(SceneError, match=r":3: states units of G; got unit = 'N'"):
+    with pytest.raises(SceneError, match=r":3: the header states units of G; got unit = 'N'"):
         read(tmp_path, GOOD, unit="N")
-    with pytest.raises(SceneError, match=r"states NPTS and DT; time_step has no effect"):
+    with pytest.raises(
+        SceneError, match=r"the file states NPTS and DT, so time_step has no effect"
+    ):
         read(tmp_path, GOOD, time_step=0.1)
-    with pytest.raises(SceneError, match=r"states times; time_step has no effect"):
+    with pytest.raises(SceneError, match=r"the file states times, so time_step has no effect"):
         read(tmp_path, "0 1\n1 2\n", "motion.csv", time_step=0.1)
     with pytest.raises(SceneError, match=r"time_step: got nan; allowed: 1e-09 to"):
         read(tmp_path, "1\n2\n", "motion.csv", time_step=float("nan"))
@@ -284,9 +295,13 @@ def test_resampling_agrees_with_interpolation_anywhere(tmp_path):
 
 def test_resampling_has_limits(tmp_path):
     record = read(tmp_path, "0 1\n1 2\n", "motion.csv", unit="N")
-    with pytest.raises(SceneError, match=r"the record lasts 1e\+08 steps of 1e-08 s; allowed: 1e"):
+    with pytest.raises(
+        SceneError, match=r"the record lasts 1e\+08 steps of 1e-08 s; allowed: at most 1e"
+    ):
         resample(record, 1e-8)
     with pytest.raises(SceneError, match="steps of 1 s; allowed"):
         resample(record, 1.0, time_scale=1e308)
-    with pytest.raises(SceneError, match=r"scale: got 1e\+308, which takes the record beyond the"):
+    with pytest.raises(
+        SceneError, match=r"scale: got 1e\+308, which makes samples larger than the"
+    ):
         resample(record, 0.1, scale=1e308)

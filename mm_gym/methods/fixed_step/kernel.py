@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import jet_value
+from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import kernel
 from mm_gym.methods.taylor.kernel import coefficients, interface_and_springs, outer_forces
 from mm_gym.methods.taylor.layout import BY_M1, BY_M2, SIZE

@@ -13,7 +13,7 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.events import NONE, first_exit, sign_of
-from mm_gym.kernels.excitation import write_series
+from mm_gym.kernels.jets import write_series
 from mm_gym.kernels.jit import kernel
 
 MOST_CHANGES = 1000
