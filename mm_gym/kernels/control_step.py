@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import excite, excited, rotate
+from mm_gym.kernels.excitation import excite, excited
+from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score

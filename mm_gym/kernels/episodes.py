@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors
-from mm_gym.kernels.excitation import begin_harmonic
+from mm_gym.kernels.harmonics import begin_harmonic
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
 from mm_gym.kernels.outputs import derive, observe

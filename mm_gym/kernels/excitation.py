@@ -1,17 +1,17 @@
-"""Excitation: forces on the carriage and accelerations of the ground.
+"""Excitation besides harmonics: forces on the carriage and accelerations of the ground.
 
-A harmonic turns by its exact rotation in each sample interval. Every other part of the excitation
-adds a polynomial in t / h to a jet in each sample interval of length h: to that of the force [N],
-or to that of the ground's acceleration [m/s^2]. `mm_gym.kernels.jets` has what the methods read.
-Samples (records, filtered noise) are linear in between; a sweep adds its Taylor series, whose
-remainder is below round-off; impulses change the velocities.
+In each sample interval of length h, each part of the excitation adds a polynomial in t / h to a
+jet: to that of the force [N], or to that of the ground's acceleration [m/s^2].
+`mm_gym.kernels.jets` has what the methods read. Samples (records, filtered noise) are linear in
+between; a sweep adds its Taylor series, whose remainder is below round-off; impulses change the
+velocities.
 
 A kind of excitation is a code, its slots and rows, a branch in `begin_excitation` and one in
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
 docs/excitation.md.
 
-The kernels of a kind work on lane i. Their `slot` is the first one of a part in the description,
-and their `count` the number of sample intervals since the episode began.
+The kernels of a kind take `slot`, the first slot of a part in the description, and `clock`: the
+control steps made so far, the sample intervals of each, and the index of the present one.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from __future__ import annotations
 import math
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel, kernel
-from mm_gym.kernels.memory import span
+from mm_gym.kernels.memory import fill
 from mm_gym.kernels.noise import VALUE, advance_filter, prepare_filter, start_filter
 from mm_gym.kernels.random import uniform
 
@@ -113,23 +112,20 @@ def excite(model, lanes, streams, interval, first, last):
         The lanes first .. last - 1, of one block.
     """
     base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
-    start = float(interval)
+    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
     for row in range(jets, jets + 2 * terms):
-        for i in range(first, last):
-            lanes[row, i] = 0.0
+        fill(lanes, row, 0.0, first, last)
     for k in range(int(model[base])):
         slot = base + FIRST + SIZE * k
         kind = int(model[slot + KIND])
-        for i in range(first, last):
-            count = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * model[at.INTERVALS] + start
-            if kind == IMPULSE:
-                _apply_impulses(model, slot, lanes, streams, count, i)
-            elif kind == SWEEP:
-                _add_sweep(model, slot, lanes, count, i)
-            elif kind == FILTER:
-                _add_noise(model, slot, lanes, streams, count, i)
-            else:
-                _add_record(model, slot, lanes, count, i)
+        if kind == IMPULSE:
+            _apply_impulses(model, slot, lanes, streams, clock, first, last)
+        elif kind == SWEEP:
+            _add_sweep(model, slot, lanes, clock, first, last)
+        elif kind == FILTER:
+            _add_noise(model, slot, lanes, streams, clock, first, last)
+        else:
+            _add_record(model, slot, lanes, clock, first, last)
 
 
 @borrowing_kernel
@@ -140,6 +136,13 @@ def _row_and_jet(model, slot):
 
 
 @borrowing_kernel
+def _intervals_since(clock, began):
+    """Return the number of sample intervals since an episode began."""
+    now, intervals_per_step, interval = clock
+    return (now - began) * intervals_per_step + interval
+
+
+@borrowing_kernel
 def _begin_impulses(model, slot, lanes, i):
     """Write the probability that a sample interval has a random impulse."""
     row = int(model[slot + ROW])
@@ -147,7 +150,7 @@ def _begin_impulses(model, slot, lanes, i):
 
 
 @borrowing_kernel
-def _apply_impulses(model, slot, lanes, streams, count, i):
+def _apply_impulses(model, slot, lanes, streams, clock, first, last):
     """Apply the impulses of a sample interval.
 
     Parameters
@@ -160,28 +163,29 @@ def _apply_impulses(model, slot, lanes, streams, count, i):
         (rows, lanes) float64; the velocities are written.
     streams
         (2, lanes) uint64, advanced.
-    count
-        Sample intervals since the episode began.
-    i
-        The lane.
+    clock
+        Three numbers, see above.
+    first, last
+        The lanes first .. last - 1.
     """
     row, step = int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
-    size, is_range = lanes[row + IMPULSE_SIZE, i], model[slot + IS_RANGE] > 0.0
+    ground, is_range = model[slot + TARGET] > 0.0, model[slot + IS_RANGE] > 0.0
     low, high = model[slot + LOWEST], model[slot + HIGHEST]
-    total = 0.0
-    # Both numbers are drawn in every sample interval, so that those of later ones do not depend on
-    # whether this one has an impulse.
-    if 0.0 <= lanes[row + TIME, i] / step + 1e-9 - count < 1.0:
-        total += low + (high - low) * uniform(streams, i) if is_range else size
-    if lanes[row + RATE, i] > 0.0:
-        happens, drawn = uniform(streams, i) < lanes[row + CHANCE, i], uniform(streams, i)
-        if happens:
-            total += low + (high - low) * drawn if is_range else size
-    if model[slot + TARGET] > 0.0:
-        lanes[at.V1, i] -= total  # (E4)
-        lanes[at.V2, i] -= total
-    elif total != 0.0:
-        lanes[at.V1, i] += total / lanes[at.M1, i]  # (E3)
+    for i in range(first, last):
+        count, size = _intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
+        total = 0.0
+        if 0.0 <= lanes[row + TIME, i] / step + 1e-9 - count < 1.0:
+            total += low + (high - low) * uniform(streams, i) if is_range else size
+        if lanes[row + RATE, i] > 0.0:
+            # Both numbers are drawn in any case: later ones do not depend on what happens here.
+            happens, drawn = uniform(streams, i) < lanes[row + CHANCE, i], uniform(streams, i)
+            if happens:
+                total += low + (high - low) * drawn if is_range else size
+        if ground:
+            lanes[at.V1, i] -= total  # (E4)
+            lanes[at.V2, i] -= total
+        elif total != 0.0:
+            lanes[at.V1, i] += total / lanes[at.M1, i]  # (E3)
 
 
 @borrowing_kernel
@@ -192,42 +196,58 @@ def _begin_sweep(model, slot, lanes, i):
 
 
 @borrowing_kernel
-def _add_sweep(model, slot, lanes, count, i):
-    """Add amplitude sin(phase(t)) to its jet: s' = c phase', c' = -s phase', term by term."""
+def _add_sweep(model, slot, lanes, clock, first, last):
+    """Add amplitude sin(phase(t)) to its jet: s' = c phase', c' = -s phase', term by term.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    slot
+        First slot of the part.
+    lanes
+        (rows, lanes) float64; the jet and the scratch rows of the part are written.
+    clock
+        Three numbers, see above.
+    first, last
+        The lanes first .. last - 1.
+    """
     row, jet = _row_and_jet(model, slot)
     logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[at.SAMPLE_INTERVAL]
-    first, final = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
-    whole = max(1.0, math.ceil(lanes[row + DURATION, i] / step - 1e-9))  # sample intervals
-    length, time = whole * step, min(count, whole) * step
-    rest = max(count - whole, 0.0) * step
-    growth = math.log(final / first) / length if logarithmic else 0.0
-    slope = (final - first) / length
-    if logarithmic and growth != 0.0:
-        frequency = first * math.exp(growth * time)  # (E2)
-        phase = (frequency - first) / growth
-    else:
-        frequency = first + slope * time  # (E1)
-        phase = (first + 0.5 * slope * time) * time
-    phase += lanes[row + SWEEP_PHASE, i] + final * rest
-    if count >= whole:
-        frequency, slope, growth = final, 0.0, 0.0
-    amplitude = lanes[row + SWEEP_AMPLITUDE, i]
-    lanes[row + COSINES, i] = math.cos(phase)
-    sines = row + COSINES + SWEEP_TERMS
-    lanes[sines, i] = math.sin(phase)
-    lanes[jet, i] += amplitude * lanes[sines, i]
-    for n in range(1, SWEEP_TERMS):
-        cosine = sine = 0.0
-        part = frequency * step  # k times the k-th term of the phase
-        for k in range(1, n + 1):
-            cosine -= part * lanes[sines + n - k, i]
-            sine += part * lanes[row + COSINES + n - k, i]
-            if logarithmic:
-                part *= growth * step / k
-            else:
-                part = slope * step * step if k == 1 else 0.0
-        lanes[row + COSINES + n, i], lanes[sines + n, i] = cosine / n, sine / n
-        lanes[jet + n, i] += amplitude * lanes[sines + n, i]
+    for i in range(first, last):
+        count = _intervals_since(clock, lanes[at.BEGAN, i])
+        w0, w1 = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
+        whole = max(1.0, math.ceil(lanes[row + DURATION, i] / step - 1e-9))  # sample intervals
+        length, time = whole * step, min(count, whole) * step
+        rest = max(count - whole, 0.0) * step
+        growth = math.log(w1 / w0) / length if logarithmic else 0.0
+        slope = (w1 - w0) / length
+        if logarithmic and growth != 0.0:
+            frequency = w0 * math.exp(growth * time)  # (E2)
+            phase = (frequency - w0) / growth
+        else:
+            frequency = w0 + slope * time  # (E1)
+            phase = (w0 + 0.5 * slope * time) * time
+        phase += lanes[row + SWEEP_PHASE, i] + w1 * rest
+        if count >= whole:
+            frequency, slope, growth = w1, 0.0, 0.0
+        amplitude = lanes[row + SWEEP_AMPLITUDE, i]
+        lanes[row + COSINES, i] = math.cos(phase)
+        sines = row + COSINES + SWEEP_TERMS
+        lanes[sines, i] = math.sin(phase)
+        lanes[jet, i] += amplitude * lanes[sines, i]
+        for n in range(1, SWEEP_TERMS):
+            cosine = sine = 0.0
+            part = frequency * step  # k times the k-th term of the phase
+            for k in range(1, n + 1):
+                cosine -= part * lanes[sines + n - k, i]
+                sine += part * lanes[row + COSINES + n - k, i]
+                if logarithmic:
+                    part *= growth * step / k
+                else:
+                    part = slope * step * step if k == 1 else 0.0
+            lanes[row + COSINES + n, i], lanes[sines + n, i] = cosine / n, sine / n
+            lanes[jet + n, i] += amplitude * lanes[sines + n, i]
 
 
 @borrowing_kernel
@@ -242,7 +262,7 @@ def _begin_noise(model, slot, lanes, streams, i):
 
 
 @borrowing_kernel
-def _add_noise(model, slot, lanes, streams, count, i):
+def _add_noise(model, slot, lanes, streams, clock, first, last):
     """Add filtered noise to its jet, linear over the sample interval.
 
     Parameters
@@ -255,48 +275,93 @@ def _add_noise(model, slot, lanes, streams, count, i):
         (rows, lanes) float64; the jet and the filter's state and value are written.
     streams
         (2, lanes) uint64, advanced.
-    count
-        Sample intervals since the episode began.
-    i
-        The lane.
+    clock
+        Three numbers, see above.
+    first, last
+        The lanes first .. last - 1.
     """
     row, jet = _row_and_jet(model, slot)
-    before = lanes[row + VALUE, i]
-    advance_filter(lanes, row, streams, (count + 1.0) * model[at.SAMPLE_INTERVAL], i)
-    _add_line(lanes, jet, before, lanes[row + VALUE, i], i)
+    step = model[at.SAMPLE_INTERVAL]
+    for i in range(first, last):
+        end = (_intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
+        before = lanes[row + VALUE, i]
+        advance_filter(lanes, row, streams, end, i)
+        _add_line(lanes, jet, before, lanes[row + VALUE, i], i)
 
 
 @borrowing_kernel
 def _begin_record(model, slot, lanes, i):
     """Add the record's value at the start to its jet."""
     row, jet = _row_and_jet(model, slot)
-    value = _recorded(model, slot, lanes, 0.0, i)
+    value = _recorded(model, _samples(model, slot), lanes, row, 0.0, i)
     lanes[row + RECORD_VALUE, i] = value
     lanes[jet, i] += value
 
 
 @borrowing_kernel
-def _add_record(model, slot, lanes, count, i):
-    """Add a record to its jet, linear over the sample interval."""
+def _add_record(model, slot, lanes, clock, first, last):
+    """Add a record to its jet, linear over the sample interval.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    slot
+        First slot of the part.
+    lanes
+        (rows, lanes) float64; the jet and the part's value are written.
+    clock
+        Three numbers, see above.
+    first, last
+        The lanes first .. last - 1.
+    """
     row, jet = _row_and_jet(model, slot)
-    before = lanes[row + RECORD_VALUE, i]
-    value = _recorded(model, slot, lanes, (count + 1.0) * model[at.SAMPLE_INTERVAL], i)
-    lanes[row + RECORD_VALUE, i] = value
-    _add_line(lanes, jet, before, value, i)
+    samples, step = _samples(model, slot), model[at.SAMPLE_INTERVAL]
+    for i in range(first, last):
+        end = (_intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
+        before, value = lanes[row + RECORD_VALUE, i], _recorded(model, samples, lanes, row, end, i)
+        lanes[row + RECORD_VALUE, i] = value
+        _add_line(lanes, jet, before, value, i)
 
 
 @borrowing_kernel
-def _recorded(model, slot, lanes, time, i):
-    """Return a record at a time [s] of the episode, linear between its samples; 0 after its end."""
-    row, length = int(model[slot + ROW]), int(model[slot + LENGTH])
-    data = int(model[at.EXCITATION]) + int(model[slot + DATA])
+def _samples(model, slot):
+    """Return where a record's samples begin in the model, their number and their spacing [s]."""
+    first = int(model[at.EXCITATION]) + int(model[slot + DATA])
+    return first, int(model[slot + LENGTH]), model[slot + DATA_STEP]
+
+
+@borrowing_kernel
+def _recorded(model, samples, lanes, row, time, i):
+    """Return a record, linear between its samples.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    samples
+        Of `_samples`.
+    lanes
+        (rows, lanes) float64, read.
+    row
+        First row of the part.
+    time
+        Since the episode began [s].
+    i
+        The lane.
+
+    Returns
+    -------
+    Force [N] or acceleration [m/s^2]; 0 after the record's end.
+    """
+    first, length, spacing = samples
     record_time = lanes[row + RECORD_START, i] + time / lanes[row + TIME_SCALE, i]
-    place = record_time / model[slot + DATA_STEP]
+    place = record_time / spacing
     if not place < length - 1.0:
         return 0.0
     k = int(place)
     part = place - k
-    value = (1.0 - part) * model[data + k] + part * model[data + k + 1]
+    value = (1.0 - part) * model[first + k] + part * model[first + k + 1]
     return lanes[row + RECORD_SCALE, i] * value
 
 
@@ -305,31 +370,3 @@ def _add_line(lanes, jet, before, after, i):
     """Add to a jet the line from one value to another over the sample interval."""
     lanes[jet, i] += before
     lanes[jet + 1, i] += after - before
-
-
-@borrowing_kernel
-def rotate(model, lanes, first, last):
-    """Turn every harmonic by one sample interval."""
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        for i in span(first, last):
-            c, s = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
-            rc, rs = lanes[harmonic + at.ROTATE_COSINE, i], lanes[harmonic + at.ROTATE_SINE, i]
-            cosine, sine = fma(c, rc, -s * rs), fma(s, rc, c * rs)
-            # One Newton step towards length 1, or round-off would add up in the amplitude.
-            norm = fma(-0.5, fma(cosine, cosine, sine * sine), 1.5)
-            lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = (
-                cosine * norm,
-                sine * norm,
-            )
-
-
-@borrowing_kernel
-def begin_harmonic(lanes, harmonic, time_step, first, last):
-    """Write cosine and sine of a harmonic's phase, and of its turn in one sample interval."""
-    for i in span(first, last):
-        phase, turn = lanes[harmonic + at.PHASE, i], lanes[harmonic + at.FREQUENCY, i] * time_step
-        lanes[harmonic + at.COSINE, i] = math.cos(phase)
-        lanes[harmonic + at.SINE, i] = math.sin(phase)
-        lanes[harmonic + at.ROTATE_COSINE, i] = math.cos(turn)
-        lanes[harmonic + at.ROTATE_SINE, i] = math.sin(turn)

@@ -45,7 +45,7 @@ class Plant:
     actuators
         Names of the action's columns, in order: "force" [N], "stretch" [-].
     observed
-        The channels, in order, each with name, unit, scale, zero and noise.
+        The channels, in order, each with name, unit, factor, zero, one and noise.
     history, delay
         Frames observed, and the age of the newest in control steps.
     steps, time_step

@@ -16,15 +16,19 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
 
+SMALLEST = float(np.finfo(np.float64).tiny)
+"""Smallest scale of a channel, whose inverse is finite."""
+
+
 class Observed(NamedTuple):
-    """A channel as the agent observes it: (value - zero) * scale, plus the scaled noise.
+    """A channel as the agent observes it: (value - zero) * factor, plus noise.
 
     Attributes
     ----------
     name, unit
         The channel and its SI unit.
-    scale
-        Factor that makes it of order one [1 / unit].
+    factor
+        Inverse of the channel's scale [1 / unit].
     zero
         Value shown as 0 [unit].
     noise
@@ -33,28 +37,25 @@ class Observed(NamedTuple):
 
     name: str
     unit: str
-    scale: float
+    factor: float
     zero: float
     noise: float
 
     @property
     def one(self) -> float:
         """Value shown as 1 [unit]."""
-        return self.zero + 1.0 / self.scale
+        return self.zero + 1.0 / self.factor
 
 
 def observed(scene: Scene) -> tuple[Observed, ...]:
     """Return the channels that a scene observes, in order."""
-    scales = _scales_and_zeros(scene)
-    return tuple(
-        Observed(
-            name,
-            CHANNELS[name].unit,
-            *scales[CHANNELS[name].scale],
-            scene.sensors.noise.get(name, 0.0),
-        )
-        for name in scene.sensors.channels
-    )
+    return tuple(_observed(scene, name) for name in scene.sensors.channels)
+
+
+def _observed(scene: Scene, name: str) -> Observed:
+    channel, noise = CHANNELS[name], scene.sensors.noise.get(name, 0.0)
+    scale, zero = _scales(scene)[channel.scale]
+    return Observed(name, channel.unit, 1.0 / scale, zero, noise)
 
 
 def task_array(scene: Scene) -> NDArray[np.float64]:
@@ -68,8 +69,8 @@ def task_array(scene: Scene) -> NDArray[np.float64]:
         slots = task[at.CHANNELS + at.CHANNEL_SIZE * k :]
         row = CHANNELS[channel.name]
         slots[at.SHOWN], slots[at.SUBTRACTED] = row.row, row.subtracted
-        slots[at.SCALE], slots[at.ZERO] = channel.scale, channel.zero
-        slots[at.NOISE] = channel.noise * channel.scale
+        slots[at.SCALE], slots[at.ZERO] = channel.factor, channel.zero
+        slots[at.NOISE] = channel.noise * channel.factor
     task[at.IS_DERIVED] = any(CHANNELS[channel.name].row in at.DERIVED for channel in channels)
     task[at.IS_NOISY] = any(channel.noise > 0.0 for channel in channels)
     return task
@@ -114,19 +115,20 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.STEPS] = scene.control.steps
 
 
-def _scales_and_zeros(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Return for each scale of the table of channels its factor and the value shown as zero."""
+def _scales(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Return each scale of the table of channels, and the value shown as zero."""
     objective, stretch = scene.objective, scene.actuation.stretch
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
-    reached = (1.0, 0.0)
-    if stretch is not None:  # the actuator's limits are shown as -1 and 1
-        low, high = stretch.minimum, stretch.maximum
-        reached = 2.0 / (high - low), 0.5 * (high + low)
+    half, middle = 1.0, 0.0
+    if stretch is not None:  # its limits are shown as -1 and 1
+        half = 0.5 * (stretch.maximum - stretch.minimum)
+        middle = 0.5 * (stretch.maximum + stretch.minimum)
     return {
-        "displacement": (1.0 / displacement, 0.0),
-        "stroke": (1.0 / objective.stroke_scale, 0.0),
-        "velocity": (1.0 / velocity, 0.0),
-        "acceleration": (1.0 / (velocity**2 / displacement), 0.0),
-        "force": (1.0 / (scene.carriage.stiffness * displacement), 0.0),
-        "stretch": reached,
+        "displacement": (displacement, 0.0),
+        "stroke": (objective.stroke_scale, 0.0),
+        "velocity": (velocity, 0.0),
+        "acceleration": (velocity**2 / displacement, 0.0),
+        # The product of two small numbers may be 0.
+        "force": (max(scene.carriage.stiffness * displacement, SMALLEST), 0.0),
+        "stretch": (half, middle),
     }

@@ -1,4 +1,4 @@
-"""The scene: what a person writes. Parts with defaults, ranges and units, and their files."""
+"""The scene that a person writes: its parts with defaults, ranges and units, and its files."""
 
 from mm_gym.scene.actuators import Actuation as Actuation
 from mm_gym.scene.actuators import ForceActuator as ForceActuator

@@ -1,4 +1,4 @@
-"""What the agent moves: a force on the carriage, the stretch of the springs."""
+"""Actuators: a force on the carriage, the stretch of the springs."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from mm_gym.scene.part import Part
 
 
 class Actuator(Part):
-    """What moves, holding still over each control step: exactly what an action asks for, or less.
+    """An actuator, which holds its value over each control step.
 
-    With a lag the actuator goes 1 - exp(-time_step / lag) of the way to its command in a control
-    step; then the rate limit holds, then the limits.
+    Without lag and rate limit it reaches its command at once. A lag lets it go
+    1 - exp(-time_step / lag) of the way in a control step; then the rate limit applies, then the
+    limits.
     """
 
     rate_limit: Positive | None = None
-    """[N/s] or [1/s]"""
+    """[N/s] or [1/s]; none by default"""
     lag: NonNegative = 0.0
-    """time constant [s] of a first-order lag; 0 for none"""
+    """time constant of a first-order lag [s]; 0 for none"""
     command: Literal["position", "rate"] = "position"
-    """what an action in [-1, 1] means: a value within the limits, or a share of rate_limit"""
+    """meaning of an action in [-1, 1]: a value within the limits, or a fraction of rate_limit"""
 
     @model_validator(mode="after")
     def _rate_is_limited(self) -> Self:
@@ -56,7 +57,7 @@ class StretchActuator(Actuator):
 
 
 class Actuation(Part):
-    """What the agent moves."""
+    """The actuators; an environment needs at least one."""
 
     force: ForceActuator | None = None
     stretch: StretchActuator | None = None

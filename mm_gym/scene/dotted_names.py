@@ -8,11 +8,11 @@ from mm_gym.errors import SceneError, suggest
 from mm_gym.scene.part import Part
 
 Data: TypeAlias = "dict[str, Data] | list[Data] | str | float | bool | None"
-"""What a part looks like in a file."""
+"""A dumped part, as in a file."""
 
 
 def put(data: dict[str, Data], name: str, value: object) -> None:
-    """Set the entry of dumped data that a dotted name points at."""
+    """Set the entry of dumped data with a dotted name."""
     *path, last = name.split(".")
     if path and path[0] == "randomization":  # its keys are dotted names, and may be new
         path, last = ["randomization"], name.removeprefix("randomization.")

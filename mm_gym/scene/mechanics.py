@@ -1,4 +1,4 @@
-"""The masses, what joins them, and the carriage's own spring and damper."""
+"""Mechanics: carriage, sphere, and the interface and springs between them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ GRAVITY = 9.81
 
 
 class Carriage(Part):
-    """The mass to be kept still, on a spring and a damper."""
+    """The mass whose vibration is controlled, on a spring and a damper."""
 
     mass: NonNegative = 0.1
-    """m1 [kg]; 0 for a carriage without inertia, which needs a damper or a viscous interface"""
+    """m1 [kg]; 0 for a massless carriage, which needs a damper or a viscous interface"""
     stiffness: Positive = 400.0
     """k1 [N/m]"""
     damping: NonNegative = 1.0
@@ -36,13 +36,13 @@ class Sphere(Part):
 
 
 class NoInterface(Part):
-    """Nothing passes between sphere and carriage but the springs."""
+    """No interface: only the springs act between sphere and carriage."""
 
     kind: Literal["none"] = "none"
 
 
 class Viscous(Part):
-    """A force proportional to the slip velocity."""
+    """Viscous interface: a force proportional to the slip velocity."""
 
     kind: Literal["viscous"] = "viscous"
     damping: NonNegative = 1.0
@@ -50,7 +50,7 @@ class Viscous(Part):
 
 
 class DryFriction(Part):
-    """Creep below the reference velocity, slip above it (eq. 9 of the paper)."""
+    """Dry friction: creep below the reference velocity, slip above it (eq. 9 of the paper)."""
 
     kind: Literal["dry_friction"] = "dry_friction"
     static_coefficient: Positive
@@ -74,34 +74,33 @@ class DryFriction(Part):
 
 
 class NoSprings(Part):
-    """The sphere is held by the interface alone."""
+    """No springs: only the interface acts between sphere and carriage."""
 
     kind: Literal["none"] = "none"
 
 
 class SmallOnLarge(Part):
-    """Springs linearised about their pre-stretch (eq. 15): k2 = 2 k0 (1 + 2 / stretch^3)."""
+    """Springs linearised about their pre-stretch: k2 = 2 k0 (1 + 2 / stretch^3) (eq. 15)."""
 
     kind: Literal["small_on_large"] = "small_on_large"
     stiffness: Positive = 35.0
     """k0 [N/m]"""
     stretch: Annotated[float, Field(ge=1)] = 1.5
-    """lambda [-]; where it is actuated, the value that an episode starts from by default"""
+    """lambda [-]; if it is actuated, the default start of an episode"""
 
 
 class FiniteStretch(Part):
-    """The neo-Hookean pair: each side pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
+    """A neo-Hookean pair of springs: each pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
 
     kind: Literal["finite_stretch"] = "finite_stretch"
     stiffness: Positive = 35.0
     """k0 [N/m]"""
     stretch: Annotated[float, Field(ge=1)] = 1.5
-    """lambda [-], at least 1"""
+    """lambda [-]"""
     rest_length: Positive
     """l0 [m]"""
 
 
 Interface = Annotated[NoInterface | Viscous | DryFriction, Field(discriminator="kind")]
-
 
 Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")]

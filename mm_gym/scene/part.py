@@ -1,4 +1,4 @@
-"""The base of every part of a scene, and how its findings become one `SceneError`."""
+"""The base class of all parts of a scene; it reports pydantic's findings as one `SceneError`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Part(BaseModel):
-    """A frozen piece of a scene: strict numbers, no unknown keys, no NaN or infinity."""
+    """A frozen part of a scene: strict numbers, no unknown keys, no NaN or infinity."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
@@ -28,8 +28,8 @@ class Part(BaseModel):
         except ValidationError as error:
             raise SceneError(report(type(self), error)) from None
 
-    # Without this mark pydantic calls __init__ for each nested part, and the first finding would
-    # hide all others.
+    # Without this mark pydantic would call __init__ for each nested part, and the first finding
+    # would hide all others.
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
 
     @classmethod
@@ -39,24 +39,24 @@ class Part(BaseModel):
 
 
 def listed(value: object) -> object:
-    """Let a list stand for a tuple, as in files; a set does not, because it has no order."""
+    """Return a list as a tuple, because files have lists; refuse sets, which have no order."""
     return tuple(cast("list[object]", value)) if isinstance(value, list) else value
 
 
 def report(model: type[Part], error: ValidationError) -> str:
-    """Return one line per finding: where, what, got, allowed."""
+    """Return one line for each finding: field, value, allowed values."""
     lines: dict[str, str] = {}
     findings = error.errors()
     places = [finding["loc"] for finding in findings]
     for finding in findings:
         place = finding["loc"]
         if finding["type"] == "too_short" and any(p[:-1] == place for p in places if p != place):
-            continue  # its entries were refused; that they are missing now is no news
+            continue  # it is short because its entries were refused, which is reported already
         where, owner = _locate(model, place)
         text = _explain(finding, owner)
         if finding["type"] == "value_error" and where:
             where, _, text = f"{where}.{text}".partition(": ")
-        # A number or a range is reported once per alternative; the first says enough.
+        # "A number or a range" gives one finding for each alternative; the first one is enough.
         lines.setdefault(where, text)
     return "\n".join(f"{where}: {text}" if where else text for where, text in lines.items())
 
@@ -93,7 +93,7 @@ def _shown(value: object) -> str:
 
 
 MISSING = {"missing": "missing", "union_tag_not_found": "'kind' is missing"}
-"""What to say about something that is not there."""
+"""Texts about missing fields."""
 
 
 def _allowed(finding: ErrorDetails) -> str:
@@ -103,17 +103,17 @@ def _allowed(finding: ErrorDetails) -> str:
     if finding["type"] == "too_long":
         return f"at most {context['max_length']} entries"
     text = str(finding["msg"]).removeprefix("Input should be ")
-    # The words of a file, not of Python's types.
+    # Words of a file instead of Python's types.
     for python, plain in (("valid tuple", "list"), ("a valid integer", "an integer")):
         text = text.replace(python, plain)
     return text.replace("valid ", "")
 
 
 def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, type[Part] | None]:
-    """Return the dotted name of a finding and the part it lies in.
+    """Return the dotted name of a finding and the part that holds it.
 
-    pydantic's labels of alternatives are left out: the tag of a kind, and where a number or a
-    range is allowed, all that follows.
+    pydantic's labels of alternatives are left out: the tag of a kind, and everything behind a field
+    that takes a number or a range.
     """
     names: list[str] = []
     present: list[type[Part]] = [model]

@@ -1,4 +1,7 @@
-"""A scene: what a person writes. The one home of defaults, ranges, units and cross-field rules."""
+"""The scene, and the rules across its parts.
+
+Defaults, ranges and units of all fields are stated in this folder, and nowhere else.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from pydantic import BeforeValidator, Field, JsonValue, PlainValidator, model_va
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.actuators import Actuation
 from mm_gym.scene.dotted_names import put
 from mm_gym.scene.excitation import (
@@ -31,7 +35,7 @@ Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
 
 
 class Initial(Part):
-    """The state at the start of an episode: numbers, or [low, high] to draw from uniformly."""
+    """The state at the start of an episode: numbers, or ranges [low, high], drawn uniformly."""
 
     carriage_displacement: NumberOrRange = 0.0
     """x1 [m]"""
@@ -42,11 +46,11 @@ class Initial(Part):
     sphere_velocity: NumberOrRange = 0.0
     """v2 [m/s]"""
     stretch: NumberOrRange | None = None
-    """lambda [-] of an actuated stretch; by default springs.stretch"""
+    """lambda [-], if the stretch is actuated; by default springs.stretch"""
 
 
 class Objective(Part):
-    """What the agent is paid, with `a` the clipped action.
+    """The reward of a control step, from the state at its end and the clipped action `a`.
 
     reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
     """
@@ -72,7 +76,7 @@ class Objective(Part):
 
 
 class Control(Part):
-    """The agent's clock."""
+    """Control steps."""
 
     time_step: Positive = 0.01
     """dt [s]"""
@@ -108,21 +112,20 @@ MethodName = Annotated[
 
 
 class Solver(Part):
-    """How the motion is propagated; see `docs/numerics.md`."""
+    """The method that propagates the motion; see `docs/numerics.md`."""
 
     method: MethodName = "auto"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
-    """bound of the relative error over a control step, for the methods that have one"""
+    """largest relative error over a control step, for methods that take a tolerance"""
     substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """of each sample interval, for the fixed-step methods; unless excitation is sampled, a control
-    step is one interval"""
+    """substeps of each sample interval, for the fixed-step methods"""
 
 
 class Scene(Part):
-    """A carriage, a sphere, what joins and disturbs them, what the agent does, sees and is paid.
+    """A scene: the mechanics, their excitation, and the agent's actuators, sensors and objective.
 
-    Every field has a default; a scene states only what differs. All parts are frozen, and
-    `Scene(...)` raises `SceneError` with every finding at once.
+    Every field has a default; a scene states only what differs. All parts are frozen.
+    `Scene(...)` raises one `SceneError` with all findings.
     """
 
     carriage: Carriage = Carriage()
@@ -149,11 +152,11 @@ class Scene(Part):
 
     @property
     def digest(self) -> str:
-        """Sixteen hexadecimal digits that identify the scene's content."""
+        """Sixteen hexadecimal digits that identify the content of the scene."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
     def replace(self, **values: object) -> Scene:
-        """Return a copy with fields replaced by dotted name, validated anew.
+        """Return a validated copy with fields replaced by dotted name.
 
         Examples
         --------
@@ -176,8 +179,11 @@ class Scene(Part):
                 problems.append(
                     "actuation.stretch: there are no springs to stretch; set springs.kind"
                 )
-            if "stretch" in self.sensors.channels:
-                problems.append("sensors.channels: 'stretch' needs springs; set springs.kind")
+            problems += [
+                f"sensors.channels: {channel!r} needs springs; set springs.kind"
+                for channel in self.sensors.channels
+                if CHANNELS[channel].scale == "stretch"
+            ]
         if initial is not None and actuator is None:
             problems.append(
                 "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
@@ -219,7 +225,7 @@ class Scene(Part):
         return problems
 
     def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
-        """Return what speaks against the scene with the field at either end of a range."""
+        """Return the findings about the scene with the field at either end of a range."""
         texts: list[str] = []
         for value in dict.fromkeys(ends):
             trial = self._dump()
@@ -234,7 +240,7 @@ class Scene(Part):
     def _drawable(self) -> list[str]:
         """Return the dotted names of the numbers that may differ from episode to episode.
 
-        Those of `initial` are not among them: they have ranges of their own.
+        The numbers of `initial` are not among them, because each may itself be a range.
         """
         parts: dict[str, Part] = {
             "carriage": self.carriage,

@@ -1,6 +1,7 @@
-"""The JSON schema of scene files, for editors that complete and check TOML by one.
+"""The JSON schema of scene files, by which editors complete and check them.
 
-What a schema cannot say stays with `load_scene`: rules across fields, and that 10.0 is no integer.
+A schema cannot express the rules across fields, nor that 10.0 is no integer: `load_scene` checks
+these.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Node: TypeAlias = "Object | list[Node] | str | float | bool | None"
 Object: TypeAlias = "dict[str, Node]"
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
-"""Editors of TOML read this draft at least; nothing here means something else in a later one."""
+"""All editors of TOML read this draft; what is used of it means the same in later ones."""
 
 
 def scene_schema() -> str:
@@ -33,7 +34,7 @@ def scene_schema() -> str:
 
 
 def _name_drawn(randomization: Object) -> None:
-    """Replace what any key may hold by the dotted names of all numbers of a scene."""
+    """Allow only the dotted names of a scene's numbers as keys of the randomisation."""
     drawn = randomization["additionalProperties"]
     names = dict.fromkeys(_numbers(Scene), drawn)
     randomization |= {
@@ -48,7 +49,7 @@ def _name_drawn(randomization: Object) -> None:
 
 
 def _require_kinds(node: Node, parts: dict[str, Object]) -> None:
-    """Require what tells alternatives apart; pydantic states only that it has a default."""
+    """Require the kind of each alternative, for which pydantic states a default."""
     children = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
     if isinstance(node, dict) and "discriminator" in node:
         told = cast("dict[str, dict[str, str]]", node.pop("discriminator"))
@@ -60,19 +61,19 @@ def _require_kinds(node: Node, parts: dict[str, Object]) -> None:
 
 
 def _plain(node: Node, *, names: bool = False) -> Node:
-    """Return a node without what TOML does not have, and without what says nothing new."""
+    """Return a node without null, which TOML does not have, and without redundant entries."""
     if isinstance(node, list):
         return [_plain(child) for child in node]
     if not isinstance(node, dict):
         return node
-    if names:  # the keys are names of fields, not words of the schema
+    if names:  # the keys are names of fields, not keywords of the schema
         return {name: _plain(child) for name, child in node.items()}
     node = {key: child for key, child in node.items() if key not in {"title", "discriminator"}}
     if node.get("default", 0) is None or isinstance(node.get("default"), dict):
         del node["default"]
-    if node.get("type") == "array":  # pydantic's word where a validator precedes the bound
+    if node.get("type") == "array":  # pydantic writes minLength if a validator precedes the bound
         node = {key.replace("Length", "Items"): child for key, child in node.items()}
-    if "prefixItems" in node:  # both ends of a range are the same
+    if "prefixItems" in node:  # both ends of a range have the same type
         node["items"] = cast("list[Node]", node.pop("prefixItems"))[0]
     if "anyOf" in node:
         options = [option for option in cast("list[Node]", node.pop("anyOf")) if option != NULL]
@@ -85,7 +86,7 @@ def _plain(node: Node, *, names: bool = False) -> Node:
 
 NULL: Node = {"type": "null"}
 INDEX = "*"
-"""Stands for the index of a list's entry in a dotted name."""
+"""Placeholder for the index of a list's entry in a dotted name."""
 
 
 def _numbers(part: type[Part], prefix: str = "") -> Iterator[str]:

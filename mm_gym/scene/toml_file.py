@@ -1,7 +1,4 @@
-"""Scenes in files, holding only what differs from the defaults.
-
-TOML has typed numbers and refuses duplicate keys.
-"""
+"""Scene files in TOML, which state only what differs from the defaults."""
 
 from __future__ import annotations
 
@@ -20,10 +17,10 @@ if TYPE_CHECKING:
     from os import PathLike
 
 MOST_BYTES = 2**16
-"""Size of a file; a scene takes one or two thousand."""
+"""Largest file; a scene takes one or two thousand bytes."""
 
 LONGEST_LINE = 2**11
-"""Characters of a line; the parser's time grows with the square of a dotted key's length."""
+"""Most characters of a line: the parser's time grows with the square of a dotted key's length."""
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
@@ -74,7 +71,7 @@ def _parse(file: Path, text: str) -> dict[str, object]:
             msg = f"{file}:{place[1]}:{place[2]}: not valid TOML: {words[: place.start()]}"
         else:
             msg = f"{file}: not valid TOML: {words}"
-    except ValueError as error:  # an integer of more digits than Python reads
+    except ValueError as error:  # an integer with more digits than Python reads
         msg = f"{file}: not valid TOML: {error}"
     except RecursionError:
         msg = f"{file}: not valid TOML: nested too deeply"
@@ -93,7 +90,7 @@ def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
 
 
 def _with_lines(file: Path, text: str, findings: str) -> str:
-    """Begin each finding with its place in the file."""
+    """Put file and line before each finding."""
     lines = lines_of(text)
     return "\n".join(
         f"{file}{_place(finding, lines)}: {finding}" for finding in findings.splitlines()

@@ -1,4 +1,4 @@
-"""On which line of a TOML file each name is set; the standard parser keeps no positions."""
+"""Line numbers of the names in a TOML file, which the standard parser does not keep."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 Path: TypeAlias = tuple[str, ...]
 
 MOST_WORK = 1_000_000
-"""Characters parsed again for the statements of several lines; what follows has no line."""
+"""Most characters parsed again for statements of several lines; later names get no line."""
 
 DEEPEST = 10
-"""Levels of names that have a line; a scene has fewer."""
+"""Most levels of names that get a line; a scene has fewer."""
 
 
 def lines_of(text: str) -> dict[str, int]:
     """Return dotted name -> line of the statement that sets it, for text that is valid TOML.
 
-    The parser itself finds the statements: each is the least number of lines that is TOML on its
-    own. Names within a value have the line on which it begins; in a list over several lines, that
-    on which their entry ends.
+    The parser itself finds the statements: each is the smallest number of lines that is valid TOML
+    on its own. Names inside a value get the line on which the value begins; in a list over several
+    lines, the line on which their entry ends.
     """
     lines: dict[str, int] = {}
     table: Path = ()
@@ -47,7 +47,7 @@ def lines_of(text: str) -> dict[str, int]:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str, dict[str, object]]]:
-    """Yield line, text and meaning of each statement, after those of its parts, if it is a list."""
+    """Yield line, text and data of each statement; before those of a list, those of its entries."""
     lines = text.replace("\r\n", "\n").split("\n")
     first, work = 0, 0
     while first < len(lines) and work < MOST_WORK:
@@ -71,7 +71,7 @@ def _meaning(text: str) -> dict[str, object] | None:
 
 
 def _header(data: object) -> list[str]:
-    """Return the names in ``[a.b]`` or ``[[a.b]]``, from what it means alone."""
+    """Return the names in ``[a.b]`` or ``[[a.b]]``, from its data."""
     names: list[str] = []
     while data:
         if isinstance(data, list):
@@ -83,7 +83,7 @@ def _header(data: object) -> list[str]:
 
 
 def _resolved(names: list[str], counts: dict[Path, int], path: Path = ()) -> Path:
-    """Return the path of a table; within an array of tables, that in its last entry."""
+    """Return the path of a table; within an array of tables, the path in its last entry."""
     for name in names:
         path = (*path, name)
         if path in counts:
@@ -92,7 +92,7 @@ def _resolved(names: list[str], counts: dict[Path, int], path: Path = ()) -> Pat
 
 
 def _names(value: object, depth: int = 0) -> Iterator[Path]:
-    """Yield the paths of all that a value holds, itself included."""
+    """Yield the paths of a value and of everything in it."""
     yield ()
     if depth == DEEPEST:
         return

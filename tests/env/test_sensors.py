@@ -17,6 +17,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
+from mm_gym.kernels.channels import CHANNELS
 from mm_gym.simulation.lanes import Lanes
 
 SHAKEN = Scene(
@@ -196,6 +197,33 @@ def test_an_episode_does_not_depend_on_whether_its_frames_are_seen(noise):
         lanes.restart(seen=lanes is seen)
     assert np.array_equal(seen.values, unseen.values)
     assert np.array_equal(seen.streams, unseen.streams)
+
+
+def test_documentation_lists_the_table_of_channels():
+    text = (Path(__file__).parents[2] / "docs" / "excitation.md").read_text("utf-8")
+    rows = [
+        f"| `{name}` | {channel.meaning} | {channel.unit} | {channel.scale} |"
+        for name, channel in CHANNELS.items()
+    ]
+    assert "\n|---|---|---|---|\n" + "\n".join(rows) + "\n\n" in text
+
+
+def test_plant_says_how_its_channels_are_scaled():
+    env = MovingMassEnv(SHAKEN.replace(**{"sensors.noise": {"spring_force": 0.1}}))
+    plant = compile_scene(env.scene)
+    assert tuple(channel.name for channel in plant.observed) == plant.channels
+    spring, _, ground, carriage = plant.observed[2:]
+    assert (spring.unit, spring.zero, spring.noise) == ("N", 0.0, 0.1)
+    assert spring.one == pytest.approx(400.0 * SHAKEN.objective.displacement_scale, rel=1e-15)
+    assert (ground.unit, carriage.unit) == ("m/s^2", "m")
+    observation, info = env.reset(seed=2)
+    assert observation[-1] == np.float32(info["state"][0] * carriage.factor)
+
+
+def test_a_scale_that_rounds_to_zero_is_replaced_by_a_positive_one():
+    scene = QUIET.replace(**{"carriage.stiffness": 5e-324, "sensors.channels": ["spring_force"]})
+    (spring,) = compile_scene(scene).observed
+    assert np.isfinite(spring.factor)
 
 
 NEW_CHANNEL = """

@@ -9,7 +9,11 @@ from scipy.stats import chi2, kstest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
 from mm_gym.kernels import noise
+from mm_gym.plant.excitation import KINDS
 from mm_gym.precision.oracle import Oracle
+from mm_gym.scene.excitation import FIXED_FIELDS, Excitation
+from mm_gym.scene.part import parts_of
+from mm_gym.scene.schema import _numbers
 
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 60})
 FRICTION = {
@@ -53,11 +57,27 @@ MOTION = np.random.default_rng(3).normal(0.0, 3.0, 80)
 MOTION_STEP = 0.004
 
 
+CLASSES = {part.model_fields["kind"].default: part for part in parts_of(Excitation)}
+
+
 @pytest.fixture
 def record(tmp_path):
     path = tmp_path / "motion.csv"
     np.savetxt(path, np.column_stack([MOTION_STEP * np.arange(80), MOTION]), delimiter=",")
     return {"kind": "record", "file": str(path)}
+
+
+def test_every_kind_of_a_scene_has_a_row_of_the_table():
+    assert list(KINDS) == list(CLASSES)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_number_of_a_kind_has_a_row_of_its_own(kind):
+    fields = KINDS[kind].fields
+    assert set(fields) == set(_numbers(CLASSES[kind])) - set(FIXED_FIELDS)
+    rows = {*fields.values(), *KINDS[kind].constants}
+    assert len(rows) == len(fields) + len(KINDS[kind].constants)
+    assert rows <= set(range(KINDS[kind].rows))
 
 
 def phase(time, part):
