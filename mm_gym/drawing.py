@@ -1,4 +1,4 @@
-"""How figures look and are written; matplotlib is imported when the first one is drawn."""
+"""The style of all figures, and their files; matplotlib is imported when the first is drawn."""
 
 # pyright: basic, reportArgumentType=false, reportCallIssue=false
 # matplotlib's signatures are typed in part only, and not for a dictionary of options
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from io import BytesIO
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from mm_gym.precision import WorkPrecision
-    from mm_gym.simulation.trajectory import Trajectory
-
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, which colour-blind readers tell apart."""
 
@@ -32,10 +28,8 @@ MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
 
-EXCITATION = ("disturbance [N]", "ground [m/s²]")
-"""What the excitation's columns are called on an axis."""
-
 ACTUATORS = {"force": "force [N]", "stretch": "stretch [-]"}
+"""Label of an actuator's axis."""
 
 LOOK = {
     "font.size": 8.0,
@@ -90,52 +84,3 @@ def save(figure: Figure, path: str | PathLike[str]) -> None:
     picture = BytesIO()
     FigureCanvasAgg(figure).print_figure(picture, dpi=200, format="png")
     write_bytes(path, picture.getvalue())
-
-
-def draw_trajectory(trajectory: Trajectory) -> Figure:
-    """Return displacements, velocities, excitation, what was applied and the energy over time."""
-    excited = [k for k in range(2) if trajectory.excitation[:, k].any()]
-    count = 3 + len(excited) + len(trajectory.actuators)
-    figure, axes = panels(1.2 * count + 0.6, count, 1, sharex="all")
-    time, (x1, x2, v1, v2) = trajectory.time, trajectory.state.T
-    rows = (
-        ("displacement [mm]", 1e3, (x1, x2, x2 - x1)),
-        ("velocity [m/s]", 1.0, (v1, v2, v2 - v1)),
-    )
-    names = ("carriage", "sphere", "sphere relative to carriage")
-    for panel, (label, factor, curves) in zip(axes, rows, strict=False):
-        for i, curve in enumerate(curves):
-            panel.plot(time, factor * curve, STYLES[i], color=COLOURS[i], label=names[i])
-        panel.set_ylabel(label)
-    for panel, k in zip(axes[2:], excited, strict=False):
-        panel.plot(time, trajectory.excitation[:, k], color=COLOURS[6])
-        panel.set_ylabel(EXCITATION[k])
-    for k, name in enumerate(trajectory.actuators):
-        panel = axes[2 + len(excited) + k]
-        panel.plot(time, trajectory.action[:, k], color=COLOURS[6], drawstyle="steps-post")
-        panel.set_ylabel(ACTUATORS[name])
-    axes[-1].plot(time, 1e3 * trajectory.energy, color=COLOURS[6])
-    axes[-1].set(xlabel="time [s]", ylabel="energy [mJ]")
-    figure.align_ylabels(axes)
-    legend_below(figure, axes[0], 3)
-    return figure
-
-
-def draw_work_precision(result: WorkPrecision) -> Figure:
-    """Return the cost of a control step over its error, a curve per method."""
-    figure, (axes,) = panels(3.6, 1, 1)
-    methods = list(dict.fromkeys(one.method for one in result.settings))
-    for k, method in enumerate(methods):
-        own = [one for one in result.settings if one.method == method and isfinite(one.error)]
-        # What is below the oracle's own error lies on its edge.
-        errors = [max(one.error, result.resolution) for one in own]
-        look = {"color": COLOURS[k], "marker": MARKERS[k], "linestyle": STYLES[k % len(STYLES)]}
-        look |= {"label": method, "markersize": 4.0}
-        if method == result.auto:
-            look |= {"label": f"{method} (auto)", "markersize": 7.0, "zorder": 3.0, "color": "k"}
-        axes.plot(errors, [1e6 * one.seconds for one in own], **look)
-    axes.axvspan(0.1 * result.resolution, result.resolution, color="0.9", label="oracle's error")
-    axes.set(xscale="log", yscale="log", xlim=(1.0, 0.3 * result.resolution))
-    axes.set(xlabel="error of a control step [-]", ylabel="cost of a control step [µs]")
-    legend_below(figure, axes, len(methods) + 1)
-    return figure

@@ -1,12 +1,15 @@
 """The result of a work-precision measurement: settings with their error and cost."""
 
+# pyright: reportUnknownMemberType=false
+# matplotlib's signatures are typed in part only
+
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mm_gym.drawing import draw_work_precision, save, style
+from mm_gym.drawing import COLOURS, MARKERS, STYLES, legend_below, panels, save, style
 from mm_gym.errors import SceneError
 from mm_gym.files import write_csv
 from mm_gym.scene.scene import Solver
@@ -153,7 +156,33 @@ class WorkPrecision:
             Without matplotlib (extra: plot).
         """
         with style():
-            figure = draw_work_precision(self)
+            figure = _draw(self)
             if path is not None:
                 save(figure, path)
         return figure
+
+
+def _draw(result: WorkPrecision) -> Figure:
+    """Return the cost of a control step over its error, a curve per method."""
+    figure, (axes,) = panels(3.6, 1, 1)
+    methods = list(dict.fromkeys(one.method for one in result.settings))
+    for k, method in enumerate(methods):
+        own = [one for one in result.settings if one.method == method and math.isfinite(one.error)]
+        # What is below the oracle's own error lies on its edge.
+        errors = [max(one.error, result.resolution) for one in own]
+        auto = method == result.auto
+        axes.plot(
+            errors,
+            [1e6 * one.seconds for one in own],
+            label=f"{method} (auto)" if auto else method,
+            color="k" if auto else COLOURS[k % len(COLOURS)],
+            linestyle=STYLES[k % len(STYLES)],
+            marker=MARKERS[k % len(MARKERS)],
+            markersize=7.0 if auto else 4.0,
+            zorder=3.0 if auto else 2.0,
+        )
+    axes.axvspan(0.1 * result.resolution, result.resolution, color="0.9", label="oracle's error")
+    axes.set(xscale="log", yscale="log", xlim=(1.0, 0.3 * result.resolution))
+    axes.set(xlabel="error of a control step [-]", ylabel="cost of a control step [µs]")
+    legend_below(figure, axes, len(methods) + 1)
+    return figure

@@ -1,12 +1,15 @@
 """A trajectory: what a simulation returns."""
 
+# pyright: reportUnknownMemberType=false
+# matplotlib's signatures are typed in part only
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from mm_gym.drawing import draw_trajectory, save, style
+from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import write_csv
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
@@ -22,6 +25,9 @@ if TYPE_CHECKING:
     from mm_gym.simulation.recording import Place, Recording
 
 UNITS = {"force": "N", "stretch": "-"}
+
+EXCITATION = ("disturbance [N]", "ground [m/s²]")
+"""Labels of the excitation's axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +109,36 @@ class Trajectory:
             Without matplotlib (extra: plot).
         """
         with style():
-            figure = draw_trajectory(self)
+            figure = _draw(self)
             if path is not None:
                 save(figure, path)
         return figure
+
+
+def _draw(trajectory: Trajectory) -> Figure:
+    """Return displacements, velocities, excitation, what was applied and the energy over time."""
+    excited = [k for k in range(2) if trajectory.excitation[:, k].any()]
+    count = 3 + len(excited) + len(trajectory.actuators)
+    figure, axes = panels(1.2 * count + 0.6, count, 1, sharex="all")
+    time, (x1, x2, v1, v2) = trajectory.time, trajectory.state.T
+    rows = (
+        ("displacement [mm]", 1e3, (x1, x2, x2 - x1)),
+        ("velocity [m/s]", 1.0, (v1, v2, v2 - v1)),
+    )
+    names = ("carriage", "sphere", "sphere relative to carriage")
+    for panel, (label, factor, curves) in zip(axes, rows, strict=False):
+        for i, curve in enumerate(curves):
+            panel.plot(time, factor * curve, STYLES[i], color=COLOURS[i], label=names[i])
+        panel.set_ylabel(label)
+    for panel, k in zip(axes[2:], excited, strict=False):
+        panel.plot(time, trajectory.excitation[:, k], color=COLOURS[6])
+        panel.set_ylabel(EXCITATION[k])
+    for k, name in enumerate(trajectory.actuators):
+        panel = axes[2 + len(excited) + k]
+        panel.plot(time, trajectory.action[:, k], color=COLOURS[6], drawstyle="steps-post")
+        panel.set_ylabel(ACTUATORS[name])
+    axes[-1].plot(time, 1e3 * trajectory.energy, color=COLOURS[6])
+    axes[-1].set(xlabel="time [s]", ylabel="energy [mJ]")
+    figure.align_ylabels(axes)
+    legend_below(figure, axes[0], 3)
+    return figure
