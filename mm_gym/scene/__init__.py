@@ -18,6 +18,7 @@ from mm_gym.scene.mechanics import NoSprings as NoSprings
 from mm_gym.scene.mechanics import SmallOnLarge as SmallOnLarge
 from mm_gym.scene.mechanics import Sphere as Sphere
 from mm_gym.scene.mechanics import Viscous as Viscous
+from mm_gym.scene.part import Part as Part
 from mm_gym.scene.scene import Control as Control
 from mm_gym.scene.scene import Initial as Initial
 from mm_gym.scene.scene import Objective as Objective

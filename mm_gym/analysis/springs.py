@@ -1,0 +1,39 @@
+"""The stiffness that pre-stretched springs have, and the stretch that a stiffness needs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
+    """Return k2 [N/m] of springs at rest on the sphere: 2 k0 (1 + 2 / stretch**3).
+
+    Parameters
+    ----------
+    stretch
+        Pre-stretch [-], at least 1.
+    k0
+        ``springs.stiffness`` [N/m].
+    """
+    return 2.0 * np.asarray(k0, np.float64) * (1.0 + 2.0 / np.asarray(stretch, np.float64) ** 3)
+
+
+def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
+    """Return the stretch [-] at which the springs have a stiffness, the inverse of the above.
+
+    Parameters
+    ----------
+    k2
+        Stiffness [N/m]. The springs reach 2 k0 < k2 <= 6 k0: at most 2 k0 gives an infinite
+        stretch, more than 6 k0 one below 1.
+    k0
+        ``springs.stiffness`` [N/m].
+    """
+    excess = np.asarray(k2, np.float64) / (2.0 * np.asarray(k0, np.float64)) - 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
