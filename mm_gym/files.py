@@ -5,6 +5,8 @@ A killed run leaves the old file or the new one, never half of one.
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import stat
 import tempfile
@@ -70,7 +72,9 @@ def write_bytes(path: str | PathLike[str], content: bytes) -> None:
 def write_csv(
     path: str | PathLike[str], header: Sequence[str], columns: Sequence[ArrayLike]
 ) -> None:
-    """Write columns with a header line; numbers keep all their digits."""
-    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
-    lines = [",".join(header), *(",".join(str(value) for value in row) for row in rows)]
-    write_text(path, "\n".join(lines) + "\n")
+    """Write columns with a header line; numbers keep all their digits, commas are quoted."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(header)
+    lines.writerows(zip(*(np.asarray(column).tolist() for column in columns), strict=True))
+    write_text(path, text.getvalue())
