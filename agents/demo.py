@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 from agents.evaluate import report_run
-from agents.train import train
 from agents.training.config import read_settings
+from agents.training.ppo import train
 from agents.training.runs import Run
 
-SETTINGS = Path(__file__).parent.parent / "configs" / "agents" / "pre_stretch.toml"
+SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The linear-quadratic regulator of the sampled plant, checked after it is computed."""
+"""The linear-quadratic regulator (LQR) of the sampled plant, checked after it is computed."""
 
 from __future__ import annotations
 
@@ -60,14 +60,13 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
 
     The plant is linearised about rest at a stretch, by default the one that an episode starts from.
     The states are those that the cost depends on: a sphere without springs drifts freely, its
-    position is neither paid for nor controllable, and Riccati solvers return garbage on it without
-    a word.
+    position is neither rewarded nor controllable, and Riccati solvers silently return garbage.
 
     Raises
     ------
     DesignError
-        If the scene has no force actuator, pays nothing for force, or is not stabilisable, or if
-        the solution fails its checks: residual, definiteness, closed-loop eigenvalues.
+        If the scene has no force actuator or no weight on the force, or is not stabilisable, or
+        if the solution fails its checks: residual, definiteness, closed-loop eigenvalues.
     """
     actuator, objective = scene.actuation.force, scene.objective
     if actuator is None:
@@ -79,7 +78,7 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     if objective.effort_weight == 0.0:
         msg = (
             "objective.effort_weight: got 0; "
-            "allowed: greater than 0 (the Riccati equation needs a price of force)"
+            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
         )
         raise DesignError(msg)
     plant = compile_scene(scene)
@@ -112,7 +111,7 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
 
 
 def _states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return the states that are paid for or that, through A, move one that is."""
+    """Return the states with a weight in the reward, and those that move one of them."""
     matters = weight.any(axis=0) | np.array([True, False, True, False])
     for _ in range(len(a)):
         matters = matters | a[matters].any(axis=0)
@@ -173,5 +172,5 @@ class LQR:
         """Nothing to prepare."""
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return -gain @ state as a share of the force limit; the environment clips it."""
+        """Return -gain @ state over the force limit; the environment clips it."""
         return info["state"][:, self.design.states] @ (-self.design.gain.T / self.limit)

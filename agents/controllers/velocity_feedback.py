@@ -1,4 +1,4 @@
-"""An active damper: the force opposes the carriage's velocity."""
+"""Velocity feedback: an active damper, whose force opposes the carriage's velocity."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ class VelocityFeedback:
         """Nothing to prepare."""
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return the force as a share of the limit."""
+        """Return the force over the limit."""
         return np.clip(-self.gain * info["state"][:, 2:3], -1.0, 1.0)

@@ -1,1 +1,1 @@
-"""Controllers on held-out episodes: scores, baselines and the best known plan."""
+"""Controllers on held-out episodes: costs, tuned baselines and the best known plan."""

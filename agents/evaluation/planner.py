@@ -1,4 +1,4 @@
-"""What one who knows the whole episode can attain: planning by the cross-entropy method."""
+"""A planner that knows the whole episode: the cross-entropy method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Plans = NDArray[np.float64]
 
 CORRELATION = 0.6
-"""Of the noise of two successive actions; white noise would hardly move the carriage."""
+"""Correlation of successive actions' noise; white noise would hardly move the carriage."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class Effort:
 
 
 class Planner:
-    """Plans over a window of the episode that it can repeat at will, from the exact present.
+    """Try plans over a window of the episode, from the exact state, and follow the best.
 
-    It knows the disturbance to come, which no agent can, and takes a law's own plan for a start.
-    What it attains bounds from above the least possible cost; it is no bound from below. De Boer
-    et al., *A tutorial on the cross-entropy method*, Ann. Oper. Res. 134 (2005).
+    It knows the disturbance to come, which no agent can, and starts from a law's own plan. Its cost
+    is reachable if the future is known; better may exist. De Boer et al., *A tutorial on the
+    cross-entropy method*, Ann. Oper. Res. 134 (2005).
     """
 
     name = "planner (knows the episode)"
@@ -61,7 +61,7 @@ class Planner:
         self.noise = np.random.default_rng(0)
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Make copies of the lanes to try plans in."""
+        """Make copies of the lanes, in which plans are tried."""
         lanes, population = env.num_envs, self.effort.population
         self.env = env
         self.single = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
@@ -74,7 +74,7 @@ class Planner:
         self.age = 0
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return the next action of the plan, after planning anew when it is time to."""
+        """Return the next action of the plan; plan again every `Effort.hold` steps."""
         if self.step % self.effort.hold == 0:
             self.plan = self._improved(self.plan[self.age :], observation, info)
             self.age = 0
@@ -85,39 +85,37 @@ class Planner:
     def _improved(
         self, old: Plans, observation: NDArray[np.float32], info: dict[str, Any]
     ) -> Plans:
-        present = self.env.get_state()
+        state = self.env.get_state()
         length = min(self.effort.window, self.scene.control.steps - self.step)
-        first = self._plan_of_law(present, observation, info, length)
+        first = self._plan_of_law(state, observation, info, length)
         if len(old):
             kept = np.concatenate([old[:length], first[len(old) :]])
-            better = self._worth(self.single, present, kept) > self._worth(
-                self.single, present, first
-            )
+            better = self._worth(self.single, state, kept) > self._worth(self.single, state, first)
             first = np.where(better[:, None], kept, first)
-        return self._searched(present, first)
+        return self._searched(state, first)
 
     def _plan_of_law(
         self,
-        present: Mapping[str, Any],
+        state: Mapping[str, Any],
         observation: NDArray[np.float32],
         info: dict[str, Any],
         length: int,
     ) -> Plans:
-        self.single.set_state(present)
+        self.single.set_state(state)
         plan = np.empty((length, *self.single.action_space.shape))
         for i in range(length):
             plan[i] = np.clip(self.law.act(observation, info), -1.0, 1.0)
             observation, *_, info = self.single.step(plan[i])
         return plan
 
-    def _searched(self, present: Mapping[str, Any], best: Plans) -> Plans:
-        """Return the best of all plans drawn, the first among them."""
+    def _searched(self, state: Mapping[str, Any], best: Plans) -> Plans:
+        """Return the best of the plans drawn and of the one to start from."""
         effort, lanes = self.effort, best.shape[1]
         copies = {
             name: np.repeat(value, effort.population, axis=-1)
             if isinstance(value, np.ndarray)
             else value
-            for name, value in present.items()
+            for name, value in state.items()
         }
         mean, deviation = best, np.full(best.shape, 0.5)
         rows = np.arange(lanes)
@@ -141,9 +139,9 @@ class Planner:
 
     @staticmethod
     def _worth(
-        env: MovingMassVectorEnv, present: Mapping[str, Any], plans: Plans
+        env: MovingMassVectorEnv, state: Mapping[str, Any], plans: Plans
     ) -> NDArray[np.float64]:
-        env.set_state(present)
+        env.set_state(state)
         total = np.zeros(env.num_envs)
         for actions in plans:
             total += env.step(actions)[1]

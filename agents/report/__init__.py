@@ -1,1 +1,1 @@
-"""Figures, tables and pages from evaluations."""
+"""Figures, tables and pages made from evaluations."""

@@ -1,18 +1,16 @@
-"""Scenes in words and tables: what the agent does, sees and is paid, as Markdown."""
+"""Scenes in words and tables, as Markdown: observation, action, reward, parts and plant."""
 
 from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING
 
-from mm_gym.plant.compile import compile_scene
+from agents.report.tables import markdown
+from mm_gym import compile_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from mm_gym.scene.actuators import Actuator
-    from mm_gym.scene.part import Part
-    from mm_gym.scene.scene import Scene
+    from mm_gym import Scene
+    from mm_gym.scene import ForceActuator, Part, StretchActuator
 
 TARGETS = ("force", "ground")
 """In the order in which docstrings give the units of an amplitude."""
@@ -27,15 +25,12 @@ def describe(scene: Scene) -> str:
         ("Scene", _parts(scene)),
         ("Drawn for each episode", _drawn(scene)),
         ("Episode", _episode(scene)),
-        ("Plant", f"As chosen for it:\n\n```text\n{compile_scene(scene).explain()}\n```"),
+        (
+            "Plant",
+            f"The simplest sufficient model:\n\n```text\n{compile_scene(scene).explain()}\n```",
+        ),
     ]
     return "\n\n".join(f"**{title}.** {text}" for title, text in sections)
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _observation(scene: Scene) -> str:
@@ -47,12 +42,12 @@ def _observation(scene: Scene) -> str:
         else f"the last {sensors.history} frames, oldest first"
     )
     late = f", {sensors.delay} control steps late" if sensors.delay else ""
-    rows: list[list[str]] = []
-    for shown in compile_scene(scene).observed:
-        numbers = (f"{number:g}" for number in (shown.zero, shown.one, shown.noise))
-        rows.append([shown.name, shown.unit, *numbers])
+    rows = [
+        [channel.name, channel.unit, f"{channel.zero:g}", f"{channel.one:g}", f"{channel.noise:g}"]
+        for channel in compile_scene(scene).observed
+    ]
     header = ["channel", "unit", "shown as 0", "shown as 1", "standard deviation of the noise"]
-    return f"{size} numbers: {frames}{late}.\n\n{table(header, rows)}"
+    return f"{size} numbers: {frames}{late}.\n\n{markdown(header, rows)}"
 
 
 def _action(scene: Scene) -> str:
@@ -64,11 +59,12 @@ def _action(scene: Scene) -> str:
     if stretch is not None:
         rows.append(["stretch of the springs", "-", f"{stretch.minimum:g}", f"{stretch.maximum:g}"])
         rows[-1] += _motion(stretch)
-    header = ["column", "unit", "least", "most", "an action of 1 is", "rate limit", "lag"]
-    return f"{len(rows)} in [-1, 1].\n\n{table(header, rows)}"
+    header = ["column", "unit", "least", "most", "an action of 1 means", "rate limit", "lag"]
+    count = "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
+    return f"{count} in [-1, 1].\n\n{markdown(header, rows)}"
 
 
-def _motion(actuator: Actuator) -> list[str]:
+def _motion(actuator: ForceActuator | StretchActuator) -> list[str]:
     rate = "none" if actuator.rate_limit is None else f"{actuator.rate_limit:g} per s"
     meaning = "the most" if actuator.command == "position" else "the rate limit"
     return [meaning, rate, f"{actuator.lag:g} s" if actuator.lag else "none"]
@@ -82,10 +78,10 @@ def _reward(scene: Scene) -> str:
         (objective.stroke_weight, f"((x2 - x1) / {objective.stroke_scale:g} m)^2"),
         (objective.effort_weight, "(sum of squared actions)"),
     ]
-    paid = " + ".join(
+    weighted = " + ".join(
         text if weight == 1.0 else f"{weight:g} {text}" for weight, text in terms if weight
     )
-    return f"-({paid}), from the state at the step's end and the clipped action."
+    return f"-({weighted}), from the state at the step's end and the clipped action."
 
 
 def _parts(scene: Scene) -> str:
@@ -99,7 +95,7 @@ def _parts(scene: Scene) -> str:
     rows = [[name, _fields(part)] for name, part in parts]
     if not scene.excitation:
         rows.append(["excitation", "none"])
-    return f"All values, defaults included.\n\n{table(['part', 'values'], rows)}"
+    return f"All values, defaults included.\n\n{markdown(['part', 'values'], rows)}"
 
 
 def _fields(part: Part) -> str:
@@ -130,7 +126,7 @@ def _drawn(scene: Scene) -> str:
     ]
     if not rows:
         return "Nothing."
-    return f"Uniformly, each by itself.\n\n{table(['field', 'from', 'to'], rows)}"
+    return f"Uniformly and independently.\n\n{markdown(['field', 'from', 'to'], rows)}"
 
 
 def _episode(scene: Scene) -> str:
@@ -143,10 +139,8 @@ def _episode(scene: Scene) -> str:
         )
         if limit is not None
     ]
-    return (
-        f"{control.steps} control steps of {control.time_step:g} s, then truncated. "
-        f"Terminated {'when ' + ' or '.join(ends) if ends else 'never'}."
-    )
+    early = f"Terminates when {' or '.join(ends)}." if ends else "Never terminates early."
+    return f"{control.steps} control steps of {control.time_step:g} s, then truncated. {early}"
 
 
 def _number(value: object) -> str:

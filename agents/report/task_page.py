@@ -1,19 +1,14 @@
-"""The page on the tasks, from classes, scenes and committed scores: ``python -m agents.task_page``.
-
-It writes ``docs/tasks.md``; the scores come from ``python -m agents.headroom``.
-"""
+"""The page on the tasks, ``docs/tasks.md``, made from scenes and committed scores."""
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 from typing import TYPE_CHECKING
 
 from agents.evaluation.headroom import SCORES, tasks
-from agents.report.description import describe, table
+from agents.report.description import describe
+from agents.report.tables import markdown, percent
 from agents.training.config import TrainSettings
-from mm_gym.files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,19 +29,19 @@ HEAD = """# Tasks
 
 ## What there is to gain
 
-**Cost** is the root of the mean of -reward over all steps of 100 held-out episodes: where only the
-displacement is paid for, it is the rms of x1 over its scale. Brackets are 95 % intervals, the
-bootstrap's percentiles over episodes. The best constant is the best in hindsight, on these very
-episodes; laws are tuned on others. The planner optimises each episode, the disturbance to come
-included, by the cross-entropy method from the best law on: its cost can be attained by one who
-knows the future, and is no bound from below. **Headroom** is 1 - cost / cost of the best constant.
+**Cost** is the root of the mean of -reward over all steps of 100 held-out episodes; where only the
+displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
+percentiles over episodes. The best constant is the best in hindsight, on these very episodes; laws
+are tuned on others. The planner knows the disturbance to come, and improves on the best law in each
+episode by the cross-entropy method. Its cost is reachable if the future is known; better may exist.
+**Headroom** is 1 - cost / cost of the best constant.
 """
 
 
 def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
     """Return the page of all tasks with these scores, as of ``docs/task_scores.json``."""
     names = tasks()
-    summary = table(
+    summary = markdown(
         [
             "task",
             "best constant",
@@ -67,9 +62,9 @@ def _summary(name: str, rows: Sequence[Row]) -> list[str]:
         f"[`{name}`](#{_anchor(name)})",
         f"{constant:.3g}",
         f"{law:.3g}",
-        f"{1 - law / constant:.0%}",
+        percent(1 - law / constant),
         f"{planner:.3g}",
-        f"{1 - planner / constant:.0%}",
+        percent(1 - planner / constant),
     ]
 
 
@@ -95,14 +90,14 @@ def _section(name: str, rows: Sequence[Row]) -> str:
     scene = TrainSettings(task=name).load_scene()
     file, text = _about(name)
     constant = _least(rows, "constant")
-    scores = table(
+    scores = markdown(
         ["controller", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
         [
             [
                 str(row["controller"]),
                 f"{row['cost']:.4g}",
                 f"{row['low']:.4g} to {row['high']:.4g}",
-                f"{1 - float(row['cost']) / constant:.0%}",
+                percent(1 - float(row["cost"]) / constant),
                 f"{row['displacement']:.4g}",
             ]
             for row in rows
@@ -110,12 +105,3 @@ def _section(name: str, rows: Sequence[Row]) -> str:
     )
     intro = f"{text} File: `configs/scenes/{file.name}`."
     return f"## {name}\n\n{intro}\n\n{describe(scene)}\n\n**Scores.**\n\n{scores}"
-
-
-def main() -> None:
-    """Write the page."""
-    write_text(PAGE, page(json.loads(SCORES.read_text("utf-8"))))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

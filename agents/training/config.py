@@ -1,4 +1,4 @@
-"""The settings of a training run: one file of `configs/agents/`, then flags over it."""
+"""The settings of a training run: a file of `configs/agents/`, then flags over it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import tyro
 from pydantic import Field, Strict
 
 from mm_gym import Scene, SceneError, load_scene
-from mm_gym.scene.part import Part
+from mm_gym.scene import Part
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -50,26 +50,26 @@ class TrainSettings(Part):
     name: str = "run"
     """folder under `runs`"""
     seed: Annotated[int, Field(ge=0)] = 0
-    """of the training; held-out episodes have seeds of their own"""
+    """of the training; held-out episodes use other seeds"""
     lanes: Count = 128
     """environments side by side"""
     steps: Count = 1_000_000
     """control steps of all lanes together"""
     time_budget: Positive = 3600.0
-    """seconds after which training stops, whatever steps are left"""
+    """[s] after which training stops, even if steps are left"""
     evaluations: Count = 10
     """validations during training; the best model is kept"""
     threads: Count = 1
-    """of the gradient computations; more hardly helps networks of this size"""
+    """of the gradient computation; more hardly help networks of this size"""
     ppo: PPOSettings = PPOSettings()
 
     def load_scene(self) -> Scene:
-        """Return the scene to train on; raise `SceneError` if file or task does not hold one."""
+        """Return the scene to train on; raise `SceneError` if file or task has none."""
         return load_scene(self.task if self.scene is None else self.scene)
 
 
 def read_settings(path: str | Path) -> TrainSettings:
-    """Read settings from a TOML file; raise `SceneError` with everything that is not allowed."""
+    """Read settings from a TOML file; raise `SceneError` with every finding."""
     file = Path(path)
     try:
         return TrainSettings(**tomllib.loads(file.read_text(encoding="utf-8")))

@@ -1,4 +1,4 @@
-"""The folder of a run: everything needed to know what was done and to do it again."""
+"""The folder of a run: everything needed to repeat it."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ PACKAGES = (
 
 
 class RunError(RuntimeError):
-    """A run's folder does not hold what is asked of it."""
+    """A run's folder does not hold what is needed."""
 
 
 class Run:
     """The folder ``runs/NAME``.
 
-    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.zip`` what a killed
-    run continues from; ``model.zip`` the best model, written when training is over.
+    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.zip`` the state
+    from which a killed run continues; ``model.zip`` the best model, written when training is over.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
@@ -54,7 +54,7 @@ class Run:
         return self.model.exists()
 
     def clear(self) -> None:
-        """Delete what an earlier run of this name left."""
+        """Delete the files of an earlier run of this name."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def open(self, settings: TrainSettings) -> None:

@@ -30,15 +30,15 @@ def test_limits_noise_and_delay_are_told():
     )
     text = describe(scene)
     assert "2 control steps late" in text
-    assert "Terminated when |x1| exceeds 0.02 m or |x2 - x1| exceeds 0.05 m." in text
+    assert "Terminates when |x1| exceeds 0.02 m or |x2 - x1| exceeds 0.05 m." in text
     assert "| force on the carriage | N | -0.25 | 0.25 | the most | none | 0.015 s |" in text
     assert "| ground_acceleration | m/s^2 | 0 | 9 | 0.1 |" in text
     assert "rms 3 m/s^2" in text
 
 
 @pytest.mark.parametrize("weight", [0.0, 1.0, 0.5])
-def test_reward_names_what_is_paid_for(weight):
+def test_reward_names_every_weighted_term(weight):
     text = describe(CARRIAGE_FORCE.replace(**{"objective.stroke_weight": weight}))
     term = {0.0: "", 1.0: " + ((x2 - x1) / 0.02 m)^2", 0.5: " + 0.5 ((x2 - x1) / 0.02 m)^2"}
-    paid = f"(v1 / 0.5 m/s)^2{term[weight]} + 0.01 (sum of squared actions))"
-    assert f"-((x1 / 0.01 m)^2 + 0.1 {paid}" in text
+    rest = f"(v1 / 0.5 m/s)^2{term[weight]} + 0.01 (sum of squared actions))"
+    assert f"-((x1 / 0.01 m)^2 + 0.1 {rest}" in text

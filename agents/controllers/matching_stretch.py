@@ -1,10 +1,11 @@
-"""An absorber tuned by one who knows the frequency: the classical neutraliser."""
+"""The matching stretch: an absorber tuned to a known frequency, the classical neutraliser."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from agents.controllers.controller import StretchCommand, stretch_of
+from agents.controllers.stretch_command import StretchCommand
+from mm_gym.analysis import stretch_for_stiffness
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from mm_gym import MovingMassVectorEnv, Scene
 
 FREQUENCY = "excitation.0.frequency"
+"""The field that the law knows and an agent does not."""
 
 
 class MatchingStretch:
@@ -30,8 +32,7 @@ class MatchingStretch:
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Compute each lane's stretch from its frequency."""
         k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
-        twice_k0 = 2.0 * env.drawn("springs.stiffness")
-        self.stretch = stretch_of(k2, twice_k0, self.command.actuator)
+        self.stretch = stretch_for_stiffness(k2, env.drawn("springs.stiffness"))
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
         """Return the action towards the matching stretch."""

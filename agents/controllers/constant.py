@@ -1,0 +1,87 @@
+"""Constant control: one action, one force or one stretch throughout."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.controllers.both import Both
+from agents.controllers.controller import columns
+from agents.controllers.stretch_command import StretchCommand
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import MovingMassVectorEnv, Scene
+
+
+class ConstantAction:
+    """The same action throughout."""
+
+    def __init__(self, scene: Scene, action: float = 0.0) -> None:
+        self.name = "zero action" if action == 0.0 else f"constant action {action:.3f}"
+        self.action = np.full(len(columns(scene)), action)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the action for every lane."""
+        return np.tile(self.action, (len(observation), 1))
+
+
+class ConstantForce:
+    """Push with one force [N]."""
+
+    def __init__(self, scene: Scene, force: float = 0.0) -> None:
+        actuator = scene.actuation.force
+        if actuator is None:
+            msg = "actuation.force: missing; there is no force to hold"
+            raise ValueError(msg)
+        self.name = f"constant force {force:.3f} N" if force else "no force"
+        self.action = force / actuator.limit
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the force over the limit."""
+        return np.full((len(observation), 1), self.action)
+
+
+class ConstantStretch:
+    """Go to one stretch [-] and stay; by default stay at the one that the episode begins with."""
+
+    def __init__(self, scene: Scene, stretch: float | None = None) -> None:
+        self.name = "initial stretch" if stretch is None else f"constant stretch {stretch:.3f}"
+        self.stretch = stretch
+        self.command = StretchCommand(scene)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Forget the last episode's stretch."""
+        self.wanted: NDArray[np.float64] | None = None
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the action towards the stretch."""
+        present: NDArray[np.float64] = info["applied"][:, -1]
+        if self.wanted is None:
+            self.wanted = present.copy()
+            if self.stretch is not None:
+                self.wanted[:] = self.stretch
+        return self.command(self.wanted, present)
+
+
+def constant_stretch(scene: Scene, stretch: float | None = None) -> Controller:
+    """Return the law that holds a stretch, as `ConstantStretch`, and pushes with no force."""
+    law = ConstantStretch(scene, stretch)
+    return law if scene.actuation.force is None else Both(ConstantForce(scene), law)
+
+
+def no_control(scene: Scene) -> Controller:
+    """Return the law of no force and of the stretch that the episode begins with."""
+    no_stretch = scene.actuation.stretch is None
+    law = ConstantForce(scene) if no_stretch else constant_stretch(scene)
+    law.name = "no control"
+    return law

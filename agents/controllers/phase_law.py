@@ -1,0 +1,42 @@
+"""The phase law: an absorber that tunes itself, slowly, by its phase."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.controllers.stretch_command import StretchCommand
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import MovingMassVectorEnv, Scene
+
+
+class PhaseLaw:
+    """Tune an absorber by its phase: the rate of stretch is proportional to x1 (x2 - x1).
+
+    A tuned absorber moves a quarter period behind the carriage, so the mean of x1 times offset
+    vanishes. Below resonance of the absorber the mean is positive and the springs should soften
+    (stretch more); above, stiffen. Nagarajaiah, *Adaptive passive, semiactive, smart tuned mass
+    dampers*, Struct. Control Health Monit. 16 (2009).
+    """
+
+    def __init__(self, scene: Scene, gain: float = 1.0) -> None:
+        self.name = f"phase law, gain {gain:.2g}"
+        self.gain = gain
+        self.command = StretchCommand(scene)
+        self.unit = scene.objective.displacement_scale * scene.objective.stroke_scale
+        rate = self.command.actuator.rate_limit
+        self.stroke = self.command.time_step * rate if rate is not None else np.inf
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        """Return the action of the law, saturated at the actuator's rate."""
+        x1, x2 = info["state"][:, 0], info["state"][:, 1]
+        present = info["applied"][:, -1]
+        unsaturated = self.gain * self.command.time_step * x1 * (x2 - x1) / self.unit
+        return self.command(present + np.clip(unsaturated, -self.stroke, self.stroke), present)

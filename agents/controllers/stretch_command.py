@@ -1,0 +1,40 @@
+"""The command that moves the springs towards a wanted stretch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import Scene
+
+
+class StretchCommand:
+    """Turn a wanted stretch into the action towards it, whether position or rate is commanded."""
+
+    def __init__(self, scene: Scene) -> None:
+        actuator = scene.actuation.stretch
+        if actuator is None:
+            msg = "actuation.stretch: missing; the scene must have a stretch actuator"
+            raise ValueError(msg)
+        self.actuator = actuator
+        self.time_step = scene.control.time_step
+
+    def __call__(
+        self, wanted: NDArray[np.float64], present: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return actions (lanes, 1) towards a wanted stretch (lanes,) from the present (lanes,).
+
+        A wanted stretch beyond the actuator's range stands for the end of the range.
+        """
+        low, high = self.actuator.minimum, self.actuator.maximum
+        wanted = np.clip(wanted, low, high)
+        if self.actuator.command == "position":
+            action = (wanted - 0.5 * (high + low)) / (0.5 * (high - low))
+        else:
+            assert self.actuator.rate_limit is not None  # noqa: S101 - the scene guarantees it
+            action = (wanted - present) / (self.actuator.rate_limit * self.time_step)
+        return np.clip(action, -1.0, 1.0)[:, None]

@@ -1,0 +1,165 @@
+"""The classical controllers of a scene, tuned on the validation episodes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from agents.controllers.both import Both
+from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.constant import (
+    ConstantForce,
+    ConstantStretch,
+    constant_stretch,
+    no_control,
+)
+from agents.controllers.controller import columns
+from agents.controllers.lqr import LQR, DesignError
+from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
+from agents.controllers.phase_law import PhaseLaw
+from agents.controllers.velocity_feedback import VelocityFeedback
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+DECADES = np.linspace(-2.0, 2.0, 17)
+"""Exponents of the gains and prices that are tried."""
+
+CENTRED = np.linspace(-0.5, 0.5, 17)
+"""Forces over the force limit that are tried."""
+
+
+def baselines(scene: Scene) -> list[Controller]:
+    """Return the classical controllers that apply to a scene.
+
+    The first is the one that ratios refer to: the best constant stretch, or no control where there
+    is no stretch.
+    """
+    still = [no_control(scene)]
+    if scene.actuation.stretch is not None:
+        still.insert(0, best_constant_stretch(scene))
+    return [*still, *classical_laws(scene), *informed_laws(scene)]
+
+
+def classical_laws(scene: Scene) -> list[Controller]:
+    """Return the tuned laws that need nothing but the present state."""
+    match columns(scene):
+        case ("force",):
+            return [*regulators(scene), best_velocity_feedback(scene)]
+        case ("stretch",):
+            return [best_phase_law(scene), best_clipped_lqr(scene)]
+        case _:
+            return [best_lqr_at_constant_stretch(scene), best_lqr_with_clipped_lqr(scene)]
+
+
+def informed_laws(scene: Scene) -> list[Controller]:
+    """Return the laws that know what an agent does not."""
+    if FREQUENCY in scene.randomization and columns(scene) == ("stretch",):
+        return [MatchingStretch(scene)]
+    return []
+
+
+def regulators(scene: Scene) -> list[Controller]:
+    """Return the LQR if one can be designed, without the stroke's weight if it must be."""
+    if scene.objective.effort_weight == 0.0:
+        return []
+    try:
+        return [LQR(scene)]
+    except DesignError:
+        regulator = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
+        regulator.name = "LQR, blind to the stroke"
+        return [regulator]
+
+
+def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Controller:
+    """Return the best of what never moves: a stretch, or a force where there is no stretch.
+
+    With the seed of the final evaluation it is the best in hindsight.
+    """
+    actuator = scene.actuation.force
+    if scene.actuation.stretch is not None or actuator is None:
+        return best_constant_stretch(scene, seed)
+    return _search(scene, lambda force: ConstantForce(scene, force), actuator.limit * CENTRED, seed)
+
+
+def best_constant_stretch(scene: Scene, seed: int = VALIDATION_SEED) -> Controller:
+    """Search the constant stretch of least cost."""
+    return _search(scene, lambda s: constant_stretch(scene, s), _stretches(scene), seed)
+
+
+def best_phase_law(scene: Scene) -> Controller:
+    """Search the gain of the phase law over four decades."""
+    return _search(scene, lambda exponent: PhaseLaw(scene, 10.0**exponent), DECADES)
+
+
+def best_velocity_feedback(scene: Scene) -> Controller:
+    """Search the gain of the velocity feedback over four decades."""
+    critical = 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness)
+    return _search(
+        scene, lambda exponent: VelocityFeedback(scene, critical * 10.0**exponent), DECADES
+    )
+
+
+def best_clipped_lqr(scene: Scene) -> Controller:
+    """Search the stretch and the price of the clipped LQR."""
+    return _search_pair(scene, lambda stretch, price: ClippedLQR(scene, stretch, price))
+
+
+def best_lqr_at_constant_stretch(scene: Scene) -> Controller:
+    """Search the stretch at which a regulator of the force does best."""
+    return _search(
+        scene, lambda s: Both(LQR(scene, s), ConstantStretch(scene, s)), _stretches(scene)
+    )
+
+
+def best_lqr_with_clipped_lqr(scene: Scene) -> Controller:
+    """Search the stretch and the price of the clipped LQR beside a regulator of the force."""
+    return _search_pair(
+        scene,
+        lambda stretch, price: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, price)),
+    )
+
+
+def _stretches(scene: Scene) -> NDArray[np.float64]:
+    actuator = scene.actuation.stretch
+    if actuator is None:
+        msg = "actuation.stretch: missing; there is no stretch to hold"
+        raise ValueError(msg)
+    return np.linspace(actuator.minimum, actuator.maximum, 33)
+
+
+def _search(
+    scene: Scene,
+    make: Callable[[float], Controller],
+    grid: NDArray[np.float64],
+    seed: int = VALIDATION_SEED,
+) -> Controller:
+    """Return the law of least cost: the best of a grid, refined between its neighbours."""
+
+    def cost(value: float) -> float:
+        return _cost(scene, make(float(value)), seed)
+
+    costs = [cost(value) for value in grid]
+    best = int(np.argmin(costs))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    refined = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-3})
+    return make(float(refined.x) if refined.fun < costs[best] else float(grid[best]))
+
+
+def _search_pair(scene: Scene, make: Callable[[float, float], Controller]) -> Controller:
+    """Search a stretch on a coarse grid, with prices over four decades, then the price finely."""
+    pairs = [(s, 10.0**e) for s in _stretches(scene)[8::8] for e in DECADES[::4]]
+    stretch, _ = min(pairs, key=lambda pair: _cost(scene, make(*pair)))
+    return _search(scene, lambda exponent: make(stretch, 10.0**exponent), DECADES)
+
+
+def _cost(scene: Scene, controller: Controller, seed: int = VALIDATION_SEED) -> float:
+    return evaluate(scene, controller, seed=seed, episodes=100).cost

@@ -1,0 +1,89 @@
+"""Tables of a report: files of numbers, the printed ranking, and Markdown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from mm_gym.files import write_csv
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from agents.evaluation.episodes import Evaluation
+    from mm_gym import Scene
+
+
+def write_scores(results: Sequence[Evaluation], path: Path) -> None:
+    """Write a row per controller; ratios are those of the costs to the first controller's."""
+    write_csv(
+        path,
+        [
+            "controller",
+            "cost [-]",
+            "ratio to reference [-]",
+            "rms of x1 / scale [-]",
+            "mean return [-]",
+        ],
+        [
+            [result.name for result in results],
+            [result.cost for result in results],
+            [result.cost / results[0].cost for result in results],
+            [result.rms for result in results],
+            [result.returns.mean() for result in results],
+        ],
+    )
+
+
+def write_episodes(results: Sequence[Evaluation], path: Path) -> None:
+    """Write a row per episode: its frequency, or else its number, and each controller's figures."""
+    frequency, names = results[0].frequency, [result.name for result in results]
+    write_csv(
+        path,
+        [
+            "episode" if frequency is None else "frequency [rad/s]",
+            *(f"cost of {name} [-]" for name in names),
+            *(f"rms of x1 / scale of {name} [-]" for name in names),
+        ],
+        [
+            np.arange(results[0].returns.size) if frequency is None else frequency,
+            *(result.episode_costs for result in results),
+            *(result.episode_rms for result in results),
+        ],
+    )
+
+
+def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
+    """Print the controllers by their cost, the least first."""
+    table = Table(
+        title=f"cost: root of the mean of -reward per step, {results[0].returns.size} held-out "
+        "episodes"
+    )
+    table.add_column("controller", no_wrap=True)
+    unit = f"{scene.objective.displacement_scale * 1e3:g} mm"
+    for heading in ("cost", "ratio", f"rms of x1 / {unit}", "mean return"):
+        table.add_column(heading, justify="right")
+    for result in sorted(results, key=lambda result: result.cost):
+        table.add_row(
+            result.name,
+            f"{result.cost:.3f}",
+            f"{result.cost / results[0].cost:.2f}",
+            f"{result.rms:.3f}",
+            f"{result.returns.mean():.2f}",
+        )
+    Console().print(table, f"ratio: cost / cost of {results[0].name}", sep="\n", highlight=False)
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def percent(value: float) -> str:
+    """Return a ratio in whole per cent; nothing rounds to -0."""
+    return f"{round(100.0 * value)} %"
