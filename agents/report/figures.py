@@ -22,11 +22,14 @@ if TYPE_CHECKING:
 IN_A_BIN = 10
 """Episodes that each point of a line stands for."""
 
+*BASELINES, LEARNED = COLOURS
+"""Colours: black is the learned controller's, the last of all results."""
+
 
 def draw_costs(results: Sequence[Evaluation], path: Path) -> None:
     """Draw the cost of each controller against frequency, or from easy to hard episodes.
 
-    The lines are of bins of ten episodes; the dots are the last controller's episodes.
+    A line goes through bins of ten episodes; the dots are single episodes of the last controller.
     """
     position, label = _abscissa(results[0])
     bins = np.array_split(np.argsort(position), max(position.size // IN_A_BIN, 1))
@@ -35,22 +38,22 @@ def draw_costs(results: Sequence[Evaluation], path: Path) -> None:
         figure, (axes,) = panels(4.4, 1, 1)
         for i, result in enumerate(results):
             learned = result is results[-1]
-            colour = COLOURS[i % len(COLOURS)]
             axes.plot(
                 centres,
                 [np.sqrt(result.penalties[members].mean()) for members in bins],
-                STYLES[i % len(STYLES)],
-                color=colour,
-                linewidth=2.2 if learned else 1.2,
-                label=f"{result.name}: {result.cost:.3f}",
+                "-" if learned else STYLES[i % len(STYLES)],
+                color=LEARNED if learned else BASELINES[i % len(BASELINES)],
+                linewidth=1.8 if learned else 1.2,
+                label=f"{result.name}: cost {result.cost:.3f}",
             )
-            if learned:
-                axes.plot(position, result.episode_costs, ".", color=colour, markersize=3)
+        look = {"color": LEARNED, "markersize": 4.0, "alpha": 0.4, "markeredgewidth": 0.0}
+        axes.plot(position, results[-1].episode_costs, ".", **look)
         _logarithmic(axes)
+        axes.margins(x=0.01)
         axes.set(xlabel=label, ylabel="cost: root of the mean of -reward [-]")
         axes.set_title(
-            f"{position.size} held-out episodes: lines pool {IN_A_BIN}, "
-            f"dots are single ones of {results[-1].name}"
+            f"{position.size} held-out episodes: lines through bins of {IN_A_BIN}, "
+            f"dots are single episodes of {results[-1].name}"
         )
         legend_below(figure, axes, 2)
         save(figure, path)
@@ -86,8 +89,8 @@ def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path
     millimetres = 1e3 * scene.objective.displacement_scale
     with style():
         figure, axes = panels(1.8 * count + 0.6, count, 1, sharex="all")
-        for i, result in enumerate((reference, learned)):
-            look = {"color": COLOURS[i], "linewidth": 1.0, "label": result.name}
+        for result, colour in ((reference, BASELINES[0]), (learned, LEARNED)):
+            look = {"color": colour, "linewidth": 1.0, "label": result.name}
             axes[0].plot(result.time, millimetres * result.displacement[:, episode], **look)
             for panel, values in zip(axes[1:], result.applied[:, episode].T, strict=True):
                 # An actuator holds still over the control step that ends at each instant.
@@ -95,7 +98,7 @@ def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path
         for panel, name in zip(axes[1:], names, strict=True):
             panel.set_ylabel(ACTUATORS[name])
         axes[0].set_ylabel("carriage $x_1$ [mm]")
-        axes[-1].set_xlabel("time [s]")
+        axes[-1].set(xlabel="time [s]", xlim=(0.0, reference.time[-1]))
         known = reference.frequency is not None
         where = f", {reference.frequency[episode]:.1f} rad/s" if known else ""
         axes[0].set_title(f"Held-out episode of median cost for {reference.name}{where}")

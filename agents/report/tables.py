@@ -59,23 +59,27 @@ def write_episodes(results: Sequence[Evaluation], path: Path) -> None:
 
 def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
     """Print the controllers by their cost, the least first."""
-    table = Table(
-        title=f"cost: root of the mean of -reward per step, {results[0].returns.size} held-out "
-        "episodes"
-    )
+    count, reference = results[0].returns.size, results[0]
+    table = Table(title=f"cost: root of the mean of -reward per step, {count} held-out episodes")
     table.add_column("controller", no_wrap=True)
-    unit = f"{scene.objective.displacement_scale * 1e3:g} mm"
-    for heading in ("cost", "ratio", f"rms of x1 / {unit}", "mean return"):
+    for heading in ("cost", "ratio", "rms x1", "return"):
         table.add_column(heading, justify="right")
     for result in sorted(results, key=lambda result: result.cost):
         table.add_row(
             result.name,
             f"{result.cost:.3f}",
-            f"{result.cost / results[0].cost:.2f}",
+            f"{result.cost / reference.cost:.2f}",
             f"{result.rms:.3f}",
             f"{result.returns.mean():.2f}",
         )
-    Console().print(table, f"ratio: cost / cost of {results[0].name}", sep="\n", highlight=False)
+    Console().print(
+        table,
+        f"ratio: cost / cost of {reference.name}",
+        f"rms x1: over {scene.objective.displacement_scale * 1e3:g} mm",
+        "return: mean over the episodes",
+        sep="\n",
+        highlight=False,
+    )
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
