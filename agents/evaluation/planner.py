@@ -61,12 +61,10 @@ class Planner:
         self.noise = np.random.default_rng(0)
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Make copies of the lanes, in which plans are tried."""
-        lanes, population = env.num_envs, self.effort.population
+        """Make a copy of the lanes, in which plans are tried."""
         self.env = env
-        self.single = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
-        self.many = MovingMassVectorEnv(
-            self.scene, lanes * population, autoreset_mode="Disabled", copy=False
+        self.trial = MovingMassVectorEnv(
+            self.scene, env.num_envs, autoreset_mode="Disabled", copy=False
         )
         self.law.reset(env)
         self.step = 0
@@ -90,7 +88,7 @@ class Planner:
         first = self._plan_of_law(state, observation, info, length)
         if len(old):
             kept = np.concatenate([old[:length], first[len(old) :]])
-            better = self._worth(self.single, state, kept) > self._worth(self.single, state, first)
+            better = self._worth(state, kept) > self._worth(state, first)
             first = np.where(better[:, None], kept, first)
         return self._searched(state, first)
 
@@ -101,31 +99,23 @@ class Planner:
         info: dict[str, Any],
         length: int,
     ) -> Plans:
-        self.single.set_state(state)
-        plan = np.empty((length, *self.single.action_space.shape))
+        self.trial.set_state(state)
+        plan = np.empty((length, *self.trial.action_space.shape))
         for i in range(length):
             plan[i] = np.clip(self.law.act(observation, info), -1.0, 1.0)
-            observation, *_, info = self.single.step(plan[i])
+            observation, *_, info = self.trial.step(plan[i])
         return plan
 
     def _searched(self, state: Mapping[str, Any], best: Plans) -> Plans:
         """Return the best of the plans drawn and of the one to start from."""
-        effort, lanes = self.effort, best.shape[1]
-        copies = {
-            name: np.repeat(value, effort.population, axis=-1)
-            if isinstance(value, np.ndarray)
-            else value
-            for name, value in state.items()
-        }
         mean, deviation = best, np.full(best.shape, 0.5)
-        rows = np.arange(lanes)
-        for _ in range(effort.rounds):
+        rows = np.arange(best.shape[1])
+        for _ in range(self.effort.rounds):
             plans = mean[:, :, None] + deviation[:, :, None] * self._noise(best.shape)
             plans[:, :, 0] = best
             np.clip(plans, -1.0, 1.0, out=plans)
-            flat = plans.reshape(len(plans), -1, plans.shape[-1])
-            worth = self._worth(self.many, copies, flat).reshape(lanes, -1)
-            order = np.argsort(-worth, axis=1)[:, : effort.elite]
+            worth = [self._worth(state, plan) for plan in np.moveaxis(plans, 2, 0)]
+            order = np.argsort(-np.stack(worth, axis=1), axis=1)[:, : self.effort.elite]
             chosen = plans[:, rows[:, None], order]
             best, mean, deviation = chosen[:, :, 0], chosen.mean(axis=2), chosen.std(axis=2)
         return best
@@ -137,12 +127,10 @@ class Planner:
             noise[i] = CORRELATION * noise[i - 1] + np.sqrt(1 - CORRELATION**2) * noise[i]
         return noise
 
-    @staticmethod
-    def _worth(
-        env: MovingMassVectorEnv, state: Mapping[str, Any], plans: Plans
-    ) -> NDArray[np.float64]:
-        env.set_state(state)
-        total = np.zeros(env.num_envs)
-        for actions in plans:
-            total += env.step(actions)[1]
+    def _worth(self, state: Mapping[str, Any], plan: Plans) -> NDArray[np.float64]:
+        """Return each lane's sum of rewards of a plan (length, lanes, k)."""
+        self.trial.set_state(state)
+        total = np.zeros(self.trial.num_envs)
+        for actions in plan:
+            total += self.trial.step(actions)[1]
         return total
