@@ -28,7 +28,7 @@ check: $(INSTALLED)
 bench: $(BENCH)/.installed
 	$(BENCH)/bin/python -m benchmarks
 
-# What there is to gain on each task, and the page that says so.
+# The scores of the tasks, and the page that shows them.
 tasks: $(INSTALLED)
 	$(RUN) -m agents.headroom
 	$(RUN) -m agents.task_page
