@@ -15,10 +15,10 @@ from typing import Annotated
 
 import tyro
 
-from agents.evaluation.headroom import EPISODES, SCORES, headroom, tasks
-from agents.training.config import TrainSettings
-from mm_gym import SceneError
+from agents.evaluation.headroom import EPISODES, SCORES, headroom
+from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
+from mm_gym.task_files import ids, path_of
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ def main() -> str | None:
     arguments = tyro.cli(Arguments, description=__doc__)
     scores = json.loads(arguments.out.read_text("utf-8")) if arguments.out.exists() else {}
     try:
-        for name in arguments.tasks or tasks():
-            scene = TrainSettings(task=name).load_scene()
+        for name in arguments.tasks or ids():
+            scene = load_scene(path_of(name))
             began = time.perf_counter()
             rows = headroom(scene)
             print_scores(name, rows, time.perf_counter() - began)
             scores[name] = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
-            ordered = {task: scores[task] for task in tasks() if task in scores}
+            ordered = {task: scores[task] for task in ids() if task in scores}
             write_text(arguments.out, json.dumps(ordered, indent=1) + "\n")
     except SceneError as error:
         return f"error: {error}"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import gymnasium
-
 from agents.controllers.constant import ConstantAction
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import best_constant, classical_laws, informed_laws
@@ -53,8 +51,3 @@ def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | f
     return {"role": role, "controller": result.name} | {
         name: float(f"{value:.6g}") for name, value in values.items()
     }
-
-
-def tasks() -> list[str]:
-    """Return the ids that mm_gym registers."""
-    return [name for name in gymnasium.registry if name.startswith("mm_gym/")]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
-from agents.evaluation.headroom import SCORES, tasks
+from agents.evaluation.headroom import SCORES
 from agents.report.description import describe
 from agents.report.tables import markdown, percent
-from agents.training.config import TrainSettings
+from mm_gym import load_scene
+from mm_gym.task_files import ids, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     Row = Mapping[str, str | float]
 
 PAGE = SCORES.with_name("tasks.md")
-SCENES = SCORES.parents[1] / "configs" / "scenes"
 
 HEAD = """# Tasks
 
@@ -40,7 +39,7 @@ episode by the cross-entropy method. Its cost is reachable if the future is know
 
 def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
     """Return the page of all tasks with these scores, as of ``docs/task_scores.json``."""
-    names = tasks()
+    names = ids()
     summary = markdown(
         [
             "task",
@@ -77,18 +76,14 @@ def _anchor(name: str) -> str:
     return name.replace("/", "").lower()
 
 
-def _about(name: str) -> tuple[Path, str]:
-    """Return a task's scene file, and what its comment says after the task's name."""
-    words = re.findall("[A-Z][a-z]+", name.partition("/")[2])
-    file = SCENES / f"{'_'.join(words).lower()}.toml"
-    _, comment, *_ = file.read_text("utf-8").splitlines()
-    text = comment.removeprefix(f"# {name}: ")
-    return file, text[0].upper() + text[1:]
+def _about(file: Path) -> str:
+    """Return what the scene file says after the task's id, on its second line."""
+    text = file.read_text("utf-8").splitlines()[1].partition(": ")[2]
+    return text[0].upper() + text[1:]
 
 
 def _section(name: str, rows: Sequence[Row]) -> str:
-    scene = TrainSettings(task=name).load_scene()
-    file, text = _about(name)
+    file = path_of(name)
     constant = _least(rows, "constant")
     scores = markdown(
         ["controller", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
@@ -103,5 +98,5 @@ def _section(name: str, rows: Sequence[Row]) -> str:
             for row in rows
         ],
     )
-    intro = f"{text} File: `configs/scenes/{file.name}`."
-    return f"## {name}\n\n{intro}\n\n{describe(scene)}\n\n**Scores.**\n\n{scores}"
+    intro = f"{_about(file)} File: `configs/scenes/{file.name}`."
+    return f"## {name}\n\n{intro}\n\n{describe(load_scene(file))}\n\n**Scores.**\n\n{scores}"

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.controllers.constant import ConstantStretch, no_control
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import evaluate
-from mm_gym.env.tasks import CARRIAGE_FORCE, PRE_STRETCH, PRE_STRETCH_NOISE
 
 LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
 
@@ -34,8 +34,9 @@ def test_every_controller_sees_the_same_held_out_episodes() -> None:
 
 
 def test_frequency_is_known_only_where_it_is_randomised() -> None:
-    result = evaluate(PRE_STRETCH_NOISE, ConstantStretch(PRE_STRETCH_NOISE, 1.5), episodes=3)
-    assert result.frequency is None
+    scene = TASKS["mm_gym/PreStretchNoise-v0"]
+    assert evaluate(scene, no_control(scene), episodes=3).frequency is None
+    assert evaluate(PRE_STRETCH, no_control(PRE_STRETCH), episodes=3).frequency is not None
 
 
 def test_ending_an_episode_early_does_not_lower_its_cost() -> None:

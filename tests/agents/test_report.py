@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tasks import CARRIAGE_FORCE, HYBRID
 
 from agents.evaluation.episodes import Evaluation
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import percent, print_ranking, write_episodes, write_scores
-from mm_gym.env.tasks import CARRIAGE_FORCE, HYBRID
 
 STEPS, EPISODES = 50, 30
 

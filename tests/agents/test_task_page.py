@@ -2,10 +2,11 @@
 
 import json
 
+import gymnasium
 import pytest
-from tasks import CARRIAGE_FORCE, HYBRID, TASKS
+from tasks import CARRIAGE_FORCE, HYBRID
 
-from agents.evaluation.headroom import SCORES, tasks
+from agents.evaluation.headroom import SCORES
 from agents.report.description import describe
 from agents.report.task_page import PAGE, page
 
@@ -15,8 +16,12 @@ def test_committed_page_is_up_to_date():
     assert PAGE.read_text("utf-8") == expected, "run `python -m agents.task_page`"
 
 
-def test_every_registered_task_is_listed():
-    assert tasks() == list(TASKS)
+def test_every_registered_task_has_a_section():
+    text = PAGE.read_text("utf-8")
+    names = [name for name in gymnasium.registry if name.startswith("mm_gym/")]
+    assert names
+    for name in names:
+        assert f"\n## {name}\n" in text
 
 
 def test_limits_noise_and_delay_are_told():
