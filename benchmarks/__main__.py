@@ -1,7 +1,7 @@
 """Measure everything and write docs/benchmarks.md: ``make bench``.
 
-``python -m benchmarks SECTION ...`` measures and prints the sections named and leaves the page as
-it is; ``precision`` redraws the README's figure in either case.
+``python -m benchmarks SECTION ...`` measures and prints the named sections and leaves the page
+unchanged; ``precision`` always redraws the README's figure.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ SECTIONS = {
     "learning": "learning",
     "startup": "startup",
 }
-"""The module of each section, imported when asked for: their peers differ."""
+"""The module of each section, imported only when needed because of its optional peers."""
 
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
 Written by `make bench`. Unless a section says otherwise, every ratio is the median over rounds in
-which the candidates took turns; ± is half the interquartile range. Peers that are not installed are
-left out.
+which the candidates took turns, and ± is half the interquartile range. Peers that are not installed
+are left out.
 """
 
 
 def main() -> None:
-    """Run the sections asked for, or all of them and write the page."""
+    """Run the named sections, or run all and write the page."""
     asked = sys.argv[1:] or list(SECTIONS)
     unknown = [name for name in asked if name not in SECTIONS]
     if unknown:

@@ -1,4 +1,4 @@
-"""Where a sphere under dry friction comes to rest: the paper's figure 10 beside SciPy."""
+"""Asymptotic offsets under dry friction: the paper's figure 10, beside SciPy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAMPLES = 6
 
 
 def figure10() -> str:
-    """Return the section on figure 10, twelve curves of a thousand points."""
+    """Return the section on figure 10: twelve curves of a thousand points."""
     velocities = np.arange(1e-6, 1.0, 1e-3)
     curves = [
         paper_scene("fig10").replace(
@@ -57,7 +57,7 @@ def figure10() -> str:
 
 
 def _oracle_asymptote(scene: Scene) -> float:
-    """Integrate with SciPy until nothing slips any more, and apply the first integral."""
+    """Return the offset at rest [m]: SciPy until after the last slip, then the first integral."""
     x1, x2, _, v2 = Oracle(scene, rtol=1e-11, max_step=2e-3).solve([1.5])[-1]
     interface = scene.interface
     assert interface.kind == "dry_friction"  # noqa: S101 - figure 10 is about it

@@ -1,7 +1,4 @@
-"""What the environment costs in training.
-
-PPO's frames per second, native `VecEnv` against `DummyVecEnv`.
-"""
+"""Cost of the environment in training: PPO with the native `VecEnv` and with `DummyVecEnv`."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ ROUNDS = 5
 
 
 class Stopwatch:
-    """Adds up the time that a `VecEnv` spends in its steps."""
+    """A sum of the time [s] that a `VecEnv` spends in its steps."""
 
     def __init__(self, env: VecEnv) -> None:
         self.env, self.seconds = env, 0.0
@@ -41,7 +38,7 @@ class Stopwatch:
 
 
 def learning() -> str:
-    """Return the section on training 64 lanes in turns, with SB3's default networks."""
+    """Return the section on training with 64 lanes, in turns, with SB3's default networks."""
     torch.set_num_threads(1)
     envs = {
         "native VecEnv": make_vec_env(TASK, LANES),
@@ -75,7 +72,7 @@ def learning() -> str:
     header = (
         f"PPO, {LANES} lanes of PreStretch",
         "frames/s",
-        "environment's share",
+        "time in the environment",
         "times as fast as DummyVecEnv",
     )
     return f"## Training\n\n{table(header, rows)}\n"

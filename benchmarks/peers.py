@@ -1,7 +1,7 @@
 """The peers of the work-precision benchmark: SciPy, CVODE and heyoka on one second of motion.
 
 Each gets its best case: a compiled right-hand side, the end state only, nothing held or sampled in
-between, and dry friction from event to event in whatever steps it likes.
+between, free choice of its steps, and dry friction from event to event.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ DURATION = 1.0
 """Length of the motion [s]."""
 
 BUDGET = 0.5
-"""Seconds that one run may take; heyoka, which cannot be interrupted, may take its steps."""
+"""Time that one run may take [s]; heyoka, which cannot be interrupted, has a limit of steps."""
 
 MOST_EVENTS = 100_000
 MOST_STEPS = 10_000_000
 
 
 class GaveUpError(Exception):
-    """A peer failed, or took longer than the budget."""
+    """A peer failed, or took longer than `BUDGET`."""
 
 
 class Family(Protocol):
-    """A solver: returns what runs a motion at a tolerance."""
+    """A solver: a function that returns the run of a motion at a tolerance."""
 
     def __call__(self, motion: Motion, tolerance: float) -> Run:
-        """Return the run."""
+        """Return a function that runs the motion and returns its end state."""
         ...
 
 
@@ -56,8 +56,8 @@ class Family(Protocol):
 class Motion:
     """One second of a scene without excitation or springs between the masses.
 
-    The friction's regimes are 0 for stick and +1, -1 for the directions of slip; a viscous
-    interface has regime 0 only. In each the interface's force is c w + s.
+    The regimes of friction are 0 for stick and +1, -1 for the directions of slip; a viscous
+    interface has regime 0 only. In each, the force of the interface is c w + s.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Motion:
         return chi, regime * (interface.kinetic_coefficient * normal - chi * vr)
 
     def next_regime(self, regime: int, state: State) -> int:
-        """Return the regime beyond an event."""
+        """Return the regime after an event."""
         return (1 if state[3] > state[2] else -1) if regime == 0 else 0
 
 
@@ -114,7 +114,7 @@ def mm_gym(motion: Motion, tolerance: float) -> Run:
     """Return a run with the method that `auto` picks, in one control step."""
     scene = motion.scene.replace(**{"control.time_step": DURATION, "control.steps": 1})
     plant = compile_scene(scene)
-    if "tolerance" in plant.method.options:
+    if plant.method.option is not None and plant.method.option.name == "tolerance":
         plant = compile_scene(scene.replace(**{"solver.tolerance": tolerance}))
     lanes = Lanes(plant, 1)
     lanes.restart()
@@ -228,10 +228,10 @@ class _Cvode:
 
 
 def heyoka(motion: Motion, tolerance: float, number: type = float) -> Run:
-    """Return a run with heyoka's adaptive Taylor series, in a type of floating-point numbers."""
+    """Return a run with heyoka's adaptive Taylor series, in double or long double numbers."""
     import heyoka as hy  # noqa: PLC0415 - an optional peer
 
-    # A double is the number that it exactly is, in long doubles too.
+    # Converting a double to a long double is exact.
     m1, m2, k1, d, beta = (number(value) for value in motion.masses)
     vr = number(motion.reference_velocity)
     x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
@@ -269,13 +269,13 @@ def heyoka(motion: Motion, tolerance: float, number: type = float) -> Run:
 
 
 def truth(motion: Motion) -> State:
-    """Return the end state by heyoka in long doubles, or by this package at its tightest."""
+    """Return the end state by heyoka in long doubles, or by mm_gym at its tightest tolerance."""
     run = heyoka(motion, 1e-19, np.longdouble) if installed("heyoka") else mm_gym(motion, 1e-15)
     return np.array(run(), np.float64)
 
 
 def families() -> dict[str, Family]:
-    """Return this package and the peers that are installed."""
+    """Return mm_gym and the peers that are installed."""
     found: dict[str, Family] = {"mm_gym": mm_gym}
     if installed("heyoka"):
         found["heyoka"] = heyoka

@@ -1,4 +1,4 @@
-"""What accuracy costs beside the peers, on four classes of scenes, by error level.
+"""Time against error of mm_gym and its peers, on four classes of scenes.
 
 The section redraws the README's figure, docs/work_precision.png.
 """
@@ -40,22 +40,22 @@ TOLERANCES = tuple(10.0**-k for k in range(2, 16))
 FIGURE = Path(__file__).parent.parent / "docs" / "work_precision.png"
 
 QUICK = 0.05
-"""Seconds of a run above which it is timed once only; the ratios are then in the thousands."""
+"""Time of a run [s] above which it is timed only once; the ratios are then in the thousands."""
 
 ROUNDS = 9
 
 CLOSE = 10.0
-"""Ratio up to which digits behind the point are of interest."""
+"""Ratio up to which decimals are printed."""
 
 OURS = "mm_gym"
 MISSED = "-"
 INTRODUCTION = """## Work and precision
 
-One second of motion from rest in one control step, the end state only, its error relative to the
-largest position or velocity of the motion; compiled right-hand sides for the peers; set-up and
-compilation are not counted. For each candidate the quickest setting that attains the error, as a
-multiple of mm_gym's time: the peers' best case. A force held for 10 ms at a time would make them
-begin anew a hundred times.
+One second of motion from rest in one control step, the end state only. The error is relative to
+the largest position or velocity of the motion. The peers have compiled right-hand sides; set-up and
+compilation are not counted. For each candidate the table has the fastest setting that attains the
+error, as a multiple of mm_gym's time. This is the peers' best case: with a force held for 10 ms at
+a time they would restart a hundred times.
 """
 
 LOOKS = {
@@ -70,7 +70,7 @@ LOOKS = {
     "SciPy BDF": {"color": COLOURS[2], "marker": "s", "linestyle": "--"},
     "SciPy Radau": {"color": COLOURS[2], "marker": "p"},
 }
-"""Look of each candidate; together with the markers, the figure can be read without colours."""
+"""Look of each candidate; with the markers the figure is readable without colours."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Comparison:
     measured
         Candidate -> its settings.
     gave_up
-        Candidate -> the tolerance from which on it failed or took too long.
+        Candidate -> the first tolerance at which it failed or took too long.
     """
 
     motion: Motion
@@ -99,12 +99,12 @@ class Comparison:
     gave_up: dict[str, float]
 
     def best(self, name: str, level: float) -> Timing | None:
-        """Return the time of a candidate's quickest setting with at most that error."""
+        """Return the time of a candidate's fastest setting with at most that error."""
         met = [one.timing for one in self.measured[name] if one.error <= level]
         return min(met, key=lambda timing: timing.median, default=None)
 
     def ratio(self, name: str, level: float) -> float:
-        """Return a candidate's time at a level over this package's; NaN if it gets not so far."""
+        """Return a candidate's time at a level over mm_gym's; NaN if either does not attain it."""
         own, other = self.best(OURS, level), self.best(name, level)
         return np.nan if own is None or other is None else own.times_faster_than(other)
 
@@ -117,7 +117,7 @@ def precision() -> str:
 
 
 def _compare(motion: Motion) -> Comparison:
-    """Find the error of every setting, then time the quick ones in turns."""
+    """Find the error of every setting, then time the fast ones in turns."""
     end, scale = truth(motion), _scale(motion)
     found: dict[str, list[tuple[float, float, float, Run]]] = {}
     gave_up: dict[str, float] = {}
@@ -162,7 +162,8 @@ def _once(name: str, seconds: float) -> Timing:
 
 
 def _has_tolerance(motion: Motion) -> bool:
-    return "tolerance" in compile_scene(motion.scene).method.options
+    option = compile_scene(motion.scene).method.option
+    return option is not None and option.name == "tolerance"
 
 
 def _scale(motion: Motion) -> np.ndarray:
@@ -182,7 +183,7 @@ def _section(comparison: Comparison) -> str:
     notes = [f"Tightest error of mm_gym: {error:.0e}.", _verdict(comparison)]
     if comparison.gave_up:
         late = "; ".join(f"{name} from {at:.0e} on" for name, at in comparison.gave_up.items())
-        notes.append(f"Failed, or took longer than {BUDGET} s, at a tolerance of: {late}.")
+        notes.append(f"Failed, or took longer than {BUDGET} s, at tolerances: {late}.")
     header = ("error at most", *(f"{level:.0e}" for level in LEVELS))
     body = table(header, [first, *rows])
     return f"### {comparison.motion.name}\n\n{body}\n\n" + "\n".join(notes)
@@ -193,20 +194,20 @@ def _cell(ratio: float) -> str:
 
 
 def _verdict(comparison: Comparison) -> str:
-    """Say at which levels which peer is quicker."""
-    quicker = []
+    """Return the levels at which a peer is faster, and those that mm_gym misses, as text."""
+    faster = []
     for name in comparison.measured:
         levels = [level for level in LEVELS if comparison.ratio(name, level) < 1.0]
         if name != OURS and levels:
-            quicker.append(f"{name} at {', '.join(f'{level:.0e}' for level in levels)}")
+            faster.append(f"{name} at {', '.join(f'{level:.0e}' for level in levels)}")
     missed = [level for level in LEVELS if comparison.best(OURS, level) is None]
     lost = f" mm_gym does not attain {', '.join(f'{m:.0e}' for m in missed)}." if missed else ""
-    text = f"Quicker than `auto`: {'; '.join(quicker)}." if quicker else "No peer is quicker."
+    text = f"Faster than `auto`: {'; '.join(faster)}." if faster else "No peer is faster."
     return text + lost
 
 
 def _draw(comparisons: list[Comparison]) -> None:
-    """Draw time over error, a panel per motion."""
+    """Draw time over error, one panel per motion."""
     with style():
         figure, axes = panels(6.0, 2, 2, sharey="all")
         for panel, comparison in zip(axes, comparisons, strict=True):

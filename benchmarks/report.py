@@ -27,7 +27,7 @@ PACKAGES = (
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a Markdown table; numbers should come formatted."""
+    """Return a Markdown table; numbers must be formatted already."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     return "\n".join(
         [*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)]
@@ -35,7 +35,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def machine() -> str:
-    """Return what the figures were measured on, as a Markdown list."""
+    """Return processor, system and package versions as a Markdown list."""
     return "\n".join(
         [
             f"- processor: {_processor()}, {platform.machine()}",

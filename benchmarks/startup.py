@@ -1,4 +1,4 @@
-"""What a user waits for: the import, and the first step of a made environment with a warm cache."""
+"""Start-up times: the import, and the first step of a new environment with a warm cache."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUNDS = 5
 
 
 def startup() -> str:
-    """Return the section on start-up, each in a process of its own, in turns."""
+    """Return the section on start-up: each script in its own process, in turns."""
     seconds: dict[str, list[float]] = {name: [] for name in SCRIPTS}
     for _ in range(ROUNDS + 1):
         for name, script in SCRIPTS.items():

@@ -30,11 +30,11 @@ LANES = 16_384
 MANY_LANES = 16 * LANES
 ENDLESS = 10**9
 ROUNDS, REPEATS = 9, 40
-UNDISTURBED = """Two threads wait for the slower of two processors, which on a shared machine others
-slow down. Undisturbed: each step of an episode at its quickest of the nine rounds.
+UNDISTURBED = """Two threads wait for the slower of two processors, and on a shared machine other
+processes slow them down. Undisturbed: each step of an episode at its fastest of the nine rounds.
 """
 ACTIONS = 8
-"""Arrays of random actions that take turns."""
+"""Arrays of random actions, used in turns."""
 
 CARRIAGE_FORCE = load_scene("mm_gym/CarriageForce-v0")
 FRICTION = paper_scene("fig8").model_copy(
@@ -53,7 +53,8 @@ MANY = {
 CarriageForce with that cubic spring; all from random starts."""
 
 WITHOUT_SERIES = ("linear", "actuated stretch")
-"""The quickest, whose steps at 16,384 lanes are so short that sharing them is felt."""
+"""The fastest scenes, also timed with more lanes: at 16,384 their steps are so short that the cost
+of a second thread shows."""
 
 BARE = "bare 4 x 5 product over the lanes"
 
@@ -86,7 +87,7 @@ def single() -> str:
 
 
 def vector() -> str:
-    """Return the section on vector environments at 16,384 lanes, resets included, one core."""
+    """Return the section on vector environments: 16,384 lanes, one core, resets included."""
     candidates: dict[str, Callable[[], object]] = {BARE: _bare_product()}
     for name, scene in MANY.items():
         candidates[f"{name}: compiled kernels alone"] = _kernel_episodes(scene)
@@ -122,7 +123,7 @@ def vector() -> str:
 
 
 def threads() -> str:
-    """Return the section on two threads: their gain, beside what the machine itself allows."""
+    """Return the section on two threads: their gain, beside the gain that the machine allows."""
     rows = []
     alone, both = (_timed(_independent_work(count)) for count in (1, 2))
     for name, scene in MANY.items():
@@ -179,9 +180,9 @@ def _steps_of(candidate: str) -> int:
 
 
 def _episodes(scene: Scene, *, copy: bool) -> Callable[[], object]:
-    """Return a function that plays an episode in every lane, and the step that begins the next.
+    """Return a function that plays a whole episode in every lane, and the reset after it.
 
-    Whole ones, because a step of friction costs three times as much at the start as at the end.
+    A step of friction costs three times as much at the start of an episode as at its end.
     """
     return _timed_episodes(scene, 1, LANES, copy=copy)
 
@@ -189,7 +190,7 @@ def _episodes(scene: Scene, *, copy: bool) -> Callable[[], object]:
 def _timed_episodes(
     scene: Scene, threads: int, lanes: int, *, copy: bool
 ) -> Callable[[], list[float]]:
-    """Return the same for any number of threads; it returns the seconds of every step."""
+    """Return the same for any number of threads; it returns the time of every step [s]."""
     env = MovingMassVectorEnv(scene, lanes, copy=copy, threads=threads)
     env.reset(seed=0)
     actions = _actions(env)
@@ -206,7 +207,7 @@ def _timed_episodes(
 
 
 def _timed(work: Callable[[], object]) -> Callable[[], list[float]]:
-    """Return a function that works some times and returns the seconds of each."""
+    """Return a function that calls `work` `REPEATS` times and returns the time of each call [s]."""
 
     def timed() -> list[float]:
         return [timeit(work, number=1) for _ in range(REPEATS)]
@@ -216,13 +217,13 @@ def _timed(work: Callable[[], object]) -> Callable[[], list[float]]:
 
 
 def _actions(env: gymnasium.vector.VectorEnv) -> Iterator[NDArray[np.float32]]:
-    """Return random actions in the environment's own memory order, again and again."""
+    """Return random actions in the environment's own memory order, in an endless cycle."""
     env.action_space.seed(0)
     return cycle([np.asfortranarray(env.action_space.sample()) for _ in range(ACTIONS)])
 
 
 def _kernel_episodes(scene: Scene) -> Callable[[], object]:
-    """Return the same without Python and Gymnasium's interface around each step."""
+    """Return a function that plays an episode with the compiled kernels alone."""
     plant = compile_scene(scene.replace(**{"control.steps": ENDLESS}))
     lanes = Lanes(plant, LANES)
     lanes.seed(0)
@@ -239,7 +240,7 @@ def _kernel_episodes(scene: Scene) -> Callable[[], object]:
 
 
 def _independent_work(count: int) -> Callable[[], object]:
-    """Return arithmetic without memory on so many threads at a time."""
+    """Return a function that does arithmetic without memory on `count` threads."""
 
     @numba.njit(nogil=True)
     def work(repeats: int) -> float:
@@ -253,7 +254,7 @@ def _independent_work(count: int) -> Callable[[], object]:
 
 
 def _bare_product() -> Callable[[], object]:
-    """Return the least that a linear step can be: the transition matrix times the state."""
+    """Return the minimum of a linear step: the transition matrix times the state."""
 
     @numba.njit
     def product(m: NDArray[np.float64], lanes: NDArray[np.float64]) -> None:

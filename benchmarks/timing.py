@@ -1,7 +1,4 @@
-"""Timing side by side.
-
-Candidates take turns, so that what disturbs the machine disturbs them alike.
-"""
+"""Timing side by side: candidates take turns, so that disturbances affect all alike."""
 
 from __future__ import annotations
 
@@ -54,11 +51,11 @@ def side_by_side(
     candidates
         Name -> function without arguments; set-up belongs outside.
     work
-        Units of work that one call does, where they are not one.
+        Units of work that one call does; by default one.
     rounds
-        Turns of each candidate.
+        Number of turns of each candidate.
     seconds
-        Duration of one turn, from which the number of calls in it follows.
+        Duration of one turn [s], from which the number of calls in it follows.
     """
     calls = {name: _calls_for(function, seconds) for name, function in candidates.items()}
     measured: dict[str, list[float]] = {name: [] for name in candidates}
@@ -73,7 +70,7 @@ def side_by_side(
 
 
 def _calls_for(function: Callable[[], object], seconds: float) -> int:
-    """Warm up, then return the number of calls that take about the given time."""
+    """Warm up, then return the number of calls that take about the given time [s]."""
     began = time.perf_counter()
     while time.perf_counter() - began < seconds:
         function()
