@@ -48,10 +48,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="command")
     for name, run, text in (
-        ("validate", _validate, "check scene files: print what is wrong, or that they are valid"),
+        ("validate", _validate, "check scene files, and print every finding"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
-        ("work-precision", _work_precision, "measure what each digit costs, and recommend"),
+        ("work-precision", _work_precision, "measure error against time, and recommend settings"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         many = "+" if name == "validate" else None
@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         if name == "simulate":
             _add_options(command)
         if name == "work-precision":
-            command.add_argument("--out", metavar="DIR", help="write table (CSV) and figure (PNG)")
+            command.add_argument("--out", metavar="DIR", help="write CSV table and PNG figure")
             command.add_argument("--seed", type=_seed, default=0, metavar="N")
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
@@ -74,9 +74,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_options(simulate: argparse.ArgumentParser) -> None:
-    text = "time to simulate [s]; by default an episode"
+    text = "duration of the simulation [s]; by default an episode"
     simulate.add_argument("--duration", type=float, metavar="SECONDS", help=text)
-    text = "seed of what the scene draws; by default 0"
+    text = "seed of the scene's draws; by default 0"
     simulate.add_argument("--seed", type=_seed, default=0, metavar="N", help=text)
     simulate.add_argument("--csv", metavar="FILE", help="write the trajectory")
     simulate.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
@@ -89,7 +89,7 @@ def _seed(text: str) -> int:
     return seed
 
 
-_seed.__name__ = "seed"  # argparse: invalid seed value
+_seed.__name__ = "seed"  # for argparse's message: invalid seed value
 
 
 def _validate(options: argparse.Namespace) -> None:
@@ -106,7 +106,7 @@ def _validate(options: argparse.Namespace) -> None:
         raise SceneError("\n".join(problems))
 
 
-def _schema(options: argparse.Namespace) -> None:  # noqa: ARG001 - as the other commands
+def _schema(options: argparse.Namespace) -> None:  # noqa: ARG001 - all commands take options
     print(scene_schema(), end="")
 
 
@@ -147,7 +147,7 @@ def _paper(options: argparse.Namespace) -> None:
 
     if options.figure is not None and options.figure not in FIGURES:
         nearest = suggest(options.figure, FIGURES)
-        msg = f"--figure: {options.figure!r} is not one{nearest}; allowed: {', '.join(FIGURES)}"
+        msg = f"--figure: got {options.figure!r}{nearest}; allowed: {', '.join(FIGURES)}"
         raise SceneError(msg)
     folder = Path(options.out)
     for name in FIGURES if options.figure is None else (options.figure,):

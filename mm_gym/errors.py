@@ -1,4 +1,4 @@
-"""The errors that mm_gym raises, and the one way it suggests a nearest name."""
+"""The errors that mm_gym raises, and the suggestion of the nearest name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class SceneError(ValueError):
-    """A scene, or a file that holds one, says something that is not allowed.
+    """A scene, a file or an argument has a value that is not allowed.
 
     The message lists every finding: field, value, what is allowed and, for a misspelt name, the
     nearest one.
@@ -18,15 +18,15 @@ class SceneError(ValueError):
 
 
 class CompileError(ValueError):
-    """No plant covers the scene within its bound, or the chosen method does not apply to it."""
+    """No method covers the scene within its bound, or the chosen one does not apply to it."""
 
 
 class ActionError(ValueError):
-    """An action has the wrong type or shape, or is not finite. Nothing was changed."""
+    """An action has the wrong type or shape, or is not finite. The state is unchanged."""
 
 
 class SimulationError(RuntimeError):
-    """A propagation stopped before its end; the message says where and why."""
+    """A simulation cannot be completed; the message says where and why."""
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:

@@ -1,6 +1,6 @@
-"""Files are read within a limit, and written whole.
+"""Reading files up to a limit of size, and writing them whole.
 
-A killed run leaves the old file or the new one, never half of one.
+A killed run leaves the old file or the new one, never a part of one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
-    """Return what a file of at most so many bytes holds, or raise `SceneError`."""
+    """Return the content of a file of at most `most` bytes; raise `SceneError` if that fails."""
     file = Path(path)
     content = b""
     try:
@@ -50,12 +50,12 @@ def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write text beside the path, then rename it into place; parents are created."""
+    """Write text to a temporary file and rename it to the path; missing folders are created."""
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: str | PathLike[str], content: bytes) -> None:
-    """Write bytes in the same way."""
+    """Write bytes as `write_text` does text."""
     file = Path(path)
     file.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")

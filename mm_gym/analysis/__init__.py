@@ -1,4 +1,4 @@
-"""What can be known of a scene without simulating it, or by following it no further than needed."""
+"""Analysis of a scene: modes, frequency response, asymptotic offset and critical velocity."""
 
 from mm_gym.analysis.bifurcation import asymptotic_offset as asymptotic_offset
 from mm_gym.analysis.bifurcation import bifurcation as bifurcation

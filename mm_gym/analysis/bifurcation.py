@@ -1,4 +1,4 @@
-"""Where the sphere comes to rest: from the first integral, after friction's last slip."""
+"""Asymptotic offset of the sphere in free motion, for one scene or along one parameter."""
 
 from __future__ import annotations
 
@@ -27,33 +27,43 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
 CHUNK = 64
-"""Points that one worker takes at a time."""
+"""Points that one thread computes at a time."""
 
 TOO_LONG = (
-    "the motion is too slow to come to rest for its fastest rate: it takes more than 1,000,000 "
-    "intervals of a fraction of the carriage's period, or rates differ by more than 1e16"
+    "the motion is too slow to come to rest: it takes more than 1,000,000 intervals of a fraction "
+    "of the carriage's period, or its rates differ by a factor of more than 1e16"
 )
-"""What is wrong where the final stick cannot be followed to."""
+"""Message for a motion whose final stick is out of reach."""
 
 FIRST_STEPS, MOST_STEPS = 256, 1 << 20
-"""Control steps that a nonlinear motion is followed at first, and at most."""
+"""Control steps that a nonlinear motion is simulated for: at first, and at most."""
 
 
 def asymptotic_offset(scene: Scene) -> float:
-    """Return x2 - x1 [m] as time goes to infinity, of the free motion: eq. 8 of docs/model.md.
+    """Return the offset x2 - x1 at which the free motion comes to rest.
 
-    Without springs, m2 v2 + c (x2 - x1) is constant: the offset returns to its start plus m2 v2(0)
-    / c. With c = 0 a sphere at rest stays where it is, while the carriage comes to its rest
-    position. Springs bring the offset to zero. Under dry friction the same holds from the final
-    stick on, with c = mu1 F_N / v_r; the motion is followed, exactly, until what energy is left
-    cannot make it slip again.
+    Without springs, m2 v2 + c (x2 - x1) is constant (eq. 8 of docs/model.md), so that the offset
+    tends to its initial value plus m2 v2(0) / c. With c = 0 a sphere at rest stays where it is,
+    and the carriage returns to its rest position. Springs bring the offset to zero. Under dry
+    friction the same holds after the last slip, with c = mu1 F_N / v_r; the motion is followed
+    until its energy is too small for another slip.
+
+    Parameters
+    ----------
+    scene
+        A scene with one value for every field and no excitation. Its actuators stay at rest.
+
+    Returns
+    -------
+    float
+        x2 - x1 as time goes to infinity [m].
 
     Raises
     ------
     SceneError
-        If a value is a range, something drives the motion, or it never settles.
+        If a field is a range, the scene has excitation, or the motion never settles.
     SimulationError
-        If the final stick is too far away to be followed.
+        If the last slip is too late to be reached.
     """
     lane = row_of(scene, "asymptotic_offset")[:, None]
     return float(_offsets(lambda _: scene, lane, lambda _: None)[0])
@@ -62,30 +72,40 @@ def asymptotic_offset(scene: Scene) -> float:
 def bifurcation(
     scene: Scene, parameter: str, values: ArrayLike, *, progress: bool = False
 ) -> NDArray[np.float64]:
-    """Return the asymptotic offset (n,) [m] for each value of one parameter, on all cores.
+    """Return the asymptotic offset for each value of one parameter, computed on all cores.
 
     Parameters
     ----------
     scene
-        What does not change.
+        A scene as for `asymptotic_offset`; it gives all fields but the parameter.
     parameter
         Dotted name of a numeric field, such as "interface.reference_velocity" or
         "initial.sphere_offset".
     values
-        (n,) in the field's unit.
+        (n,) values of the parameter, in the field's unit.
     progress
         Whether to show a progress bar, with tqdm (extra: agents).
+
+    Returns
+    -------
+    NDArray[np.float64]
+        (n,) x2 - x1 as time goes to infinity [m].
 
     Raises
     ------
     SceneError
-        If the parameter is not a number of this scene, or a value is not allowed.
+        If the parameter is not a number of this scene, a value is not allowed, or
+        `asymptotic_offset` refuses the scene.
+    SimulationError
+        If the last slip of a motion is too late to be reached.
+    gymnasium.error.DependencyNotInstalled
+        If a progress bar is asked for without tqdm.
     """
     points = np.atleast_1d(np.asarray(values, np.float64))
     if points.ndim != 1 or not points.size or not np.all(np.isfinite(points)):
-        msg = f"{parameter}: allowed: a row of finite numbers"
+        msg = f"{parameter}: allowed: a one-dimensional array of finite numbers"
         raise SceneError(msg)
-    # What a field allows is an interval, so its ends speak for all values between.
+    # The allowed values of a field form an interval, so checking both ends checks all.
     low = scene.replace(**{parameter: float(points.min())})
     scene.replace(**{parameter: float(points.max())})
     lanes = np.repeat(row_of(low, "bifurcation")[:, None], points.size, axis=1)
@@ -108,7 +128,7 @@ def bifurcation(
         return _offsets(scene_of, lanes, bar.update)
 
 
-def _bar(total: int, title: str):  # noqa: ANN202 - tqdm is optional, and so is its type
+def _bar(total: int, title: str):  # noqa: ANN202 - the type is tqdm's, which is optional
     try:
         from tqdm import tqdm  # noqa: PLC0415
     except ImportError as error:
@@ -122,7 +142,12 @@ def _bar(total: int, title: str):  # noqa: ANN202 - tqdm is optional, and so is 
 def _offsets(
     scene_of: Callable[[int], Scene], lanes: NDArray[np.float64], report: Callable[[int], object]
 ) -> NDArray[np.float64]:
-    """Return the offset of each lane (rows, n), all of one kind; nonlinear ones by their scene."""
+    """Return the asymptotic offset (n,) [m] of each lane in (rows, n).
+
+    All lanes have the same kinds of interface and springs. `scene_of` returns the scene of a lane,
+    which a nonlinear motion with friction is simulated from; `report` is called with the number of
+    lanes done.
+    """
     kind = scene_of(0)
     _refuse_driven(kind)
     if kind.interface.kind != "dry_friction":
@@ -156,28 +181,28 @@ def _refuse_driven(scene: Scene) -> None:
 
 
 def _from_first_integral(p: NDArray[np.float64]) -> float:
-    """Return the offset at rest without friction."""
+    """Return the asymptotic offset [m] of a lane (rows,) without dry friction."""
     x1, x2, _, v2 = p[:4]
     c, d = p[at.C], p[at.D]
     still = x1 == 0.0 and p[at.V1] == 0.0
     if p[at.K0] > 0.0:
         if c + d > 0.0 or (still and x2 == 0.0 and v2 == 0.0):
             return 0.0
-        msg = "carriage.damping: 0, and interface without damping: the motion never settles"
+        msg = "carriage.damping: got 0, and the interface has no damping: the motion never settles"
         raise SceneError(msg)
     if c > 0.0:
         return float(x2 - x1 + p[at.M2] * v2 / c)
     if v2 != 0.0:
-        msg = f"initial.sphere_velocity: got {v2}; a free sphere that moves never comes to rest"
+        msg = f"initial.sphere_velocity: got {v2}; a free sphere that moves never stops"
         raise SceneError(msg)
     if d > 0.0 or still:
         return float(x2)
-    msg = "carriage.damping: 0, and a free sphere: the carriage never comes to rest"
+    msg = "carriage.damping: got 0, and the sphere is free: the carriage never comes to rest"
     raise SceneError(msg)
 
 
 def _follow(scene: Scene) -> float:
-    """Return the offset at rest of a nonlinear motion with friction, by the plant's own steps."""
+    """Return the asymptotic offset [m] of a nonlinear motion with friction, by simulation."""
     plant, steps = compile_scene(scene), FIRST_STEPS
     while steps <= MOST_STEPS:
         trajectory = simulate(plant, duration=steps * plant.time_step)
@@ -192,7 +217,7 @@ def _follow(scene: Scene) -> float:
 
 
 def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping: float) -> bool:
-    """Tell whether the energy left is too little to slip; see `kernels.bifurcation`."""
+    """Tell whether the energy left is too small for a slip; see `analysis.bifurcation_kernel`."""
     m1, m2, k1, vr = p[at.M1], p[at.M2], p[at.K1], p[at.VR]
     reduced = m1 * m2 / (m1 + m2)
     twice = 2.0 * float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
@@ -200,7 +225,7 @@ def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping
         return True
     if p[at.K0] > 0.0 or abs(state[3] - state[2]) > vr:
         return False
-    # The furthest that the carriage's spring lets x1 go with this energy.
+    # The largest |x1| that the carriage's spring allows with this energy.
     alpha, beta = p[at.ALPHA], p[at.BETA]
     square = twice / (k1 * alpha) if alpha > 0.0 else np.inf
     if beta > 0.0:

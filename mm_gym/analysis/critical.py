@@ -21,27 +21,36 @@ TIGHTEST = np.float64(1e-15)
 """Tolerance of the logarithm of the velocity: a few units of round-off."""
 
 STEEPEST = 2.0**-20
-"""Smallest reference velocity looked at, relative to the fastest slip without friction: by then
-the sphere is as good as locked, and slips or not whatever v_r is."""
+"""Lowest reference velocity tried, relative to the fastest slip without friction: the sphere is
+practically locked there, and a lower one changes nothing."""
 
 
 def critical_reference_velocity(scene: Scene) -> float:
     """Return the reference velocity [m/s] above which the scene's free motion never slips.
 
-    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the
-    linear motion just reaches it: max |w(t)| = v_r. It depends on neither the kinetic coefficient
-    nor the slip damping, nor on the scene's own reference velocity.
+    Below v_r dry friction is a viscous interface with c = mu1 F_N / v_r. At the critical v_r the
+    fastest slip of this linear motion equals v_r: max |w(t)| = v_r, with w = v2 - v1 (eq. 21 of
+    docs/model.md). The kinetic coefficient, the slip damping and the scene's own reference
+    velocity have no effect on it.
+
+    Parameters
+    ----------
+    scene
+        A scene with dry friction, one value for every field and no excitation. Its actuators stay
+        at rest.
 
     Returns
     -------
     float
-        0 if the sphere sticks however small v_r is.
+        The critical reference velocity [m/s]; 0 if the sphere sticks at any v_r.
 
     Raises
     ------
     SceneError
-        If the interface is not dry friction, the motion in stick is not linear, or something drives
-        it.
+        If the interface is not dry friction, the motion in stick is not linear, a field is a range,
+        or the scene has excitation.
+    SimulationError
+        If the motion decays too slowly for its peak to be found.
     """
     _check(scene)
     row = row_of(scene, "critical_reference_velocity")
@@ -54,7 +63,7 @@ def critical_reference_velocity(scene: Scene) -> float:
         velocity = float(np.exp(log_velocity))
         return _peak(row, force / velocity) / velocity - 1.0
 
-    # With v_r above the fastest slip of all, nothing slips.
+    # Nothing slips if v_r is above the fastest slip without friction.
     high = float(np.log(without)) + 1e-9
     low = high
     while excess(low) <= 0.0:
@@ -69,11 +78,12 @@ def critical_reference_velocity(scene: Scene) -> float:
 
 
 def _peak(row: NDArray[np.float64], damping: float) -> float:
+    """Return max |w| [m/s] of the lane (rows,) with a viscous interface of a damping [N s/m]."""
     lane = row.copy()
     lane[at.C] = damping
     peak, status = cast("tuple[float, int]", fastest_slip(lane))
     if status > at.ENDED:
-        msg = "critical_reference_velocity: the motion is too slow to fade for its fastest rate"
+        msg = "critical_reference_velocity: the motion decays too slowly for its fastest rate"
         raise SimulationError(msg)
     return peak
 
@@ -83,9 +93,9 @@ def _check(scene: Scene) -> None:
     if scene.interface.kind != "dry_friction":
         problem = f"interface.kind: got {scene.interface.kind!r}; allowed: 'dry_friction'"
     elif scene.carriage.cubic_coefficient:
-        problem = "carriage.cubic_coefficient: allowed: 0; in stick the motion must be linear"
+        problem = "carriage.cubic_coefficient: allowed: 0; the motion in stick must be linear"
     elif scene.springs.kind == "finite_stretch":
-        problem = "springs.kind: got 'finite_stretch'; in stick the motion must be linear"
+        problem = "springs.kind: got 'finite_stretch'; the motion in stick must be linear"
     elif scene.excitation:
         problem = "excitation: allowed: none; the critical velocity is that of a free motion"
     if problem:

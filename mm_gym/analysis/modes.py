@@ -18,24 +18,26 @@ if TYPE_CHECKING:
     Roots = NDArray[np.complex128]
 
 NEGLIGIBLE = 2.0**-60
-"""Share of the carriage's inertia below which its own motion is separate to round-off."""
+"""Ratio of the other rates to the carriage's own, (c + d) / m1, at which that is separate."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Free motions x(t) = shape exp(eigenvalue t) about rest, by magnitude and imaginary part.
+    """Free motions x(t) = shape exp(eigenvalue t) about rest.
+
+    They are sorted by the magnitude of the eigenvalue, then by its imaginary part.
 
     Attributes
     ----------
     eigenvalues
-        (n,) complex128 [1/s], numerically. n is 4, or 3 for a carriage without mass.
+        (n,) complex128 [1/s], computed numerically. n is 4, or 3 for a carriage without mass.
     shapes
-        (2, n) complex128: x1 and x2 of each mode, the larger of them 1. Of a defective eigenvalue
-        the columns agree.
+        (2, n) complex128 [-]: x1 and x2 of each mode, scaled so that the larger is 1. A defective
+        eigenvalue has two equal columns.
     closed_form
         (n,) complex128 [1/s]: the same eigenvalues by Cardano (no springs) or Ferrari.
     defective
-        Whether the zero eigenvalue has two equations but one shape: a free sphere (c = 0, no
+        Whether the zero eigenvalue is double but has only one shape: a free sphere (c = 0, no
         springs) drifts, so that its motion is not a sum of modes.
     """
 
@@ -61,14 +63,25 @@ class Modes:
 def modes(scene: Scene) -> Modes:
     """Return the modes of a scene's linear plant about its rest position.
 
-    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in
-    stick.
+    The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
+    for dry friction.
+
+    Parameters
+    ----------
+    scene
+        Any scene.
+
+    Returns
+    -------
+    Modes
+        Eigenvalues [1/s] and shapes [-], numerically and by the closed form.
 
     Notes
     -----
-    The closed form evaluates the paper's expressions as they stand, in double precision; it loses
-    as many digits as the eigenvalues differ in magnitude, the numerical ones do not. The closed
-    form of the carriage's mass tending to zero is that of the polynomial without its leading term.
+    The closed form evaluates the paper's expressions (eqs 13 to 19 of docs/model.md) in double
+    precision. It loses as many digits as the eigenvalues differ in magnitude; the numerical
+    solution does not. For a carriage whose mass tends to zero it solves the polynomial without its
+    leading term.
     """
     values = linear_values(scene)
     free = values.k2 == 0.0
@@ -83,14 +96,14 @@ def modes(scene: Scene) -> Modes:
 
 
 def _numerical(values: Linear) -> Roots:
-    """Return the eigenvalues of E x' = A x; those of a vanishing carriage mass are split off.
+    """Return the eigenvalues of E x' = A x; that of a negligible carriage mass is split off.
 
     The state is x1, x2 - x1, v1, v2: without springs the second column of A is exactly zero, and so
-    is its eigenvalue.
+    is one eigenvalue.
     """
     m1, m2, k1, k2, c, d = values
     if k2 == 0.0:
-        # Their zero eigenvalue divided out, no round-off can split or move it.
+        # The zero eigenvalue is divided out, so that round-off can neither split nor move it.
         a = np.array([[0.0, 1.0, 0.0], [-k1, -(c + d), c], [0.0, c, -c]])
         e = np.diag([1.0, m1, m2])
     else:
@@ -123,7 +136,7 @@ def _separate(values: Linear) -> bool:
 
 
 def _roots(polynomial: NDArray[np.float64]) -> Roots:
-    """Return the roots, zero ones exactly."""
+    """Return the roots of a polynomial; those at zero are exact."""
     trimmed = np.trim_zeros(polynomial, "b")
     return np.append(np.roots(trimmed), np.zeros(len(polynomial) - len(trimmed))).astype(
         np.complex128
@@ -131,7 +144,7 @@ def _roots(polynomial: NDArray[np.float64]) -> Roots:
 
 
 def _closed_form(values: Linear) -> list[complex]:
-    """Return the eigenvalues by the paper's appendix, the carriage's own apart if separate."""
+    """Return the eigenvalues by the paper's appendix, the carriage's own one apart if separate."""
     g4, g3, g2, g1, g0 = (float(g) for g in characteristic(values))
     if _separate(values):
         fast = [-complex(values.c + values.d) / values.m1] if values.m1 else []
@@ -152,7 +165,7 @@ def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
     h = 3.0 * a * c - b * b
     i = 9.0 * a * b * c - 27.0 * a * a * d - 2.0 * b**3
     root = cmath.sqrt(4.0 * h**3 + i * i)
-    # Of the two square roots the one that does not cancel I.
+    # The sign of the root that does not cancel I.
     cube = (i + root if abs(i + root) >= abs(i - root) else i - root) / 2.0
     if cube == 0.0:
         return [complex(-b / (3.0 * a))] * 3
@@ -172,7 +185,7 @@ def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[comp
     )
     root = cmath.sqrt(d1 * d1 - 4.0 * d0**3)
     n = d1 + root if abs(d1 + root) >= abs(d1 - root) else d1 - root
-    if n == 0.0:  # all of S's cubic resolvent coincides
+    if n == 0.0:  # the three roots of the resolvent cubic coincide
         third, p = 0j, 0j
     else:
         third = (n / 2.0) ** (1.0 / 3.0)  # N^(1/3) / 2^(1/3)
@@ -211,14 +224,17 @@ def _p(d0: float, turn: complex, default: complex) -> complex:
 
 
 def _ordered(roots: Roots) -> Roots:
-    """Return the roots by magnitude, to 11 digits so that conjugates meet, then imaginary part."""
+    """Return the roots sorted by magnitude, then by imaginary part.
+
+    Magnitudes are rounded to 11 digits, so that those of conjugates are equal.
+    """
     size = np.abs(roots)
     key = np.where(size > 0.0, np.round(np.log(np.where(size > 0.0, size, 1.0)), 11), -np.inf)
     return roots[np.lexsort((roots.imag, key))].astype(np.complex128)
 
 
 def _matched(roots: Roots, reference: Roots) -> Roots:
-    """Return the roots in the order of the nearest reference ones."""
+    """Return the roots in the order of the reference, each nearest to its own."""
     left = list(roots)
     return np.array(
         [left.pop(int(np.argmin([abs(root - wanted) for root in left]))) for wanted in reference]
@@ -226,7 +242,7 @@ def _matched(roots: Roots, reference: Roots) -> Roots:
 
 
 def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
-    """Return x1 and x2 of each mode, orthogonal to a row of the dynamic stiffness."""
+    """Return x1 and x2 of each mode: the vector orthogonal to a row of the dynamic stiffness."""
     m1, m2, k1, k2, c, d = values
     shapes = np.empty((2, len(eigenvalues)), np.complex128)
     for n, s in enumerate(eigenvalues):
@@ -236,7 +252,7 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         coupling = k2 + c * s
         first = m1 * s * s + (c + d) * s + k1 + k2
         second = m2 * s * s + coupling
-        # The sphere's row fails where nothing couples it: c = k2 = 0.
+        # The sphere's row can vanish if nothing couples the sphere: c = k2 = 0.
         shape = (
             np.array([second, coupling])
             if abs(second) + abs(coupling) > 0.0

@@ -18,16 +18,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Complex amplitudes of x1 and x2 (the columns) for excitations exp(i w t).
+    """Complex amplitudes of x1 and x2 (the columns) under excitation exp(i w t).
 
     Attributes
     ----------
     frequencies
         (n,) [rad/s].
     force
-        (n, 2) complex128 [m/N]: per unit force on the carriage, the receptance.
+        (n, 2) complex128 [m/N]: receptance, per unit force on the carriage.
     ground
-        (n, 2) complex128 [s^2]: per unit acceleration of the ground, displacements relative to it.
+        (n, 2) complex128 [s^2]: per unit acceleration of the ground; displacements are relative to
+        the ground.
     """
 
     frequencies: NDArray[np.float64]
@@ -36,33 +37,37 @@ class FrequencyResponse:
 
 
 def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyResponse:
-    """Return the response to harmonic excitation at each frequency, eq. 20 of docs/model.md.
+    """Return the steady response to harmonic excitation (eq. 20 of docs/model.md).
 
-    A range enters with its middle, a cubic spring with its tangent, dry friction with its slope in
-    stick.
+    The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
+    for dry friction.
 
     Parameters
     ----------
+    scene
+        Any scene; its own excitation is ignored.
     frequencies
-        (n,) [rad/s], greater than 0: at rest a free sphere has no definite place.
+        (n,) [rad/s], greater than 0, because a free sphere has no definite position at rest.
+
+    Returns
+    -------
+    FrequencyResponse
+        Amplitudes of x1 and x2 per unit force [m/N] and per unit ground acceleration [s^2]; they
+        are infinite at an undamped resonance.
 
     Raises
     ------
     SceneError
-        If a frequency is not a positive number.
-
-    Notes
-    -----
-    Infinite at the frequency of an undamped resonance.
+        If a frequency is not a finite number greater than 0.
     """
     w = np.atleast_1d(np.asarray(frequencies, np.float64))
     if w.ndim != 1 or not np.all(np.isfinite(w) & (w > 0.0)):
-        msg = "frequencies: allowed: a row of finite frequencies greater than 0 rad/s"
+        msg = "frequencies: allowed: a one-dimensional array of finite numbers greater than 0 rad/s"
         raise SceneError(msg)
     m1, m2, k1, k2, c, d = linear_values(scene)
     s = 1j * w
     coupling = k2 + c * s
-    # With the sphere's row divided by s no digits cancel at low frequency without springs.
+    # The sphere's row is divided by s, or digits cancel at low frequencies without springs.
     carriage, sphere, link = k1 + m1 * s * s + d * s, m2 * s, coupling / s
     # det / s = carriage (sphere + link) + sphere coupling
     determinant = carriage * (sphere + link) + sphere * coupling

@@ -1,4 +1,4 @@
-"""The protocol of a method, and what methods have in common."""
+"""The interface of a method, and the parts that methods have in common."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class Settings(NamedTuple):
     tolerance: float
     """bound of the relative error over a control step"""
     substeps: int
-    """steps of a fixed-step method in each sample interval"""
+    """number of substeps in each sample interval, for a fixed-step method"""
 
 
 class Option(NamedTuple):
-    """The field of ``solver`` that a method obeys."""
+    """The field of ``solver`` that sets a method's accuracy."""
 
     name: str
-    """of a field of `Settings`"""
+    """name of a field of `Settings`"""
     values: tuple[float, ...]
-    """that a work-precision measurement tries, from coarse to fine"""
+    """values that a work-precision measurement tries, from coarse to fine"""
 
 
 class Method(ABC):
@@ -48,17 +48,17 @@ class Method(ABC):
     Attributes
     ----------
     name
-        The value of ``solver.method`` that asks for it. Several may share one.
+        The value of ``solver.method`` that asks for it. Several methods may have the same name.
     title
         A short noun phrase for messages.
     how
-        In words, for `Plant.explain` and the documentation.
+        The method in words, for `Plant.explain` and the documentation.
     kinds
-        The kinds of plants that it propagates, see `mm_gym.methods.support`.
+        The kinds of plants that it propagates; see `mm_gym.methods.support`.
     entries
-        Its compiled entries.
+        Its compiled functions.
     option
-        The field of ``solver`` that has an effect, if any.
+        The field of ``solver`` that sets its accuracy, if any.
     """
 
     name: ClassVar[str]
@@ -75,12 +75,12 @@ class Method(ABC):
         return self.limit(support)
 
     def limit(self, support: Support) -> str | None:  # noqa: ARG002 - most have no limit
-        """Return why it does not apply although the kind is right; None if it does."""
+        """Return why the method does not apply to a plant of its kinds, or None if it does."""
         return None
 
     @abstractmethod
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the kernel's constants; raise `CompileError` where the bound cannot be met."""
+        """Return the kernel's constants (m,); raise `CompileError` if it cannot keep its bound."""
 
     @abstractmethod
     def order(self, settings: Settings) -> str:
@@ -95,20 +95,20 @@ class Method(ABC):
         """Return the bound of the error in words."""
 
     def constants(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the model array, with the excitation's description at its end."""
+        """Return the model array: the kernel's constants, then the excitation's description."""
         model = self.model(support, settings)
         model[at.EXCITATION] = len(model)
         return np.concatenate([model, support.excitation])
 
 
 class ExactMethod(Method):
-    """A method without an error but round-off."""
+    """A method whose only error is round-off."""
 
     held: ClassVar[str] = "a held force"
-    """for which it is exact"""
+    """the input for which it is exact"""
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - there is nothing to set
-        """Return that it has none."""
+        """Return the input for which the method is exact."""
         return f"exact for {self.held}"
 
     def bound(self, settings: Settings) -> str:  # noqa: ARG002 - there is nothing to set
@@ -123,14 +123,15 @@ def refuse_overflow(support: Support) -> Generator[None]:
         yield
     except OverflowError as error:
         msg = (
-            f"control.time_step: {support.sample_interval} s is too long for this scene's rates: "
+            f"control.time_step: a sample interval of {support.sample_interval} s is too long for "
+            "this scene's rates: "
             f"{error}"
         )
         raise CompileError(msg) from error
 
 
 def header(support: Support, own: int) -> NDArray[np.float64]:
-    """Return a model array with the slots that every method shares, and `own` slots more."""
+    """Return a model array with the slots of every method filled, and `own` more slots."""
     model = np.zeros(at.MODEL_OWN + own)
     model[at.SAMPLE_INTERVAL] = support.sample_interval
     model[at.INTERVALS] = support.intervals_per_step
@@ -141,11 +142,11 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
 
 
 def degree(phase: float) -> int:
-    """Return the least n for which Taylor's remainder is below round-off.
+    """Return the lowest degree n at which Taylor's remainder is below round-off.
 
-    The remainder is at most its first term phase**(n + 1) / (n + 1)!, and each further one is
-    smaller by phase / (n + 2) or less. It is 2 at least: slow or free masses too move by t**2 / 2
-    under a held force.
+    The first term of the remainder is at most phase**(n + 1) / (n + 1)!, and each next one is
+    smaller by a factor of phase / (n + 2) or less. n is at least 2, because under a held force even
+    a slow or free mass moves by t**2 / 2.
     """
     n = max(2, math.ceil(phase))
     while phase ** (n + 1) / math.factorial(n + 1) > ROUND_OFF * (1.0 - phase / (n + 2)):

@@ -1,7 +1,7 @@
 """The paper's figures 2, 3, 5 to 10 and 12, drawn from the library.
 
-What the panels of each figure show is known from the paper's text; the arrangement within a panel
-is not, and that of figures 3 and 7 is reconstructed (marked in their titles).
+The paper's text says what the panels of each figure show, but not how. Figures 3 and 7 are
+reconstructions, and their titles say so.
 """
 
 # pyright: basic, reportArgumentType=false, reportCallIssue=false
@@ -38,7 +38,7 @@ MILLI = 1e3
 TIME, DISPLACEMENT = "time [s]", "displacement [mm]"
 OFFSET, SLIP = "offset $x_2 - x_1$ [mm]", "slip velocity [m/s]"
 FASTEST = 1e6
-"""Eigenvalues [1/s] beyond this, the own ones of the carriages of D and F, are not drawn."""
+"""Largest eigenvalue drawn [1/s]; those of the carriages of D and F are beyond it."""
 
 FRICTION_VELOCITIES = np.arange(1000) * 1e-3 + 1e-6
 """v_r of figure 10 [m/s]."""
@@ -127,7 +127,7 @@ def _linear_twin(system: Scene) -> Scene:
 
 
 def _fine(system: Scene) -> Scene:
-    """Return the scene with a step short enough to draw the fastest oscillation round."""
+    """Return the scene with control steps short enough for smooth curves."""
     return system.replace(**{"control.time_step": 5e-5})
 
 
@@ -197,7 +197,7 @@ def _slip_panels(systems: dict[str, Scene], duration: float) -> Figure:
 
 
 def figure_8() -> Figure:
-    """Draw dry friction: the sphere does not return to its offset of 20 mm, whatever chi."""
+    """Draw dry friction: the sphere does not return to its offset of 20 mm, for any chi."""
     systems = {
         f"$\\chi$ = {chi:g} N s/m": scene("fig8").replace(**{"interface.slip_damping": chi})
         for chi in (0.0, 0.1, 1.0)
@@ -277,4 +277,4 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "fig10": figure_10,
     "fig12": figure_12,
 }
-"""What draws each figure."""
+"""The function that draws each figure."""

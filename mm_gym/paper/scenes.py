@@ -1,9 +1,9 @@
 """The paper's systems as scenes.
 
-Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption has them the other way round, but the text
-(m1 < m2, d = 10 above critical, B overdamped) holds only so. Panels D and F have a carriage of
-1e-80 kg; their damping is not stated, and D is read with d = 1, F with d = 10 N s/m. Figure 8 omits
-chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
+Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption swaps them, but the text (m1 < m2, d = 10
+above critical, B overdamped) is true only of these values. Panels D and F have a carriage of
+1e-80 kg; the paper does not state their damping, and d = 1 N s/m is used for D, 10 N s/m for F.
+Figure 8 omits chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from mm_gym.scene.mechanics import (
 from mm_gym.scene.scene import Control, Initial, Scene
 
 CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
-"""Slip dampings of figure 10 [N s/m]; the legend's list is not in the text."""
+"""Slip dampings of figure 10 [N s/m]; a choice, because the text does not list them."""
 
 RATIOS = (0.2, 0.5, 0.8, 0.9, 1.0)
-"""Ratios mu2 / mu1 of figure 10; the legend's list is not in the text."""
+"""Ratios mu2 / mu1 of figure 10; a choice, because the text does not list them."""
 
 STATIC = 0.51
 """mu1 of figure 10 [-]."""

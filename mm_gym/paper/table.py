@@ -1,4 +1,4 @@
-"""Numbers of the paper's systems beside the computed ones.
+"""Table of the paper's numbers, stated and computed.
 
 The stated values come from ball arithmetic and from a Taylor series of 60 digits, both independent
 of this package.
@@ -59,11 +59,11 @@ EIGENVALUES = {
     "fig12a": -1.743101073615168666474717 + 46.36201421087134619710211j,
     "fig12d": -4.083729456360725425608914 + 46.34029414718465642982086j,
 }
-"""The slowest oscillating mode's [1/s]."""
+"""Eigenvalue of the slowest oscillating mode [1/s]."""
 
 
 class Row(NamedTuple):
-    """One number."""
+    """One quantity of a system: the stated and the computed value."""
 
     system: str
     quantity: str
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 def rows() -> list[Row]:
-    """Return every number, stated and computed."""
+    """Return a row for every number."""
     found = [
         Row(name, "asymptotic offset", "m", value, asymptotic_offset(scene(name)))
         for name, value in OFFSETS.items()
@@ -105,7 +105,7 @@ def rows() -> list[Row]:
 
 
 def write_table(path: str | PathLike[str], found: list[Row]) -> None:
-    """Write the rows as CSV, all digits kept."""
+    """Write the rows as CSV with all digits."""
     lines = [",".join(HEADER)]
     for row in found:
         numbers = (row.stated, row.computed, row.computed - row.stated)

@@ -1,4 +1,4 @@
-"""From scene to plant: the method that the decision table gives, and why.
+"""Compilation of a scene to a plant, by the decision table of methods.
 
 The table is `mm_gym.methods.METHODS`, in order:
 
@@ -8,18 +8,18 @@ the scene's support                              plant               propagation
 no interface, no springs                         linear              transition matrix; the sphere
                                                                      flies free
 viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
-  coefficient 0, nothing randomised but the                          as exosystem
-  start
+  coefficient 0, only the start randomised                           as exosystem
 carriage without mass, otherwise linear          massless carriage   transition matrix of three
                                                                      states
 actuated stretch or randomised excitation        parametric linear   exponential as a cubic in the
-  frequency, in short steps, with damping,                           generator, polynomials in
-  without sampled or ground excitation                               the springs' stiffness
+  frequency, in short control steps, with                            generator, polynomials in
+  damping; excitation by harmonic forces and                         the springs' stiffness
+  impulses only
 the same otherwise, or with randomised           parametric linear   Taylor series of the
   parameters                                                         exponential's action
 dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
-dry friction, cubic coefficient 0, nothing       switched linear     transition matrices, crossings
-  randomised but the start                                           bisected
+dry friction, cubic coefficient 0, only the      switched linear     transition matrices, crossings
+  start randomised                                                   bisected
 the same with actuated stretch, randomised       parametric          Taylor series for each regime
   parameters or excitation frequency, or         switched linear
   excitation beyond harmonics and impulses
@@ -71,7 +71,7 @@ def compile_scene(scene: Scene) -> Plant:
     CompileError
         If no plant covers the scene within its bound, or the method asked for does not apply to it.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused as too fast
+    with np.errstate(over="ignore", invalid="ignore"):  # a rate that overflows is refused later
         return _compiled(scene)
 
 
@@ -104,7 +104,7 @@ def _compiled(scene: Scene) -> Plant:
 
 
 def _choose(asked: str, support: Support) -> tuple[Method, tuple[str, ...]]:
-    """Return the first method of the table that applies, or of the name asked for; and why."""
+    """Return the first method of the table that applies and has the name asked for, and why."""
     obstacles = {method: method.obstacle(support) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
     reasons = _reasons(support, obstacles, applicable[0])
@@ -126,7 +126,7 @@ def _names(applicable: list[Method]) -> list[str]:
 def _reasons(
     support: Support, obstacles: dict[Method, str | None], chosen: Method
 ) -> tuple[str, ...]:
-    """Return what decides the choice, one clause each."""
+    """Return the reasons for the choice, one clause each."""
     reasons = [*_nonlinearities(support), *_friction(support)]
     if support.kind == MASSLESS:
         return "carriage.mass is 0: the forces on the carriage balance", FIXED
@@ -146,7 +146,7 @@ def _reasons(
 
 
 def _before(chosen: Method) -> tuple[Method, ...]:
-    """Return the methods that stand before one in the table."""
+    """Return the methods before one in the table."""
     return methods.METHODS[: methods.METHODS.index(chosen)]
 
 
@@ -184,7 +184,7 @@ def _moves(name: str, support: Support) -> str:
 
 
 def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
-    """Replace dry friction that provably never slips by the viscous interface that it then is."""
+    """Replace dry friction that provably never slips by the equivalent viscous interface."""
     low, high = support.low, support.high
     driven = (
         scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
@@ -210,7 +210,7 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
 
 
 def _fastest_slip(support: Support) -> float:
-    """Return a bound of |w| from the largest energy at the start, which nothing adds to [m/s]."""
+    """Return a bound of |w| [m/s] from the largest initial energy, which cannot grow."""
     low, high = support.low, support.high
     x1, offset, v1, v2 = (
         max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
@@ -221,14 +221,14 @@ def _fastest_slip(support: Support) -> float:
 
 
 def _digest(scene: Scene, support: Support) -> str:
-    """Return what identifies the scene with the content of its records."""
+    """Return an identifier of the scene and of the content of its records."""
     if not any(part.kind == "record" for part in scene.excitation):
         return scene.digest
     return hashlib.sha256(scene.digest.encode() + support.excitation.tobytes()).hexdigest()[:16]
 
 
 def _refuse_unsupported(scene: Scene, support: Support) -> None:
-    """Raise `CompileError` for what no plant covers."""
+    """Raise `CompileError` for a scene that no plant covers."""
     low, high = support.low, support.high
     interface = scene.interface
     if (
@@ -249,7 +249,7 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
         msg = (
             f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than "
             f"stretch * rest_length = {low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite "
-            "stretch is shortened to nothing"
+            "stretch has length 0"
         )
         raise CompileError(msg)
 
@@ -263,7 +263,7 @@ def _refuse_massless(support: Support) -> None:
 
 
 def _refuse_infinite(scene: Scene) -> None:
-    """Raise `CompileError` for what would move a carriage without mass infinitely fast."""
+    """Raise `CompileError` if a carriage without mass would need an infinite acceleration."""
     impulses = [
         f"excitation.{k}"
         for k, part in enumerate(scene.excitation)
@@ -276,7 +276,7 @@ def _refuse_infinite(scene: Scene) -> None:
 
 
 def _check_solver(scene: Scene, method: Method, support: Support) -> None:
-    """Warn of options that have no effect."""
+    """Warn of options without effect."""
     default = Solver()
     for option in ("tolerance", "substeps"):
         used = method.option is not None and method.option.name == option
@@ -290,7 +290,7 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
 
 
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return every episode's starting lane, and (row, low, high) of what is drawn instead."""
+    """Return the lane at the start of an episode, and (row, low, high) of each drawn value."""
     low, high = support.start_low, support.start_high
     rows = np.flatnonzero(low != high)
     return low.copy(), np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

@@ -1,4 +1,4 @@
-"""A plant: what a scene compiles to. Frozen, NumPy only."""
+"""The plant that a scene compiles to: frozen, NumPy only."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The least model that covers a scene's support, ready to be propagated.
+    """The simplest model that covers a scene's support, ready to be propagated.
 
     Attributes
     ----------
     method
-        What propagates the state, with its order, cost and bound.
+        The method that propagates the state, with its order, cost and bound.
     settings
-        The fields of ``solver`` that it reads.
+        The fields of ``solver`` that the method reads.
     reasons
         Why this method was chosen, one clause each.
     support
@@ -41,7 +41,8 @@ class Plant:
     task
         (t,) float64: actuators, reward, limits and channels.
     template, draws
-        (rows,) the start of every lane, and (n, 3) rows to draw, each with its low and high.
+        (rows,) float64: the lane at the start of an episode; and (n, 3) float64: row, low and high
+        of each value that is drawn.
     actuators
         Names of the action's columns, in order: "force" [N], "stretch" [-].
     observed
@@ -49,9 +50,9 @@ class Plant:
     history, delay
         Frames observed, and the age of the newest in control steps.
     steps, time_step
-        Control steps of an episode, and their length [s].
+        Number of control steps in an episode, and the length of a control step [s].
     digest
-        Identifies the scene that it was compiled from.
+        Identifier of the scene that the plant was compiled from.
     """
 
     method: Method
@@ -72,7 +73,7 @@ class Plant:
 
     @property
     def kind(self) -> str:
-        """The kind of plant, see `mm_gym.methods.support.KINDS`."""
+        """The kind of plant; see `mm_gym.methods.support.KINDS`."""
         return self.support.kind
 
     @property
@@ -88,12 +89,12 @@ class Plant:
         Parameters
         ----------
         stretch
-            Stretch of the springs [-]; by default the one that an episode starts from (the middle
-            of a range).
+            Stretch of the springs [-]; by default the initial one (the middle of a range).
 
         Notes
         -----
-        A randomised parameter enters with the middle of its range, a cubic spring with its tangent.
+        The middle stands for a range, the tangent at rest for a cubic spring, and the slope in
+        stick for dry friction.
 
         Raises
         ------
@@ -108,7 +109,11 @@ class Plant:
     def discrete(
         self, stretch: float | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant: the force is held over each step."""
+        """Return Ad (4, 4) and Bd (4, 1) of the sampled plant x_next = Ad x + Bd u.
+
+        The force u [N] is held over each control step. Parameters and linearisation are those of
+        `linear`; a carriage without mass is allowed.
+        """
         row = self._middle(stretch)
         massless = row[at.M1] == 0.0
         both = (
@@ -119,7 +124,7 @@ class Plant:
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
-        """Return the linear equations about rest in decimal arithmetic, see `linear`."""
+        """Return the linear equations about rest in decimal arithmetic; see `linear`."""
         row = self._middle(stretch)
         if row[at.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
@@ -127,6 +132,7 @@ class Plant:
         return linear_system(row)
 
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
+        """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
         middle = 0.5 * (self.support.start_low + self.support.start_high)
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:
@@ -136,11 +142,11 @@ class Plant:
         return middle
 
     def at_interval(self, interval: float) -> Plant:
-        """Return the same plant with a sample interval of another length."""
+        """Return the same plant with a sample interval of another length [s]."""
         return _at_interval(self, interval)
 
     def explain(self) -> str:
-        """Say what was chosen, why, its order, its cost and its error bound."""
+        """Return the plant, the reasons, the method, its order, cost and error bound as text."""
         method, many = self.method, self.support.intervals_per_step
         cost = method.cost(self.model)
         if many > 1:

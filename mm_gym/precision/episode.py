@@ -1,4 +1,4 @@
-"""The control steps that methods are compared on: where each begins, and where it truly ends."""
+"""The episode that methods are compared on, and the true ends of its sample intervals."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ MOST_STEPS = 100
 """Control steps of the episode."""
 
 MOST_CHECKED = 10
-"""Control steps of it that the oracle integrates too."""
+"""Sample intervals of it that the oracle integrates."""
 
 LONGEST_RUN = 0.02
-"""Seconds that `auto` may take for the episode; it is shortened to that."""
+"""Time [s] that `auto` may take for the episode; a longer one is cut short."""
 
 PATIENCE = 4.0
-"""Seconds after which the oracle is asked for no further control step."""
+"""Time [s] after which the oracle starts no further sample interval."""
 
 ORACLES = (("DOP853", 2.3e-14), ("Radau", 1e-11))
-"""Methods of the oracle with their tolerances; the implicit one where the first takes too long."""
+"""Methods of the oracle with their tolerances; the second if the first takes too long."""
 
 EVALUATIONS = 30_000
-"""What a control step may take of the oracle: some 0.3 s, or a second with Radau."""
+"""Evaluations of the forces that a sample interval may take: some 0.3 s, or 1 s with Radau."""
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """Some control steps under random commands.
+    """An episode under random commands.
 
     Attributes
     ----------
     seed
-        Of what the scene draws, and of the commands.
+        Seed of the scene's draws and of the commands.
     commands
-        (n, 2) force [N] and stretch [-], asked for in each control step.
+        (n, 2) force [N] and stretch [-] commanded in each control step.
     recording
-        What they led to; with excitation besides harmonics a control step has several.
+        The sample intervals that followed from them.
     """
 
     seed: int
@@ -65,7 +65,7 @@ class Episode:
 
     @property
     def scale(self) -> Values:
-        """(4,) the largest position [m] and velocity [m/s] of the episode, where the errors are."""
+        """(4,) the episode's largest position [m], twice, and largest velocity [m/s], twice."""
         known = np.abs(np.vstack([self.recording.starts, self.recording.states])).max(axis=0)
         scale = np.repeat([known[:2].max(), known[2:].max()], 2)
         return np.where(scale > 0.0, scale, 1.0)
@@ -73,16 +73,16 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ends of recording as the oracle sees them.
+    """The ends of some sample intervals, by the oracle.
 
     Attributes
     ----------
     rows
-        (k,) which recording.
+        (k,) indices of the sample intervals.
     states
-        (k, 4) their ends.
+        (k, 4) states at their ends.
     oracle
-        In words.
+        Method and tolerance of the oracle, in words.
     resolution
         Largest difference from a second, coarser integration, relative to the scale.
     """
@@ -94,7 +94,7 @@ class Truth:
 
 
 def record(plant: Plant, seed: int) -> Episode:
-    """Run an episode under random commands, as many steps of it as take `LONGEST_RUN`."""
+    """Run an episode under random commands, for at most `LONGEST_RUN`."""
     lanes, rng = Lanes(plant, 1), np.random.default_rng(seed)
     lanes.seed(seed)
     lanes.restart()
@@ -126,12 +126,12 @@ def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) 
 
 
 def truth_of(scene: Scene, plant: Plant, episode: Episode) -> Truth:
-    """Ask the oracle for the ends of control steps spread over the episode.
+    """Integrate sample intervals spread over the episode with the oracle.
 
     Raises
     ------
     SimulationError
-        If none of SciPy's methods gets through a control step in `EVALUATIONS`.
+        If none of the oracle's methods completes a sample interval within `EVALUATIONS`.
     """
     drawn, problem = _drawn(scene, plant, episode), ""
     for method, rtol in ORACLES:
@@ -141,13 +141,13 @@ def truth_of(scene: Scene, plant: Plant, episode: Episode) -> Truth:
                 return _truth(_Pair.of(drawn, episode.recording, method, rtol), episode)
         except SimulationError as error:
             problem = str(error)
-    msg = f"work_precision: SciPy cannot follow this scene to measure errors against: {problem}"
+    msg = f"work_precision: SciPy cannot follow this scene, so errors are unknown: {problem}"
     raise SimulationError(msg)
 
 
 @dataclass(frozen=True)
 class _Pair:
-    """The oracle, and a coarser one whose difference shows how good it is."""
+    """The oracle and a coarser one, whose difference estimates the oracle's error."""
 
     fine: Oracle
     coarse: Oracle
@@ -156,7 +156,7 @@ class _Pair:
     def of(cls, scene: Scene, recording: Recording, method: str, rtol: float) -> _Pair:
         longest, support = np.inf, recording.plant.support
         if scene.interface.kind == "dry_friction":
-            # An event shows only between steps: some sixty to an oscillation.
+            # SciPy sees an event only between two of its steps: some sixty in an oscillation.
             longest = min(0.1 / fastest_oscillation(support), support.sample_interval / 4.0)
         disturbance = _disturbance(recording) if support.sampled else None
         fine = Oracle(scene, method, rtol, longest, disturbance, EVALUATIONS)
@@ -164,7 +164,7 @@ class _Pair:
 
 
 def _disturbance(recording: Recording) -> Callable[[float, str], float]:
-    """Return what excites the scene, because the oracle knows harmonics only."""
+    """Return the recorded excitation; the oracle itself knows harmonics only."""
 
     def disturbance(time: float, target: str) -> float:
         row = int(time / recording.plant.support.sample_interval * (1.0 + 1e-12))
@@ -189,28 +189,28 @@ def _truth(pair: _Pair, episode: Episode) -> Truth:
 
 
 def _spread(count: int) -> list[int]:
-    """Return control steps evenly over the episode, in an order that soon reaches all parts."""
+    """Return indices spread evenly over the episode, in an order that soon covers all of it."""
     indices = np.unique(np.linspace(0, count - 1, MOST_CHECKED).astype(int))
     golden_ratio = 0.5 * (1.0 + np.sqrt(5.0))
     return indices[np.argsort(np.arange(len(indices)) * golden_ratio % 1.0)].tolist()
 
 
 def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
-    """Return the end of a sample interval; times are the oracle's own, so it starts at that interval's."""
+    """Return the state (4,) at the end of sample interval n, by the oracle."""
     recording = episode.recording
-    step, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
-    count = int(np.ceil((n + 1) * step / oracle.scene.control.time_step)) + 1
-    return replace(oracle).solve(  # a fresh one: its budget is for its life
-        [(n + 1) * step],
+    interval, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
+    count = int(np.ceil((n + 1) * interval / oracle.scene.control.time_step)) + 1
+    return replace(oracle).solve(  # a copy, because the budget of evaluations is for its life
+        [(n + 1) * interval],
         forces=np.full(count, force),
         stretches=np.full(count, stretch),
         start=recording.starts[n],
-        begin=n * step,
+        begin=n * interval,
     )[0]
 
 
 def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
-    """Return the scene with what was drawn in place of ranges; the start is stated apart."""
+    """Return the scene with drawn values in place of ranges, but for the initial state."""
     support = plant.support
     values: dict[str, object] = {
         name: float(episode.recording.parameters[row])

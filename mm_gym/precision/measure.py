@@ -1,4 +1,4 @@
-"""Every method on the same control steps: its error against the oracle, and its time."""
+"""Error and time of every method on the same episode."""
 
 from __future__ import annotations
 
@@ -25,41 +25,43 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
 COSTLIEST = 0.1
-"""Seconds for the episode beyond which a method is tried no finer."""
+"""Time for the episode [s] above which no finer setting of a method is tried."""
 
 ROUNDS = 5
-"""Turns that each setting is timed in; the median counts."""
+"""Turns in which each setting is timed; the median counts."""
 
 TURN = 0.002
-"""Seconds of a turn, in which short runs are repeated."""
+"""Duration of a turn [s]; short runs are repeated in it."""
 
 
 def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
-    """Measure what each method costs on a scene, and how exact it is.
+    """Measure error and cost of each method on a scene.
 
     An episode under random actions is propagated with every method that applies, over the range of
-    its settings. The error is that of a control step begun in the true state, relative to the
-    largest position or velocity of the episode: what ``solver.tolerance`` bounds. It is measured
-    against SciPy, which shares no code with the methods. The cost is the median of several turns,
-    without compilation; an environment's step adds its own.
+    its settings. The error is that of a sample interval which begins in the true state, relative to
+    the largest position or velocity of the episode; without sampled excitation a sample interval is
+    a control step, whose error ``solver.tolerance`` bounds. It is measured against SciPy, which has
+    no code in common with the methods. The cost of a control step is the median of several turns,
+    without compilation and without what an environment adds.
 
     Parameters
     ----------
     scene
-        Its ``solver`` is not used.
+        The scene; its ``solver`` is ignored.
     seed
-        Of what the scene draws and of the actions.
+        Seed of the scene's draws and of the actions.
 
     Returns
     -------
     WorkPrecision
+        Error [-] and cost [s] of every setting, and the methods that do not apply.
 
     Raises
     ------
     CompileError
         If no plant covers the scene.
     SimulationError
-        If the episode, or SciPy, cannot be completed.
+        If the episode cannot be completed, or SciPy cannot follow it.
 
     Examples
     --------
@@ -93,9 +95,10 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
 def _family(
     scene: Scene, method: str, episode: Episode, truth: Truth
 ) -> list[tuple[Setting, Callable[[], float]]]:
-    """Return a method's settings with what times a run of each, until one costs too much.
+    """Return a method's settings from coarse to fine, each with a function that times a run.
 
-    A run that diverges ends early, so it has no cost.
+    The first one that takes longer than `COSTLIEST` is the last. A run that diverges ends early,
+    so it has no cost.
     """
     option, values = _settings(method)
     found: list[tuple[Setting, Callable[[], float]]] = []
@@ -112,7 +115,7 @@ def _family(
 
 
 def _settings(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the option of a method and its values, or one value that is NaN without an option."""
+    """Return the option of a method and its values; without an option "" and one NaN."""
     option = next(method.option for method in methods.METHODS if method.name == name)
     return ("", (np.nan,)) if option is None else option
 
@@ -122,7 +125,7 @@ def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
     own, worst = _lane(plant, episode), 0.0
     parameters = own.values[list(PHYSICAL), 0].copy()
     for n, want in zip(truth.rows, truth.states, strict=True):
-        # Dry friction that never slips has other parameters in a plant that knows it.
+        # A plant may have a viscous interface in place of friction that never slips: keep its own.
         own.values[:, 0] = column(episode.recording, int(n), plant.support.sample_interval)
         own.values[list(PHYSICAL), 0] = parameters
         status = plant.method.entries.propagate(plant.model, own.values, 0, 1)
@@ -133,7 +136,7 @@ def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
 
 
 def _whole(value: float) -> float:
-    """Return a value as the integer that it is, if it is one."""
+    """Return a whole number as an integer, and any other number unchanged."""
     return int(value) if value == int(value) else value
 
 
@@ -145,7 +148,7 @@ def _lane(plant: Plant, episode: Episode) -> Lanes:
 
 
 def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
-    """Return a function that runs the episode and returns its seconds, infinite if it diverges."""
+    """Return a function that times a run of the episode [s]; a run that diverges takes infinity."""
     lanes = _lane(plant, episode)
     start = lanes.snapshot()
     recording = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
@@ -163,7 +166,7 @@ def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
 
 
 def _timed(found: list[tuple[Setting, Callable[[], float]]], steps: int) -> tuple[Setting, ...]:
-    """Fill in the costs, measured in turns so that a busy machine disturbs all alike."""
+    """Return the settings with costs, measured in turns so that disturbances affect all alike."""
     measured = np.empty((ROUNDS, len(found)))
     for turn in range(ROUNDS):
         for k, (_, stopwatch) in enumerate(found):

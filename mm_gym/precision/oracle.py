@@ -1,9 +1,7 @@
-"""The slow, obvious oracle: SciPy's integrators on the equations of docs/model.md.
+"""The oracle, a slow and simple reference: SciPy's integrators on the equations of docs/model.md.
 
-Dry friction is integrated from event to event.
-
-It shares no code with the kernels. Tests, benchmarks and `mm_gym.work_precision` measure against
-it.
+Dry friction is integrated from event to event. The oracle has no code in common with the kernels.
+Tests, benchmarks and `mm_gym.work_precision` measure errors against it.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ STICK = 0
 
 
 class Solution(Protocol):
-    """What `scipy.integrate.solve_ivp` returns, as far as it is used here."""
+    """The part of the result of `scipy.integrate.solve_ivp` that is used here."""
 
     t: State
     y: State
@@ -46,16 +44,16 @@ class Oracle:
     Attributes
     ----------
     scene
-        Without ranges in what matters: set drawn values with `Scene.replace` first.
+        A scene without ranges; those of `initial` may stay if `solve` is given a start.
     method, rtol
-        For `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
+        Options of `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
     max_step
         Longest step [s]: SciPy sees an event only if its sign differs between two steps.
     disturbance
-        Force [N] or acceleration [m/s^2] at a time [s], for the targets "force" and "ground"; by
-        default the scene's harmonics.
+        Function of time [s] and target: the force [N] for "force", the acceleration [m/s^2] for
+        "ground". By default the scene's harmonics.
     most_evaluations
-        Evaluations of the forces, over the oracle's life, beyond which it gives up.
+        Evaluations of the forces after which the oracle gives up, over its whole life.
     """
 
     scene: Scene
@@ -80,13 +78,19 @@ class Oracle:
         Parameters
         ----------
         times
-            (n,) instants.
+            (n,) instants [s].
         forces, stretches
-            One value per control step, held over it; by default 0 N and the scene's stretch.
+            Force [N] and stretch [-], one value per control step and held over it; by default 0 N
+            and the scene's stretch.
         start
-            (4,) state at the time `begin` [s]; by default the scene's.
+            (4,) state at the time `begin`: x1, x2 [m], v1, v2 [m/s]; by default the scene's.
         begin
-            Where the motion is taken up [s].
+            Time at which the motion starts [s].
+
+        Raises
+        ------
+        SimulationError
+            If SciPy fails, or the budget of evaluations is used up.
         """
         instants = np.atleast_1d(np.asarray(times, np.float64))
         state = self.initial_state() if start is None else np.array(start, np.float64)
@@ -136,8 +140,8 @@ class Oracle:
         state: State,
         events: list[Callable[..., float]],
     ) -> Solution:
-        # Absolute tolerances far below any state of interest: each component keeps its relative
-        # digits.
+        # The absolute tolerance is far below any state of interest, so that the relative one
+        # holds for each component.
         solution = cast(
             "Solution",
             solve_ivp(
@@ -179,7 +183,7 @@ class Oracle:
         return 1 if state[3] > state[2] else -1
 
     def _events(self, regime: int) -> list[Callable[..., float]]:
-        """Return the ways out of a regime as terminal events."""
+        """Return the exits from a regime as terminal events."""
         interface = self.scene.interface
         if interface.kind != "dry_friction":
             return []
@@ -214,10 +218,7 @@ class Oracle:
         )
 
     def _springs(self, offset: float, stretch: float) -> float:
-        """Return the springs' force on the carriage.
-
-        It is eq. 15 of the paper, or that of the exact neo-Hookean pair.
-        """
+        """Return the springs' force on the carriage: eq. 15 of the paper, or neo-Hookean ones."""
         springs = self.scene.springs
         if springs.kind == "none":
             return 0.0
@@ -232,7 +233,7 @@ class Oracle:
         total = 0.0
         for harmonic in self.scene.excitation:
             if harmonic.kind != "harmonic":
-                msg = f"reference: give the disturbance; {harmonic.kind} is not known here"
+                msg = f"reference: got excitation of kind {harmonic.kind!r}; set disturbance"
                 raise SimulationError(msg)
             if harmonic.target == target:
                 total += harmonic.amplitude * np.sin(harmonic.frequency * time + harmonic.phase)

@@ -1,4 +1,4 @@
-"""Entries of dumped parts by their dotted names, such as "excitation.0.phase"."""
+"""Access to the entries of a scene's data by dotted names, such as "excitation.0.phase"."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from mm_gym.errors import SceneError, suggest
 from mm_gym.scene.part import Part
 
 Data: TypeAlias = "dict[str, Data] | list[Data] | str | float | bool | None"
-"""A dumped part, as in a file."""
+"""A part as plain data, as in a file."""
 
 
 def put(data: dict[str, Data], name: str, value: object) -> None:
-    """Set the entry of dumped data with a dotted name."""
+    """Set the entry of plain data that a dotted name refers to."""
     *path, last = name.split(".")
     if path and path[0] == "randomization":  # its keys are dotted names, and may be new
         path, last = ["randomization"], name.removeprefix("randomization.")

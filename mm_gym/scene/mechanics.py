@@ -1,4 +1,4 @@
-"""Mechanics: carriage, sphere, and the interface and springs between them."""
+"""Carriage and sphere, and the interface and springs between them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from mm_gym.scene.excitation import NonNegative, Positive
 from mm_gym.scene.part import Part
 
 GRAVITY = 9.81
-"""Standard acceleration of the paper [m/s^2]; the default normal force is sphere.mass * GRAVITY."""
+"""Acceleration of gravity in the paper [m/s^2]; by default F_N is sphere.mass * GRAVITY."""
 
 
 class Carriage(Part):
-    """The mass whose vibration is controlled, on a spring and a damper."""
+    """The mass to be kept still, held by a spring and a damper."""
 
     mass: NonNegative = 0.1
     """m1 [kg]; 0 for a massless carriage, which needs a damper or a viscous interface"""
@@ -36,7 +36,7 @@ class Sphere(Part):
 
 
 class NoInterface(Part):
-    """No interface: only the springs act between sphere and carriage."""
+    """No force between sphere and carriage but that of springs."""
 
     kind: Literal["none"] = "none"
 
@@ -86,17 +86,17 @@ class SmallOnLarge(Part):
     stiffness: Positive = 35.0
     """k0 [N/m]"""
     stretch: Annotated[float, Field(ge=1)] = 1.5
-    """lambda [-]; if it is actuated, the default start of an episode"""
+    """lambda [-]; if it is actuated, the default of initial.stretch"""
 
 
 class FiniteStretch(Part):
-    """A neo-Hookean pair of springs: each pulls k0 l0 (l - l^-2), l = stretch +- offset / l0."""
+    """Two neo-Hookean springs: each pulls with k0 l0 (l - l^-2), l = stretch +- offset / l0."""
 
     kind: Literal["finite_stretch"] = "finite_stretch"
     stiffness: Positive = 35.0
     """k0 [N/m]"""
     stretch: Annotated[float, Field(ge=1)] = 1.5
-    """lambda [-]"""
+    """lambda [-]; if it is actuated, the default of initial.stretch"""
     rest_length: Positive
     """l0 [m]"""
 

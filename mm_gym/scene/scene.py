@@ -1,7 +1,4 @@
-"""The scene, and the rules across its parts.
-
-Defaults, ranges and units of all fields are stated in this folder, and nowhere else.
-"""
+"""The scene that a person writes: all defaults, ranges, units and rules across fields."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
 
 
 class Initial(Part):
-    """The state at the start of an episode: numbers, or ranges [low, high], drawn uniformly."""
+    """The state at the start of an episode: numbers, or [low, high] for a uniform draw."""
 
     carriage_displacement: NumberOrRange = 0.0
     """x1 [m]"""
@@ -50,7 +47,7 @@ class Initial(Part):
 
 
 class Objective(Part):
-    """The reward of a control step, from the state at its end and the clipped action `a`.
+    """The reward, from the state at the end of a control step and the clipped action `a` [-].
 
     reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
     """
@@ -76,22 +73,22 @@ class Objective(Part):
 
 
 class Control(Part):
-    """Control steps."""
+    """Length and number of the control steps."""
 
     time_step: Positive = 0.01
-    """dt [s]"""
+    """dt [s], the length of a control step"""
     steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
-    """control steps in an episode"""
+    """number of control steps in an episode"""
 
 
 def _method_names() -> list[str]:
-    from mm_gym.methods import names  # noqa: PLC0415 - it imports the compiler
+    from mm_gym.methods import names  # noqa: PLC0415 - it imports numba
 
     return ["auto", *names()]
 
 
 def _known_method(name: object) -> str:
-    """Return the name of a method, or refuse it as pydantic does what is not in a `Literal`."""
+    """Return the name of a method; refuse any other value as pydantic's `Literal` does."""
     if name == "auto" or (isinstance(name, str) and name in _method_names()):
         return cast("str", name)
     *others, last = map(repr, _method_names())
@@ -112,17 +109,18 @@ MethodName = Annotated[
 
 
 class Solver(Part):
-    """The method that propagates the motion; see `docs/numerics.md`."""
+    """Method and accuracy of the propagation; see `docs/numerics.md`."""
 
     method: MethodName = "auto"
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-9
-    """largest relative error over a control step, for methods that take a tolerance"""
+    """bound of the relative error over a control step, for the methods that take a tolerance"""
     substeps: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    """substeps of each sample interval, for the fixed-step methods"""
+    """number of substeps in each sample interval, for the fixed-step methods; without sampled
+    excitation a control step is one sample interval"""
 
 
 class Scene(Part):
-    """A scene: the mechanics, their excitation, and the agent's actuators, sensors and objective.
+    """A carriage and a sphere, their coupling and excitation, and what the agent does and sees.
 
     Every field has a default; a scene states only what differs. All parts are frozen.
     `Scene(...)` raises one `SceneError` with all findings.
@@ -139,7 +137,7 @@ class Scene(Part):
     objective: Objective = Objective()
     control: Control = Control()
     randomization: dict[str, Range] = Field(default_factory=dict)
-    """any numeric field by its dotted name -> [low, high], drawn uniformly for each episode"""
+    """dotted name of any numeric field -> [low, high], drawn uniformly for each episode"""
     solver: Solver = Solver()
 
     @model_validator(mode="after")
@@ -157,6 +155,11 @@ class Scene(Part):
 
     def replace(self, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown, or the copy is not valid.
 
         Examples
         --------
@@ -225,7 +228,7 @@ class Scene(Part):
         return problems
 
     def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
-        """Return the findings about the scene with the field at either end of a range."""
+        """Return the findings for the scene with the field at either end of a range."""
         texts: list[str] = []
         for value in dict.fromkeys(ends):
             trial = self._dump()
@@ -238,9 +241,9 @@ class Scene(Part):
         return texts
 
     def _drawable(self) -> list[str]:
-        """Return the dotted names of the numbers that may differ from episode to episode.
+        """Return the dotted names of the numbers that may be randomised.
 
-        The numbers of `initial` are not among them, because each may itself be a range.
+        Those of `initial` are not among them, because they take ranges themselves.
         """
         parts: dict[str, Part] = {
             "carriage": self.carriage,

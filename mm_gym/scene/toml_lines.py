@@ -1,4 +1,4 @@
-"""Line numbers of the names in a TOML file, which the standard parser does not keep."""
+"""Line numbers of the names in a TOML file; the standard parser keeps no positions."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
 Path: TypeAlias = tuple[str, ...]
 
 MOST_WORK = 1_000_000
-"""Most characters parsed again for statements of several lines; later names get no line."""
+"""Characters parsed again for statements of several lines; later statements get no line."""
 
 DEEPEST = 10
-"""Most levels of names that get a line; a scene has fewer."""
+"""Levels of nested names that get a line; a scene has fewer."""
 
 
 def lines_of(text: str) -> dict[str, int]:
     """Return dotted name -> line of the statement that sets it, for text that is valid TOML.
 
-    The parser itself finds the statements: each is the smallest number of lines that is valid TOML
-    on its own. Names inside a value get the line on which the value begins; in a list over several
-    lines, the line on which their entry ends.
+    The parser itself finds the statements: each is the smallest number of lines that is TOML on its
+    own. Names within a value get the line on which the value begins; in a list over several lines,
+    the line on which their entry ends.
     """
     lines: dict[str, int] = {}
     table: Path = ()
@@ -47,23 +47,24 @@ def lines_of(text: str) -> dict[str, int]:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str, dict[str, object]]]:
-    """Yield line, text and data of each statement; before those of a list, those of its entries."""
+    """Yield line, text and data of each statement; a list of several lines entry by entry first."""
     lines = text.replace("\r\n", "\n").split("\n")
     first, work = 0, 0
     while first < len(lines) and work < MOST_WORK:
         for end in range(first + 1, len(lines) + 1):
             statement = "\n".join(lines[first:end]).lstrip()
-            if (data := _meaning(statement)) is not None:
+            if (data := _parsed(statement)) is not None:
                 yield first + 1, statement, data
                 first = end
                 break
             work += 2 * len(statement)
             if work > MOST_WORK:
                 break
-            yield end, statement, _meaning(f"{statement}\n]") or {}
+            yield end, statement, _parsed(f"{statement}\n]") or {}
 
 
-def _meaning(text: str) -> dict[str, object] | None:
+def _parsed(text: str) -> dict[str, object] | None:
+    """Return the data of a text, or None if it is not TOML."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError:
@@ -71,7 +72,7 @@ def _meaning(text: str) -> dict[str, object] | None:
 
 
 def _header(data: object) -> list[str]:
-    """Return the names in ``[a.b]`` or ``[[a.b]]``, from its data."""
+    """Return the names in ``[a.b]`` or ``[[a.b]]`` from its data."""
     names: list[str] = []
     while data:
         if isinstance(data, list):
@@ -83,7 +84,7 @@ def _header(data: object) -> list[str]:
 
 
 def _resolved(names: list[str], counts: dict[Path, int], path: Path = ()) -> Path:
-    """Return the path of a table; within an array of tables, the path in its last entry."""
+    """Return the path of a table; in an array of tables, the path in its last entry."""
     for name in names:
         path = (*path, name)
         if path in counts:

@@ -1,4 +1,4 @@
-"""What a simulation remembers of its recording, and where instants lie in them."""
+"""The recorded sample intervals of a simulation, and the position of instants in them."""
 
 from __future__ import annotations
 
@@ -25,14 +25,17 @@ class Recording:
     Attributes
     ----------
     plant, parameters
-        What was simulated, and the lane (rows,) as it was drawn.
-    states, starts
-        (n + 1, 4) what each sample interval reached, behind the initial state; (n, 4) what each one started
-        from: impulses lie in between.
+        What was simulated, and its lane (rows,) with the drawn values.
+    states
+        (n + 1, 4) the initial state, then the state at the end of each sample interval: x1, x2 [m],
+        v1, v2 [m/s].
+    starts
+        (n, 4) the state at the start of each, after the impulses at that instant.
     applied
-        (n, 2): force [N] and stretch [-] held.
+        (n, 2) the force [N] and stretch [-] held over each.
     jets
-        (n, 2 * terms): coefficients of force and ground acceleration besides the harmonics.
+        (n, 2 * terms) the excitation besides harmonics: coefficients of force [N] and of ground
+        acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
     """
 
     plant: Plant
@@ -49,16 +52,16 @@ class Recording:
 
 
 class Place(NamedTuple):
-    """Where (n,) instants lie: the sample interval of each, and the time [s] since its start."""
+    """Position of (n,) instants: the sample interval of each, and the time [s] since its start."""
 
     row: NDArray[np.intp]
     part: Array
 
 
 def blank(plant: Plant, start: Array, steps: int) -> Recording:
-    """Return those of a simulation of some control steps before it has run.
+    """Return the recording of a number of control steps before they are simulated.
 
-    With no step to run it has one sample interval all the same, at rest, that shows what is held.
+    For no control step it has one sample interval, which shows the initial force and stretch.
     """
     n = max(1, steps) * plant.support.intervals_per_step
     states, applied = np.empty((n + 1, 4)), np.empty((n, 2))
@@ -68,7 +71,7 @@ def blank(plant: Plant, start: Array, steps: int) -> Recording:
 
 
 def first(recording: Recording, count: int) -> Recording:
-    """Return the first ones only."""
+    """Return the first `count` sample intervals of a recording."""
     return Recording(
         recording.plant,
         recording.parameters,
@@ -80,7 +83,9 @@ def first(recording: Recording, count: int) -> Recording:
 
 
 def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> None:
-    """Simulate a control step for each row of commands [N, -], from a sample interval on.
+    """Simulate a control step for each row of commands (k, 2) [N, -].
+
+    The recording is written from the sample interval `first` on.
 
     Raises
     ------
@@ -103,7 +108,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
 
 
 def column(recording: Recording, row: int, duration: float) -> Array:
-    """Return the lane (rows,) from which a sample interval was propagated, set for a duration [s]."""
+    """Return the lane (rows,) at the start of a sample interval, set for a duration [s]."""
     support, lane = recording.plant.support, recording.parameters.copy()
     lane[:4], lane[[at.FORCE, at.STRETCH]] = recording.starts[row], recording.applied[row]
     lane[support.jets : support.jets + 2 * support.terms] = recording.jets[row]
@@ -118,13 +123,13 @@ def column(recording: Recording, row: int, duration: float) -> Array:
 
 
 def locate(recording: Recording, instants: Array) -> Place:
-    """Return the sample intervals that instants [s] lie in; those on the grid begin one."""
-    step = recording.plant.support.sample_interval
-    phase = instants / step
+    """Return the positions of instants [s]; one on the grid is the start of a sample interval."""
+    interval = recording.plant.support.sample_interval
+    phase = instants / interval
     nearest = np.round(phase)
     on_grid = np.abs(phase - nearest) <= 1e-12 * np.maximum(nearest, 1.0)
     index = np.where(on_grid, nearest, np.floor(phase)).astype(np.intp)
-    return Place(index, np.where(on_grid, 0.0, instants - index * step))
+    return Place(index, np.where(on_grid, 0.0, instants - index * interval))
 
 
 def harmonic_rows(plant: Plant) -> range:
@@ -143,7 +148,7 @@ def phase(recording: Recording, harmonic: int, index: int) -> float:
 def excitation(recording: Recording, place: Place) -> Array:
     """Return the disturbing force [N] and the acceleration of the ground [m/s^2], (n, 2).
 
-    Where the excitation jumps, the value is the one after; at the very end, the one before.
+    At a jump it is the value after it; at the end of the recording, the value before it.
     """
     plant, p = recording.plant, recording.parameters
     out, support = np.zeros((len(place.row), 2)), plant.support

@@ -1,4 +1,4 @@
-"""Physics without reinforcement learning: from a scene to a trajectory."""
+"""Simulation of a scene without reinforcement learning."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     Policy = Callable[[float, NDArray[np.float64]], ArrayLike]
 
 MOST_STEPS = 100_000_000
-"""Control steps of one simulation; its memory is 80 bytes for each sample interval, and more with
-excitation besides harmonics."""
+"""Control steps of one simulation at most. It takes 80 bytes for each sample interval, and more
+with excitation besides harmonics."""
 
 
 def simulate(
@@ -42,29 +42,34 @@ def simulate(
     Parameters
     ----------
     scene
-        A scene, or the plant it compiles to.
+        A scene, or the plant that it compiles to.
     duration
-        Length [s]; by default that of an episode. The trajectory then has one row per control step,
-        and one at its end.
+        Length of the simulation [s]; by default that of an episode. The trajectory has one row for
+        the start of each control step, and one for the end.
     times
-        (n,) increasing instants [s] to return instead, between control steps too.
+        (n,) increasing instants [s] that the trajectory has instead, also within control steps.
     action
-        What the actuators are asked for, in their units (force [N], stretch [-]), a column per
-        actuator: None (no force, the initial stretch), a constant, an array with a row per control
-        step, or a function of time [s] and state (4,). Limits and rate limits apply.
+        The commands to the actuators, one column per actuator: force [N], positive in the direction
+        of x1, and stretch [-]. None (no force, the initial stretch), a constant (k,), an array
+        (steps, k) with a row per control step, or a function of time [s] and state (4,) that
+        returns (k,). Limits and rate limits apply.
     seed
-        Seed of what the scene draws; by default 0.
+        Seed of the scene's draws; by default 0.
 
     Returns
     -------
     Trajectory
+        Time (n,) [s] and state (n, 4): x1, x2 [m], v1, v2 [m/s] in the ground frame, with action,
+        excitation, energy and work.
 
     Raises
     ------
+    CompileError
+        If no plant covers the scene.
     ActionError
         If the action does not fit the actuators or is not finite.
     SimulationError
-        If the times are not increasing and finite, or the propagation cannot be completed.
+        If the times are not increasing and finite, or the simulation cannot be completed.
     """
     plant = scene if isinstance(scene, Plant) else compile_scene(scene)
     instants = _instants(plant, duration, times)
@@ -95,6 +100,7 @@ def simulate(
 
 
 def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:
+    """Return the instants (n,) [s] of the trajectory."""
     if times is not None:
         if duration is not None:
             msg = "times: has no effect together with duration; give one of them"
@@ -102,7 +108,7 @@ def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> 
         instants = np.atleast_1d(_numbers("times", times, SimulationError))
         increasing = instants.ndim == 1 and instants.size and np.all(np.diff(instants) > 0.0)
         if not (increasing and instants[0] >= 0.0):
-            msg = "times: allowed: a row of increasing instants of at least 0 s"
+            msg = "times: allowed: a one-dimensional array of increasing instants of at least 0 s"
             raise SimulationError(msg)
         return instants
     if duration is None:
@@ -135,7 +141,7 @@ def _steps_until(time: float, time_step: float) -> int:
     """Return the number of control steps that reach a time, allowing for its rounding."""
     steps = time / time_step
     if steps > MOST_STEPS:
-        msg = f"the simulation needs {steps:.3g} control steps; allowed: {MOST_STEPS:.0e}"
+        msg = f"the simulation needs {steps:.3g} control steps; allowed: at most {MOST_STEPS:.0e}"
         raise SimulationError(msg)
     nearest = round(steps)
     return nearest if abs(steps - nearest) <= 1e-12 * max(nearest, 1) else int(np.ceil(steps))
@@ -144,7 +150,7 @@ def _steps_until(time: float, time_step: float) -> int:
 def _commands(
     plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (steps, 2) commands, force [N] and stretch [-]; what is not actuated stays."""
+    """Return (steps, 2) commands: force [N] and stretch [-], constant where not actuated."""
     commands = np.empty((steps, 2))
     commands[:] = 0.0, start[at.STRETCH]
     if action is None:
@@ -161,18 +167,19 @@ def _commands(
 
 
 def _columns(plant: Plant) -> list[int]:
-    """Return the column that each actuator has among force and stretch."""
+    """Return the column of each actuator among force and stretch."""
     return [("force", "stretch").index(name) for name in plant.actuators]
 
 
 def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> None:
     lost = np.flatnonzero(~np.all(np.isfinite(state), axis=1))
     if lost.size:
-        msg = f"the state is beyond the largest double from t = {instants[lost[0]]:g} s on"
+        msg = f"the state exceeds the largest double from t = {instants[lost[0]]:g} s on"
         raise SimulationError(msg)
 
 
 def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
+    """Simulate all control steps, each with the policy's action for its start."""
     plant, many = lanes.plant, lanes.plant.support.intervals_per_step
     for first in range(0, len(recording.starts), many):
         time = first // many * plant.time_step
@@ -181,7 +188,7 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
 
 
 def _sample(recording: Recording, place: Place) -> NDArray[np.float64]:
-    """Return the states at the instants."""
+    """Return the states (n, 4) at the instants."""
     plant = recording.plant
     sampled = recording.states[place.row]
     for i in np.flatnonzero(place.part):

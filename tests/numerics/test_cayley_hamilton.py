@@ -1,4 +1,4 @@
-"""Is the exponential as a cubic in the generator right, wherever the decision table takes it?"""
+"""Is the exponential as a cubic in the generator right wherever the decision table chooses it?"""
 
 from dataclasses import replace
 
@@ -39,7 +39,10 @@ ABSORBER = {"m1": 0.1, "m2": 0.04, "k1": 400.0, "k0": 35.0, "c": 0.1, "d": 1.0}
 
 
 def scene_of(system, phase, harmonics=0, *, limit=None, highest=3.0):
-    """Return a scene whose fastest rate times the step is the phase; harmonics at 2/5 of it or more."""
+    """Return a scene whose fastest rate times the control step is the phase.
+
+    Its harmonics have multiples of 2/5 of the fastest rate.
+    """
     data = {
         "carriage": {"mass": system["m1"], "stiffness": system["k1"], "damping": system["d"]},
         "sphere": {"mass": system["m2"]},
@@ -65,7 +68,7 @@ def by_series(plant):
 
 
 def difference(plant, **options):
-    """Largest difference relative to the largest position or velocity until then."""
+    """Return the largest difference, relative to the largest position or velocity until then."""
     assert isinstance(plant.method, CayleyHamilton)
     got, want = (simulate(one, **options).state[1:] for one in (plant, by_series(plant)))
     largest = np.maximum.accumulate(np.abs(want))
@@ -74,20 +77,20 @@ def difference(plant, **options):
 
 
 @given(systems, st.floats(0.1, 2.0), st.integers(0, 2), stretches)
-def test_any_stretch_and_harmonics_as_by_the_series(system, phase, harmonics, stretches):
+def test_any_stretch_and_harmonics_agree_with_the_series(system, phase, harmonics, stretches):
     scene = scene_of(system, phase, harmonics)
-    if harmonics:  # from rest, so that the motion is no larger than what the force moves
+    if harmonics:  # from rest, so that the whole motion is due to the force
         scene = scene.replace(
             **{"initial.carriage_displacement": 0.0, "initial.sphere_offset": 0.0}
         )
     plant = compile_scene(scene)
     assume(isinstance(plant.method, CayleyHamilton))
-    # 60 steps of either, and the difference of motions 256 times as large as one step's.
+    # Round-off of 60 steps, and of differences of motions 256 times as large as that of one step.
     assert difference(plant, action=1.0 + 2.0 * stretches) <= 1e-12
 
 
 @given(systems, st.floats(0.001, 2.0), stretches)
-def test_held_force_as_by_the_series(system, phase, stretches):
+def test_held_force_agrees_with_the_series(system, phase, stretches):
     scene = scene_of(system, phase, limit=100.0)
     action = np.column_stack([200.0 * stretches[::-1] - 100.0, 1.0 + 2.0 * stretches])
     assert difference(compile_scene(scene), action=action) <= 1e-13
@@ -96,7 +99,7 @@ def test_held_force_as_by_the_series(system, phase, stretches):
 @pytest.mark.parametrize("part", [0.0, 0.25, 0.5, 1.0])
 @given(systems, st.floats(0.01, 2.0))
 def test_cubic_is_the_exponential(part, system, phase):
-    highest = 50.0  # where the springs' stiffness is near its least
+    highest = 50.0  # there the springs are nearly as soft as possible
     plant = compile_scene(scene_of(system, phase, highest=highest))
     assume(isinstance(plant.method, CayleyHamilton))
     stretch = 1.0 + part * (highest - 1.0)
@@ -112,7 +115,7 @@ def test_cubic_is_the_exponential(part, system, phase):
         for n, polynomial in enumerate(polynomials)
     )
     want = np.array(mpmath.expm(mpmath.mpf(h) * generator).tolist(), dtype=np.float64)
-    # In the energy norm, in which the generator's is at most 2: positions scaled by the rate.
+    # In the energy norm, positions scaled by the rate: the generator's norm is at most 2.
     scale = np.sqrt([system["m1"], system["m2"]] * 2) * np.array([2.0 / h, 2.0 / h, 1.0, 1.0])
     assert (
         np.abs((cubic - want) * scale[:, None] / scale).max()
@@ -128,10 +131,10 @@ def test_cubic_is_the_exponential(part, system, phase):
         ({"excitation.0.frequency": 0.01}, "its steady motion may be"),
         ({"excitation.0.target": "ground"}, "only harmonic forces"),
         ({"carriage.mass": (0.1, 0.2)}, "carriage.mass is randomised"),
-        ({"control.time_step": 0.1}, "the fastest rate turns by"),
+        ({"control.time_step": 0.1}, "fastest rate times sample interval is"),
     ],
 )
-def test_series_where_the_cubic_does_not_apply(changes, why):
+def test_series_is_chosen_where_the_cubic_does_not_apply(changes, why):
     scene = scene_of(ABSORBER, 1.0, harmonics=1)
     assert isinstance(compile_scene(scene).method, CayleyHamilton)
     for name, value in changes.items():
@@ -145,7 +148,7 @@ def test_series_where_the_cubic_does_not_apply(changes, why):
     assert why in plant.reasons[-1]
 
 
-def test_cubic_needs_no_damping_where_no_harmonic_acts():
+def test_cubic_needs_no_damping_without_harmonics():
     scene = scene_of(ABSORBER | {"c": 0.0, "d": 0.0}, 1.0)
     assert difference(compile_scene(scene), action=2.0) <= 1e-14
 
@@ -158,7 +161,7 @@ def test_impulses_change_the_velocities_between_cubics():
     assert np.abs(np.diff(simulate(scene, seed=1).state[:, 2])).max() > 0.1
 
 
-def test_rotation_of_the_phase_is_not_taken_from_another_step():
+def test_states_between_control_steps_agree_with_the_series():
     scene = scene_of(ABSORBER, 1.0, harmonics=2)
     times = np.sort(np.random.default_rng(0).uniform(0.0, STEPS * scene.control.time_step, 20))
     assert difference(compile_scene(scene), times=times) <= 1e-13

@@ -1,4 +1,4 @@
-"""Transition matrices against mpmath, to the last bit where that can be asked."""
+"""Transition matrices against mpmath, to the last bit where possible."""
 
 from decimal import Decimal
 
@@ -39,7 +39,7 @@ def scene_of(system, time_step):
 
 
 def assert_rounded_once(got, expected):
-    """Half a unit in the last place, and of tiny entries what 25 digits of the largest leave."""
+    """Assert errors below half a unit in the last place, plus 1e-25 of the largest entry."""
     with mp.workdps(60):
         largest = max(abs(entry) for entry in expected)
         for entry, exact in zip(np.ravel(got), expected, strict=True):
@@ -69,7 +69,7 @@ def test_exponential_over_no_time_is_the_identity():
     assert exponential(matrix, 0.0).tolist() == [[1.0, 0.0], [0.0, 1.0]]
 
 
-def test_exponential_refuses_what_would_take_minutes():
+def test_exponential_refuses_a_matrix_that_would_take_minutes():
     with pytest.raises(OverflowError, match=r"at most 1e200"):
         exponential(np.array([[Decimal("1e3000")]]), 1.0)
 
@@ -97,7 +97,7 @@ def test_plant_with_changing_parameters_refuses_a_scene_too_stiff_for_it():
         springs={"kind": "small_on_large"},
         actuation={"stretch": {}},
     )
-    with pytest.raises(CompileError, match=r"control\.time_step: 0\.01 s"):
+    with pytest.raises(CompileError, match=r"control\.time_step: a sample interval of 0\.01 s"):
         compile_scene(scene)
 
 
@@ -107,6 +107,6 @@ def test_parameters_beyond_physics_are_right_or_refused(values):
     try:
         both = np.hstack(compile_scene(scene_of(system, 0.01)).discrete())
     except CompileError as error:
-        assert "control.time_step" in str(error)  # noqa: PT017 - either outcome is right
+        assert "control.time_step" in str(error)  # noqa: PT017 - both outcomes are right
     else:
         assert_rounded_once(both, system.sampled(0.01))

@@ -1,4 +1,4 @@
-"""The linear plant with actuated stretch: the exponential as a cubic in the generator."""
+"""The exponential as a cubic in the generator (Cayley-Hamilton), for an actuated stretch."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from mm_gym.state_space.equations import Values
 
 LONGEST_STEP = 2.0
-"""Largest rate times step. The spring's part of it, at most 4, is the square of a rate times the
-step; it varies by a third of that to either side of its middle, and term n of the polynomials is at
-most (4 / 3)**n / (2 n)!: below round-off from the tenth on."""
+"""Largest product of the fastest rate and the sample interval h. The springs' part of its square,
+k2 h^2 / m, is at most 4 and varies by at most 4 / 3 about its middle, so that term n of the
+polynomials is at most (4 / 3)**n / (2 n)!: below round-off from the tenth on."""
 
 DIGITS = 40
-"""Digits of the sums, which lose none that a double shows."""
+"""Decimal digits of the sums: enough for every digit of a double."""
 
 ORDERS = 48
-"""Powers of the generator summed up: the last adds 2**48 / 48!, 1e-47."""
+"""Number of powers of the generator in the sums; the last adds 2**48 / 48!, 1e-47."""
 
 MOST_AMPLIFIED = 256.0
-"""How much larger the steady motion may be than what the force moves within one step from rest:
-the difference of two such motions loses as much in precision."""
+"""Largest ratio of the steady motion to the motion that the force causes from rest in one sample
+interval: the difference of two steady motions loses this factor in precision."""
 
 
 class CayleyHamilton(ExactMethod):
-    """The exponential as a cubic in the generator, for a stretch that is actuated."""
+    """The exponential as a cubic in the generator, for an actuated stretch."""
 
     name = "exact"
     title = "a cubic in the generator"
@@ -51,29 +51,29 @@ class CayleyHamilton(ExactMethod):
     held = "a held force and stretch"
 
     def limit(self, support: Support) -> str | None:
-        """Return why not, unless only the stretch and harmonic forces change, within bounds."""
+        """Return why not, unless only the stretch and harmonic forces vary, within bounds."""
         others = [
             name for name in support.varying if support.names[name] in range(at.M1, at.HARMONICS)
         ]
         if others:
             return f"{others[0]} is randomised"
         if support.terms or any(support.ground):
-            return "of all excitation only harmonic forces enter it"
+            return "of all excitation it takes only harmonic forces"
         phase = fastest_rate(support) * support.sample_interval
         if not phase <= LONGEST_STEP:
-            return f"the fastest rate turns by {phase:.3g} in a step, more than {LONGEST_STEP:g}"
+            return f"fastest rate times sample interval is {phase:.3g}, above {LONGEST_STEP:g}"
         amplification = _amplification(support)
         if not amplification <= MOST_AMPLIFIED:
             return (
                 "too little damping for a harmonic force: its steady motion may be "
-                f"{amplification:.3g} times that within a step, more than {MOST_AMPLIFIED:g}"
+                f"{amplification:.3g} times that of one sample interval, above {MOST_AMPLIFIED:g}"
             )
         return None
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the generator and the polynomials of the cubic's coefficients."""
         model = np.concatenate([header(support, 0), np.zeros(ch.END - at.MODEL_OWN)])
-        p = values_of(support.low)  # at the least stretch the springs are the stiffest
+        p = values_of(support.low)  # the springs are stiffest at the lowest stretch
         with localcontext(Context(prec=DIGITS)):
             h, m1 = Decimal(support.sample_interval), p["m1"]
             unit = h * h / m1
@@ -93,21 +93,21 @@ class CayleyHamilton(ExactMethod):
         return model
 
     def cost(self, model: NDArray[np.float64]) -> str:
-        """Return the work of the polynomials and of the harmonics."""
+        """Return the products of the polynomials and of the harmonics."""
         return f"{4 * ch.COEFFICIENTS + 28 + 40 * int(model[at.HARMONIC_COUNT])} products"
 
 
 def _amplification(support: Support) -> float:
-    """Return a bound of the steady motion relative to that within one step from rest, F h^2 / 2 m1.
+    """Return a bound of the steady motion relative to F h^2 / 2 m1, that of h from rest.
 
-    The power of the force is at most F w X1 / 2, and d w^2 X1^2 / 2 + c w^2 X^2 / 2 are dissipated,
-    with X the offset's amplitude.
+    The mean energy rate of the force is at most F w X1 / 2, and the dissipated one is
+    d w^2 X1^2 / 2 + c w^2 X^2 / 2, with X1 and X the amplitudes of carriage and offset.
     """
     if not support.ground:
         return 0.0
     c, d, h = support.low[at.C], support.low[at.D], support.sample_interval
-    least = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
-    return 2.0 * support.low[at.M1] / least if least > 0.0 else math.inf
+    lowest = support.lowest_frequencies.min() * h * h * min(d, math.sqrt(c * d))
+    return 2.0 * support.low[at.M1] / lowest if lowest > 0.0 else math.inf
 
 
 def _most_stretched(support: Support) -> NDArray[np.float64]:
@@ -119,8 +119,9 @@ def _most_stretched(support: Support) -> NDArray[np.float64]:
 def _cubics(p: Values, h: Decimal, middle: Decimal, half: Decimal) -> NDArray[np.object_]:
     """Return (2, 4, COEFFICIENTS) polynomials in (k2 - middle) / half, lowest coefficient first.
 
-    The coefficients of I, A h, (A h)^2 and (A h)^3 in exp(A h) and in (exp(A h) - I) / (A h).
-    Powers from the fourth on are reduced by A's characteristic polynomial, linear in k2.
+    They are the coefficients of I, A h, (A h)^2 and (A h)^3 in exp(A h) and in
+    (exp(A h) - I) / (A h). Powers from the fourth on are reduced by the characteristic polynomial
+    of A, which is linear in k2.
     """
     characteristic = [
         (_characteristic(p, h, middle + half) + sign * _characteristic(p, h, middle - half)) / 2

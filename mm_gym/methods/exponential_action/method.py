@@ -1,4 +1,4 @@
-"""A Taylor series for the linear plant whose parameters differ between lanes or between steps."""
+"""Taylor series of the exponential's action, for linear plants with varying parameters."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 LONGEST_PIECE = 2.0
-"""Largest rate times piece: the series' terms grow to exp of it, and round-off with them."""
+"""Largest product of the fastest rate and a piece, the equal part of a sample interval that one
+series covers. The terms of a series grow up to exp of it, and round-off with them."""
 
 MOST_PIECES = 1000
-"""Pieces of a sample interval beyond which a scene is refused rather than run for minutes."""
+"""Largest number of pieces in a sample interval; scenes that need more would run for minutes."""
 
 
 class ExponentialAction(ExactMethod):
@@ -36,7 +37,7 @@ class ExponentialAction(ExactMethod):
     held = "a held force and stretch"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the pieces of a sample interval and the degree of the series."""
+        """Return the number of pieces in a sample interval and the degree of the series."""
         model = header(support, 3)
         phase = fastest_rate(support) * support.sample_interval
         pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
@@ -45,7 +46,7 @@ class ExponentialAction(ExactMethod):
                 f"control.time_step: a sample interval of {support.sample_interval} s spans "
                 f"{phase:.3g} times the scene's shortest time constant "
                 f"{support.sample_interval / phase:.3g} s; the series allows "
-                f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the step, "
+                f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the control step, "
                 "or fix what is randomised or actuated"
             )
             raise CompileError(msg)

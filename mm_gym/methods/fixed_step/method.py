@@ -1,4 +1,4 @@
-"""Two fixed-step methods on the smooth plants, kept to show what the others save."""
+"""Fixed-step methods for smooth plants, kept for comparison."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class FixedStep(Method):
 
     kinds = (LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR)
     evaluations: ClassVar[int]
-    """of the forces in a substep"""
+    """evaluations of the forces in a substep"""
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the number of substeps, and which springs there are."""
+        """Return the number of substeps and the kind of springs."""
         model = header(support, 2)
         model[kernel.SUBSTEPS] = settings.substeps
         model[kernel.IS_FINITE] = support.high[at.L0] > 0.0

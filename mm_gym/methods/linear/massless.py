@@ -1,4 +1,4 @@
-"""The limit of a carriage without inertia: three states; v1 follows from the balance of forces."""
+"""Transition matrix of the plant whose carriage has no mass: v1 balances the forces on it."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 class Massless(Linear):
-    """Transition matrix of the three states that a carriage without mass leaves."""
+    """Transition matrix of the three states x1, x2, v2."""
 
     title = "the transition matrix of three states"
     how = "transition matrix of the three states x1, x2, v2; v1 balances the forces on the carriage"
     kinds = (MASSLESS,)
 
     def limit(self, support: Support) -> str | None:
-        """Return what else the scene must be; it is the only method without inertia."""
+        """Return what the method needs and the scene does not have, or None."""
         if support.slips or support.is_nonlinear:
             return "needs a viscous interface, or none, and linear springs"
         if support.varying:
-            return "needs parameters, stretch and frequencies that have one value"
+            return "needs parameters, stretch and frequencies that have one value each"
         if not support.low[at.C] + support.low[at.D] > 0.0:
             return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
         return None

@@ -1,4 +1,4 @@
-"""The linear plant: a transition matrix."""
+"""Transition matrix of the linear plant."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def linear_model(
     transition: NDArray[np.float64],
     respond: Callable[[Exosystem, bool], NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Return the constants of `kernels.linear`: transition, responses to harmonics and to jets."""
+    """Return the constants of the kernel: transition, responses to harmonics and to jets."""
     parts = [header(support, 0), transition.ravel()]
     for j, ground in enumerate(support.ground):
         parts.append(respond(harmonic(float(support.frequencies[j])), ground).ravel())
@@ -39,7 +39,7 @@ def linear_model(
 
 
 class Linear(ExactMethod):
-    """Transition matrix, with harmonics and sampled excitation as exosystems (Van Loan, 1978)."""
+    """Transition matrix; harmonics and sampled excitation are exosystems (Van Loan, 1978)."""
 
     name = "exact"
     title = "the transition matrix"
@@ -61,5 +61,5 @@ class Linear(ExactMethod):
             )
 
     def cost(self, model: NDArray[np.float64]) -> str:
-        """Return the size of the matrix products."""
+        """Return the number of products."""
         return f"{20 + 8 * int(model[at.HARMONIC_COUNT] + model[at.TERMS])} products"

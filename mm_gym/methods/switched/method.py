@@ -1,4 +1,4 @@
-"""The switched linear plant: dry friction, every crossing found to round-off."""
+"""Transition matrices for stick and slip: dry friction with every crossing found to round-off."""
 
 from __future__ import annotations
 
@@ -23,30 +23,33 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 STATE_INPUTS = 6
-"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force; then cosine and sine of each
-harmonic."""
+"""Inputs of a transition: x1, offset, v1, w, sign of slip, held force. Cosine and sine of each
+harmonic follow."""
 
 LONGEST_SERIES = 2.0
-"""Longest last level, in units of the shortest time constant; its Taylor series loses no digits."""
+"""Longest interval of the last level, in units of the shortest time constant: its Taylor series
+loses no digits."""
 
 LONGEST_OSCILLATION = 2.0**12
-"""Longest control step, in units of 1 / the fastest undamped or excited frequency: each costs an
-interval or more."""
+"""Longest sample interval, in units of 1 / the fastest undamped or excited frequency: each unit
+takes one halved interval or more."""
 
 LONGEST_DECAY = 2.0**28
-"""Longest control step, in units of the shortest time constant: the slow motion after a fast decay
-takes few intervals."""
+"""Longest sample interval, in units of the shortest time constant: the slow motion after a fast
+decay takes few halved intervals."""
 
 FINER = 3
-"""Halvings of the last level at which |w''| is sampled."""
+"""Further halvings of the last level, at which |w''| is sampled."""
 
 MOST_SAMPLES = 1 << 15
+"""Largest number of samples of |w''| in a regime."""
 
 SLOWEST = 1e-100
-"""Least frequency [rad/s] to weigh positions by; its square is a double."""
+"""Lowest frequency [rad/s] that positions are weighted by; its square does not underflow."""
 
 SAMPLING = 1.1
-"""What |w''| may exceed its samples by, an eighth of the shortest time constant apart."""
+"""Factor by which |w''| may exceed its samples; they are at most a quarter of the shortest time
+constant apart."""
 
 
 class Switched(ExactMethod):
@@ -56,14 +59,14 @@ class Switched(ExactMethod):
     title = "transition matrices for stick and slip"
     how = (
         "a transition matrix for stick and one for slip; "
-        "crossings of the reference velocity bisected on halved steps"
+        "crossings of the reference velocity bisected on halved intervals"
     )
     kinds = (SWITCHED_LINEAR,)
     entries = build(switched.propagate)
     held = "a held force, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the transition matrices of both regimes over the interval and its halvings."""
+        """Return the transition matrices of both regimes over the interval and its halves."""
         low = support.low
         mu1, mu2, vr, chi, normal = (
             Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
@@ -72,11 +75,11 @@ class Switched(ExactMethod):
             stick = mu1 * normal / vr
             offset = mu2 * normal - chi * vr
         phase = fastest_rate(support, max(float(stick), float(chi))) * support.sample_interval
-        refuse_long_step(
+        refuse_long_interval(
             support, phase, LONGEST_DECAY, "the shortest time constant of the friction"
         )
         oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
-        refuse_long_step(
+        refuse_long_interval(
             support,
             oscillation * support.sample_interval,
             LONGEST_OSCILLATION,
@@ -106,14 +109,14 @@ class Switched(ExactMethod):
         )
 
 
-def refuse_long_step(support: Support, phase: float, longest: float, unit: str) -> None:
-    """Raise `CompileError` if a sample interval takes more than some 0.1 s to follow."""
+def refuse_long_interval(support: Support, phase: float, longest: float, unit: str) -> None:
+    """Raise `CompileError` if a sample interval would take more than some 0.1 s of work."""
     if not phase <= longest:
         msg = (
             f"control.time_step: a sample interval of {support.sample_interval} s is "
             f"{phase:.3g} times {unit}, "
             f"{support.sample_interval / phase:.3g} s; allowed: {longest:.3g} times. "
-            "Shorten the step, or slow down what is so fast"
+            "Shorten the control step, or lower the fastest rate"
         )
         raise CompileError(msg)
 
@@ -121,20 +124,25 @@ def refuse_long_step(support: Support, phase: float, longest: float, unit: str) 
 def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> NDArray[np.float64]:
     """Return the levels of one regime of the friction, f = damping w + sign force.
 
-    See `mm_gym.kernels.switched`.
+    See `mm_gym.methods.switched.kernel`.
     """
     generator = _generator(support, damping, force)
-    steps = halved_exponentials(generator, support.sample_interval, levels + FINER)
-    # The row that takes the inputs to w'' now.
+    transitions = halved_exponentials(generator, support.sample_interval, levels + FINER)
+    # The row that maps the inputs to w'' at the same instant.
     second = (generator[3] @ generator).astype(np.float64)
-    gains = _gains(support, second, [step.astype(np.float64) for step in steps])
-    return np.array([_level(second, step, gain) for step, gain in zip(steps, gains, strict=False)])
+    gains = _gains(support, second, [transition.astype(np.float64) for transition in transitions])
+    return np.array(
+        [
+            _level(second, transition, gain)
+            for transition, gain in zip(transitions, gains, strict=False)
+        ]
+    )
 
 
 def _level(
-    second: NDArray[np.float64], step: NDArray[np.object_], gains: NDArray[np.float64]
+    second: NDArray[np.float64], transition: NDArray[np.object_], gains: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    rows, change = _state_rows(step), _change_of_slip(step)
+    rows, change = _state_rows(transition), _change_of_slip(transition)
     slots = [second[:6], rows[:, :6].ravel(), change[:6], gains[:6], gains[-1:]]
     for k in range(6, len(second), 2):
         own = slice(k, k + 2)
@@ -143,15 +151,15 @@ def _level(
             rows[:, own].ravel(),
             change[own],
             gains[own],
-            step[own, k].astype(np.float64),
+            transition[own, k].astype(np.float64),
         ]
     return np.concatenate(slots)
 
 
 def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np.object_]:
-    """Return the equations of one regime with the inputs as state.
+    """Return the equations of one regime with all inputs as the state.
 
-    The inputs are x1, offset, v1, w, sign, u, cosine, sine, ...
+    They are x1, offset, v1, w, sign, u, then cosine and sine of each harmonic.
     """
     with localcontext(Context(prec=60)):
         values = values_of(support.low) | {"c": damping}
@@ -169,48 +177,55 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
     return generator
 
 
-def _state_rows(step: NDArray[np.object_]) -> NDArray[np.float64]:
-    """Return rows of x1, x2, v1, v2 against the inputs with x2 and v2, each entry rounded once."""
+def _state_rows(transition: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return the rows of x1, x2, v1, v2 for inputs with x2 and v2; each entry is rounded once."""
     with localcontext(Context(prec=100)):
-        rows = np.array([step[0], step[0] + step[1], step[2], step[2] + step[3]])
+        rows = np.array(
+            [
+                transition[0],
+                transition[0] + transition[1],
+                transition[2],
+                transition[2] + transition[3],
+            ]
+        )
         rows[:, 0], rows[:, 2] = rows[:, 0] - rows[:, 1], rows[:, 2] - rows[:, 3]
     return rows.astype(np.float64)
 
 
-def _change_of_slip(step: NDArray[np.object_]) -> NDArray[np.float64]:
-    """Return the row of w(t) - w(0), each entry rounded once."""
-    row = step[3].copy()
+def _change_of_slip(transition: NDArray[np.object_]) -> NDArray[np.float64]:
+    """Return the row of w(t) - w(0); each entry is rounded once."""
+    row = transition[3].copy()
     with localcontext(Context(prec=100)):
         row[3] -= 1
     return row.astype(np.float64)
 
 
 def _gains(
-    support: Support, second: NDArray[np.float64], steps: list[NDArray[np.float64]]
+    support: Support, second: NDArray[np.float64], transitions: list[NDArray[np.float64]]
 ) -> list[NDArray[np.float64]]:
-    """Return for each level the gains that bound w'' while the level lasts.
+    """Return for each level the gains that bound w'' over its interval h.
 
-    They are such that h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|).
+    They satisfy h**2 |w''(t)| / 2 <= gains . (|inputs|, |w''(0)|).
 
-    w''(t) = r(t) . inputs, with r sampled. Subtracting the share g(t) of r(t) along r(0) leaves
-    what w''(0) does not explain: on the slow motion of a stiff regime both parts are small, where
-    |r| . |inputs| would not be.
+    w''(t) = r(t) . inputs, with r sampled. r(t) is split into g(t) r(0), its projection on r(0),
+    and a rest, so that |w''(t)| <= |g(t)| |w''(0)| + |rest| . |inputs|. On the slow motion of a
+    stiff regime both parts are small, where |r(t)| . |inputs| is not.
     """
-    finest = len(steps) - 1
+    finest = len(transitions) - 1
     rows = second[None]
     while len(rows) <= min(1 << finest, MOST_SAMPLES):
-        rows = np.vstack([rows, rows @ steps[finest - int(np.log2(len(rows)))]])
+        rows = np.vstack([rows, rows @ transitions[finest - int(np.log2(len(rows)))]])
     frequency = max(fastest_oscillation(support), SLOWEST)
     weights = np.zeros(len(second))
     weights[:4] = frequency**-2, frequency**-2, 1.0, 1.0
     norm = (weights * second) @ second
-    share = rows @ (weights * second) / norm if norm > 0.0 else np.zeros(len(rows))
-    rest = np.abs(rows - share[:, None] * second)
-    largest = SAMPLING * np.maximum.accumulate(np.column_stack([rest, np.abs(share)]))
+    along = rows @ (weights * second) / norm if norm > 0.0 else np.zeros(len(rows))
+    rest = np.abs(rows - along[:, None] * second)
+    largest = SAMPLING * np.maximum.accumulate(np.column_stack([rest, np.abs(along)]))
     gains: list[NDArray[np.float64]] = []
-    for k in range(len(steps) - FINER):
+    for k in range(len(transitions) - FINER):
         last = 1 << (finest - k)
-        # A level too long to be sampled is never taken whole.
+        # An interval too long to be sampled is always halved.
         bend = largest[last] if last < len(rows) else np.full(len(second) + 1, np.inf)
         gains.append(0.5 * (support.sample_interval / 2.0**k) ** 2 * bend)
     return gains

@@ -1,4 +1,4 @@
-"""The switched linear plant whose parameters differ or change: a series for each regime."""
+"""Taylor series for stick and slip, for plants with dry friction and varying parameters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mm_gym.kernels.control_step import build
 from mm_gym.methods.base import ExactMethod, Settings, degree, header
 from mm_gym.methods.support import PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR, fastest_rate
 from mm_gym.methods.switched import series_kernel
-from mm_gym.methods.switched.method import LONGEST_SERIES, refuse_long_step
+from mm_gym.methods.switched.method import LONGEST_SERIES, refuse_long_interval
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
     from mm_gym.methods.support import Support
 
-MOST_PIECES = 10_000.0
-"""Pieces of a control step that the series alone may take: some 0.01 s of work."""
+LONGEST_INTERVAL = 10_000.0
+"""Longest sample interval, in units of the shortest time constant: some 0.01 s of work."""
 
 
 class SwitchedSeries(ExactMethod):
-    """A Taylor series for each regime; crossings of the reference velocity are found on it."""
+    """A Taylor series for each regime, on which crossings of the reference velocity are found."""
 
     name = "switched"
     title = "a series for stick and slip"
@@ -39,8 +39,8 @@ class SwitchedSeries(ExactMethod):
         low, high = support.low, support.high
         damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
         phase = fastest_rate(support, damping) * support.sample_interval
-        refuse_long_step(
-            support, phase, MOST_PIECES, "the shortest time constant that the scene can have"
+        refuse_long_interval(
+            support, phase, LONGEST_INTERVAL, "the shortest time constant that the scene can have"
         )
         model = header(support, 1)
         model[series_kernel.DEGREE] = degree(LONGEST_SERIES)

@@ -1,4 +1,4 @@
-"""Every plant with two masses, by an adaptive Taylor series: the nonlinear ones need it."""
+"""Adaptive Taylor series for every plant with two masses; nonlinear ones need it."""
 
 from __future__ import annotations
 
@@ -20,50 +20,51 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
 TIGHTEST = 1e-15
-"""Smallest useful tolerance: below it round-off is larger than what is cut off."""
+"""Smallest useful tolerance: below it round-off exceeds the truncation error."""
 
 EXTRA_ORDER = 16
-"""Orders above the optimum of Jorba and Zou, who count the products only and look at two terms:
-here the rest of a series costs as much, and the eight terms looked at hold short series back.
-Measured: from 13 on times differ by a few per cent."""
+"""Orders above the optimum of Jorba and Zou (2005), who count products only and estimate the error
+from two terms. Here the other work of a series costs as much, and the estimate from eight terms
+slows down low orders. Measured: from 13 on, times differ by a few per cent."""
 
 MARGIN = 0.0625
-"""Part of the tolerance that a control step's series aim for together: they are rated by their
-last terms, and of a thousand random scenes the worst exceeded what it aimed for nine times."""
+"""Part of the tolerance that all series of a control step aim for together. Their errors are only
+estimated, from the last terms: in the worst of a thousand random scenes the error was nine times
+the aim."""
 
-RATE_PER_STEP = 2.0
-"""Shortest time constants that one series spans at least, whatever the order."""
+SHORTEST_SERIES = 2.0
+"""Length of the shortest series at any order, in units of the shortest time constant."""
 
 
 class Taylor(Method):
-    """Adaptive Taylor series; crossings of the reference velocity are found on it."""
+    """Adaptive Taylor series, on which crossings of the reference velocity are found."""
 
     name = "taylor"
     title = "the Taylor series"
     how = (
         "adaptive Taylor series; the order follows from the tolerance, "
-        "each step from the last terms"
+        "the length of each series from its last terms"
     )
     kinds = tuple(kind for kind in KINDS if kind != MASSLESS)
     entries = build(blocks_kernel.propagate)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return order, tolerance and which of the forces there are."""
+        """Return the order, the tolerance, and which forces there are."""
         model = header(support, 5)
         low, high = support.low, support.high
         friction = low[at.VR] > 0.0
         damping = high[at.MU1] * high[at.FN] / low[at.VR] + high[at.CHI] if friction else None
         phase = fastest_rate(support, damping) * support.sample_interval
-        if not phase <= RATE_PER_STEP * kernel.MOST_STEPS:
+        if not phase <= SHORTEST_SERIES * kernel.MOST_STEPS:
             msg = (
                 f"control.time_step: a sample interval of {support.sample_interval} s spans "
                 f"{phase:.3g} times the scene's shortest time constant "
                 f"{support.sample_interval / phase:.3g} s; the series allows "
-                f"{RATE_PER_STEP * kernel.MOST_STEPS:.0f}. Shorten the step"
+                f"{SHORTEST_SERIES * kernel.MOST_STEPS:.0f}. Shorten the control step"
             )
             raise CompileError(msg)
-        # The sample intervals of a control step have equal parts of its tolerance.
+        # Each sample interval gets an equal part of the control step's tolerance.
         tolerance = MARGIN * max(settings.tolerance, TIGHTEST) / support.intervals_per_step
         model[series.ORDER] = _order(settings.tolerance)
         model[series.TOLERANCE] = tolerance
@@ -73,7 +74,7 @@ class Taylor(Method):
         return model
 
     def order(self, settings: Settings) -> str:
-        """Return the largest order."""
+        """Return the highest order."""
         return f"at most {_order(settings.tolerance)}"
 
     def cost(self, model: NDArray[np.float64]) -> str:
@@ -87,5 +88,5 @@ class Taylor(Method):
 
 
 def _order(tolerance: float) -> int:
-    """Return the even order at which a series costs least (after Jorba and Zou, 2005, eq. 11)."""
+    """Return the cheapest even order (after Jorba and Zou, 2005, eq. 11)."""
     return 2 * math.ceil(-0.25 * math.log(max(tolerance, TIGHTEST)) + 0.5 * EXTRA_ORDER)
