@@ -1,4 +1,4 @@
-"""Scenes and golden values that the tests of analysis share."""
+"""Scenes and golden values of the tests of analysis."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GOLDEN = Path(__file__).parents[1] / "golden"
 
 
 def golden(name: str) -> dict[str, Any]:
-    """Return a golden file; where its values come from is written in it."""
+    """Return the content of a golden file, which states its provenance."""
     return json.loads((GOLDEN / f"{name}.json").read_text(encoding="utf-8"))
 
 

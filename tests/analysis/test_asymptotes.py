@@ -1,4 +1,4 @@
-"""Does the sphere come to rest where golden values, long simulations and the oracle say?"""
+"""Do asymptotic offsets agree with golden values, long simulations and the oracle?"""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_linear_asymptotes_equal_the_golden_ones(name):
 
 @pytest.mark.parametrize("case", POINTS, ids=lambda case: f"{case['vr']}-{case['chi']}")
 def test_friction_asymptotes_equal_the_golden_ones(case):
-    # 1e-10 is the bound promised for figure 10; measured is 1e-16.
+    # The bound for figure 10 is 1e-10; 1e-16 is measured.
     assert abs(asymptotic_offset(friction_scene(case)) - float(case["dx_inf"])) < 1e-15
 
 
@@ -51,7 +51,7 @@ def test_friction_asymptote_equals_a_long_simulation(changes):
         **changes, **{"solver.tolerance": 1e-13} if "carriage.cubic_coefficient" in changes else {}
     )
     end = simulate(scene, duration=12.0).state[-1]
-    # A stick of reference velocity 1e-6 creeps on at 1e-9 of the offset per second.
+    # A stick with v_r = 1e-6 m/s creeps by 1e-9 of the offset per second.
     assert end[1] - end[0] == pytest.approx(asymptotic_offset(scene), rel=1e-9, abs=1e-9)
 
 
@@ -87,7 +87,7 @@ def test_a_vanishing_cubic_stiffness_meets_the_linear_asymptote():
         ),
     ],
 )
-def test_what_never_settles_is_refused_by_name(scene, field):
+def test_motion_that_never_settles_is_refused_by_name(scene, field):
     with pytest.raises(SceneError, match=field):
         asymptotic_offset(scene)
 
@@ -110,7 +110,7 @@ def test_critical_velocity_depends_on_neither_kinetic_coefficient_nor_slip_dampi
     assert critical_reference_velocity(other) == critical_reference_velocity(FRICTION)
 
 
-def test_above_the_critical_velocity_nothing_slips_and_below_it_does():
+def test_sphere_slips_below_the_critical_velocity_and_not_above():
     critical = critical_reference_velocity(FRICTION)
     above, below = bifurcation(FRICTION, VELOCITY, [critical * (1 + 1e-12), critical * (1 - 1e-6)])
     assert above == pytest.approx(0.02, rel=1e-14)

@@ -1,4 +1,4 @@
-"""Does the energy that passed through account for the energy that is left, for every plant?"""
+"""Does the energy balance close for every plant?"""
 
 import numpy as np
 import pytest
@@ -122,7 +122,7 @@ def test_residual_of_nonlinear_plants_falls_with_their_tolerance(name):
     assert tight < 1e-13
 
 
-def test_each_kind_of_work_is_where_it_belongs():
+def test_free_motion_only_dissipates():
     free = run({}).work
     assert not free.control.any()
     assert not free.stretch.any()
@@ -130,7 +130,7 @@ def test_each_kind_of_work_is_where_it_belongs():
     assert np.all(np.diff(free.dissipated) >= 0.0)
 
 
-def test_constant_force_does_force_times_displacement():
+def test_work_of_a_constant_force_is_force_times_displacement():
     trajectory = simulate(CARRIAGE_FORCE.replace(initial={}), action=2.0)
     assert trajectory.work.control == pytest.approx(2.0 * trajectory.state[:, 0], abs=1e-17)
 
@@ -145,14 +145,14 @@ def test_stiffening_at_an_offset_injects_energy():
 
 
 def test_finite_stretch_with_a_long_rest_length_has_the_energy_of_small_on_large():
-    # What finite stretch adds is (offset / rest_length)^2 = 1e-11.
+    # The correction for finite stretch is (offset / rest_length)^2 = 1e-11.
     long = run({"springs": FINITE | {"rest_length": 1e4}, "solver": {"tolerance": 1e-13}})
     small = run({"springs": SMALL})
     assert long.energy == pytest.approx(small.energy, rel=1e-8)
     assert long.work.dissipated == pytest.approx(small.work.dissipated, rel=1e-8)
 
 
-def test_nonlinear_work_meets_the_exact_one_as_the_cubic_term_vanishes():
+def test_nonlinear_work_tends_to_the_exact_one_as_the_cubic_term_vanishes():
     exact = run(SCENES["driven friction"]).work
     series = run(
         SCENES["driven friction"]
@@ -207,8 +207,8 @@ def test_balance_closes_for_any_linear_scene(masses, dampings, stiffness, step, 
 
 
 @pytest.mark.parametrize("time_step", [1e-2, 1e-1])
-def test_terms_that_symmetry_skips_do_not_hide_the_others(time_step):
-    # All but constant, on a cubic spring at rest: one term in six differs from zero.
+def test_terms_that_vanish_by_symmetry_do_not_hide_the_others(time_step):
+    # Almost constant, on a cubic spring at rest: one term in six differs from zero.
     push = {"kind": "harmonic", "amplitude": 20.0, "frequency": 1e-9, "phase": np.pi / 2}
     trajectory = simulate(
         Scene(

@@ -1,4 +1,4 @@
-"""Do closed form, numerical modes and golden values agree, and the response with the plant?"""
+"""Do numerical modes agree with the closed form and golden values, and responses with the plant?"""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def distance(found, wanted):
 @pytest.mark.parametrize("name", CASES)
 def test_both_forms_equal_the_golden_eigenvalues(name):
     found, wanted = modes(linear_scene(CASES[name])), eigenvalues(CASES[name])
-    # A backward stable solver perturbs by some eps times the norm; 100 eps for either form.
+    # A backward stable solver has errors of some eps times the norm; 100 eps for either form.
     assert distance(found.eigenvalues, wanted) < 2e-14
     assert distance(found.closed_form, wanted) < 2e-14
 
@@ -54,7 +54,7 @@ def test_a_free_sphere_is_defective_and_its_zero_eigenvalue_double():
 def test_a_vanishing_carriage_mass_leaves_the_slow_modes(mass):
     scene = Scene(carriage={"mass": mass}, sphere={"mass": 0.1})
     found = modes(scene)
-    # m2 (c + d) s^2 + (c d + m2 k1) s + c k1, and zero
+    # The roots of m2 (c + d) s^2 + (c d + m2 k1) s + c k1, and zero.
     slow = np.sort(np.append(np.roots([0.2, 1.0 + 0.1 * 400.0, 400.0]), 0.0))
     for values in (found.eigenvalues, found.closed_form):
         assert np.allclose(np.sort(values[:3].real), slow, rtol=1e-14, atol=0.0)
@@ -64,7 +64,7 @@ def test_a_vanishing_carriage_mass_leaves_the_slow_modes(mass):
 
 
 def test_closed_form_survives_coinciding_eigenvalues():
-    # Two equal decoupled oscillators' limit: critical damping without coupling.
+    # Critical damping without coupling: a double eigenvalue.
     scene = Scene(
         carriage={"mass": 1.0, "stiffness": 100.0, "damping": 20.0}, interface={"kind": "none"}
     )

@@ -1,25 +1,17 @@
-"""What the numerical tests share."""
+"""Helpers of the numerical tests."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.simulation.lanes import Lanes
 
-if TYPE_CHECKING:
-    import pytest
-
 GOLDEN = Path(__file__).parents[1] / "golden"
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Declare the marker of tests that take minutes."""
-    config.addinivalue_line("markers", "slow: takes minutes")
 
 
 def golden(name: str) -> dict[str, Any]:
@@ -30,18 +22,6 @@ def golden(name: str) -> dict[str, Any]:
 def numbers(texts: list[str]) -> np.ndarray:
     """Return decimal texts as doubles."""
     return np.array([float(text) for text in texts])
-
-
-def error(got: np.ndarray, want: np.ndarray, scale: np.ndarray | None = None) -> float:
-    """Return the largest error over a trajectory (n, 4).
-
-    Relative to the scale of positions and of velocities.
-    """
-    got, want = np.atleast_2d(got), np.atleast_2d(want)
-    if scale is None:
-        largest = np.abs(want).max(axis=0)
-        scale = np.repeat([largest[:2].max(), largest[2:].max()], 2)
-    return float((np.abs(got - want) / np.where(scale > 0.0, scale, 1.0)).max())
 
 
 def assert_lanes_equal_single(plant: Any, steps: int, count: int = 21) -> None:
@@ -60,5 +40,5 @@ def assert_lanes_equal_single(plant: Any, steps: int, count: int = 21) -> None:
         for i, lane in enumerate(single):
             lane.advance(np.ascontiguousarray(actions[:, i]))
     alone = np.hstack([lane.values for lane in single])
-    for row in set(range(len(alone))) - {at.NOW, at.DUE}:  # clocks of a block, not of a lane
+    for row in set(range(len(alone))) - {at.NOW, at.DUE}:  # of a block of lanes, not of a lane
         assert np.array_equal(many.values[row], alone[row]), row

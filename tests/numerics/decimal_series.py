@@ -1,7 +1,7 @@
-"""A reference beyond double precision: Taylor series in decimal arithmetic, slow and obvious.
+"""A slow and simple reference beyond double precision: Taylor series in decimal arithmetic.
 
-It follows docs/model.md in 34 digits and shares no code with the package. Crossings of the
-friction's reference velocity are looked for at many points of each series, and bisected.
+It follows docs/model.md in 34 digits and uses no code of the package. Crossings of the friction's
+reference velocity are searched at many points of each series, and bisected.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 DIGITS = 34
 ORDER = 28
 CUT_OFF = Decimal("1e-20")
-"""Last terms of a series relative to the largest velocity."""
+"""Size of the last terms of a series, relative to the largest velocity."""
 
 SAMPLES = 64
-"""Points of a series where an exit from its regime is looked for."""
+"""Points of a series at which an exit from its regime is searched."""
 
 
 @dataclass(frozen=True)
 class ControlStep:
-    """One control step: force [N] and stretch are held from the time `begin` [s] on.
+    """One control step: force [N] and stretch [-] are held from the time `begin` [s] on.
 
-    With `rounded`, the state is rounded to doubles after each series: the least that any method
-    does that keeps its state in them.
+    With `rounded`, the state is rounded to doubles after each series: the minimum of round-off for
+    any method that keeps its state in them.
     """
 
     scene: Scene
@@ -156,7 +156,7 @@ class ControlStep:
             w = _value(slip, time)
             return abs(w) > vr if regime == 0 else regime * w < vr
 
-        # Right after a crossing round-off may still be on the wrong side.
+        # Not at time 0: right after a crossing, round-off may leave w on the wrong side.
         times = [length * k / SAMPLES for k in range(1, SAMPLES + 1)]
         out = next((k for k, time in enumerate(times) if beyond(time)), None)
         if out is None:
@@ -201,7 +201,7 @@ def _length(rows: list[Terms]) -> Decimal:
     """Return the time within which the last two terms of the velocities are below the cut-off."""
     velocities = rows[2:]
     largest = max(abs(row[0]) for row in velocities)
-    # At rest the velocity of some moments later is the scale.
+    # At rest, the scale is the velocity after a microsecond.
     largest = largest or max(abs(row[1]) for row in velocities) * Decimal("1e-6")
     shortest = Decimal(10) ** 6
     for row in velocities:

@@ -20,7 +20,7 @@ def _between(rng: np.random.Generator, middle: float) -> float:
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
-    """Return a scene of random kinds and values; raises `SceneError` where these contradict."""
+    """Return a scene of random kinds and values; raise `SceneError` if they contradict."""
     data: dict[str, Any] = {
         "carriage": {
             "mass": _between(rng, 0.1),
@@ -94,7 +94,7 @@ def forces_of(scene: Scene, seed: int) -> np.ndarray | None:
 
 
 def attempt(scene: Scene, seed: int) -> tuple[str, Trajectory | None]:
-    """Simulate; return "ok" and the trajectory, or the named refusal."""
+    """Simulate; return "ok" and the trajectory, or the error's text and None."""
     try:
         plant = compile_scene(scene)
     except CompileError as error:

@@ -1,4 +1,4 @@
-"""Does every extreme end in the right number or in a named refusal?"""
+"""Does every extreme scene give the right numbers or a named error?"""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from oracle import error
 
 from mm_gym import (
     ActionError,
@@ -24,7 +25,6 @@ from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.mechanics import Carriage, DryFriction
 from mm_gym.scene.scene import Control, Initial, Solver
 
-from .conftest import error
 from .sweep import attempt, forces_of, random_scene
 
 if TYPE_CHECKING:
@@ -49,9 +49,9 @@ def _friction(reference_velocity: float, time_step: float) -> Scene:
 def test_reference_velocity_of_a_micrometre_per_second(time_step: float) -> None:
     scene = _friction(1e-6, time_step)
     state = simulate(scene, duration=0.25).state[-1]
-    # An independent route to the same state: other steps, and SciPy on the stiff equations.
+    # Two independent references: other control steps, and SciPy on the stiff equations.
     assert error(state, simulate(_friction(1e-6, 1e-4), duration=0.25).state[-1], SCALE) <= 1e-12
-    # Radau takes the stick of 7e6 1/s; its events are good to some 1e-10.
+    # Radau follows the stick of 7e6 1/s; its events are good to some 1e-10.
     assert (
         error(state, Oracle(scene, "Radau", rtol=1e-11, max_step=1e-3).solve([0.25]), SCALE) <= 1e-8
     )
@@ -70,15 +70,15 @@ def test_cubic_spring_of_any_strength_keeps_its_tolerance(cubic_coefficient: flo
     duration = 100.0 / rate
     want = Oracle(scene).solve([duration])
     for tolerance, bound in ((1e-9, 1e-8), (1e-14, 1e-10)):
-        # A hundred radians turn an error of the phase into a hundred times itself; SciPy's own is
-        # some 1e-11.
+        # Over a hundred radians, a relative error of the frequency causes an error of the phase a
+        # hundred times as large; SciPy's own error is some 1e-11.
         got = simulate(scene.replace(**{"solver.tolerance": tolerance}), times=[duration]).state
         assert error(got, want, scale) <= bound
 
 
 @pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("time_step", [1e-6, 1e-2, 10.0])
-def test_any_mass_ratio_and_step_keeps_the_bound(ratio: float, time_step: float) -> None:
+def test_any_mass_ratio_and_control_step_keeps_the_bound(ratio: float, time_step: float) -> None:
     scene = BASE.replace(**{"sphere.mass": 0.1 * ratio, "control.time_step": time_step})
     duration = 20 * time_step
     got = simulate(scene, duration=duration).state[-1]
@@ -159,13 +159,13 @@ def test_action_that_is_not_finite_changes_nothing(kind: str) -> None:
         BASE.replace(**{"carriage.mass": 1e-80, "carriage.cubic_coefficient": 1.0}),
     ],
 )
-def test_step_too_long_to_follow_is_refused_with_what_is_allowed(scene: Scene) -> None:
+def test_too_long_control_step_is_refused_with_what_is_allowed(scene: Scene) -> None:
     with pytest.raises(CompileError, match=r"control.time_step: .* allow"):
         compile_scene(scene)
 
 
 def _deviation(scene: Scene, trajectory: Trajectory, seed: int) -> float:
-    """Return the error against the oracle, where SciPy takes less than some seconds; else 0."""
+    """Return the error against the oracle, or 0 if SciPy would take more than some seconds."""
     p, x1 = trajectory.parameters, np.abs(trajectory.state[:, 0]).max()
     stick = p[at.MU1] * p[at.FN] / p[at.VR] + p[at.CHI] if p[at.VR] > 0.0 else p[at.C]
     k2 = 6.0 * p[at.K0]
@@ -182,7 +182,7 @@ def _deviation(scene: Scene, trajectory: Trajectory, seed: int) -> float:
     except SimulationError:
         return 0.0
     positions, velocities = np.abs(want[:, :2]).max(), np.abs(want[:, 2:]).max()
-    # An error of SciPy in a position is one of oscillation times it in a velocity.
+    # SciPy's error of a position causes an error of a velocity, larger by the oscillation's rate.
     velocities = max(velocities, oscillation * positions)
     return error(trajectory.state, want, np.array([positions, positions, velocities, velocities]))
 
@@ -197,7 +197,7 @@ def _timed(scene: Scene, seed: int) -> tuple[float, Trajectory | None]:
 def _sweep(seeds: range) -> list[str]:
     """Return what is wrong with the scenes of these seeds.
 
-    A hang, a number that is not finite, energy from nowhere.
+    Wrong is a hang, a number that is not finite, an error, or a gain of energy.
     """
     wrong: list[str] = []
     for seed in seeds:
@@ -212,7 +212,7 @@ def _sweep(seeds: range) -> list[str]:
         if not np.isfinite(trajectory.state).all():
             wrong.append(f"{seed}: not finite")
         deviation = _deviation(scene, trajectory, seed)
-        # The tolerance holds for each of the 20 steps; of the exact plants SciPy's error is left.
+        # The tolerance holds for each of the 20 steps; for exact plants only SciPy's error is left.
         if deviation > (1e-7 if compile_scene(scene).method.name == "taylor" else 1e-10):
             wrong.append(f"{seed}: {deviation:.1e} from the oracle")
         isolated = (

@@ -1,11 +1,11 @@
-"""The paper's linear systems against independent values, every digit of which is right."""
+"""The paper's linear systems against golden values of which every digit is right."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from oracle import error_of_scale
+from oracle import error, scale_of
 
 from mm_gym import Scene, simulate
 
@@ -13,7 +13,7 @@ CASES = json.loads((Path(__file__).parents[1] / "golden" / "linear.json").read_t
     "cases"
 ]
 
-# The promise of docs/numerics.md; round-off of 2,000 steps stays well below it.
+# The bound of docs/numerics.md; round-off of 2,000 steps stays well below it.
 BOUND = 1e-12
 
 
@@ -40,13 +40,13 @@ def scene_of(case, time_step):
 @pytest.mark.parametrize("time_step", [0.001, 0.02, 0.03, 0.7, 10.0])
 @pytest.mark.parametrize("name", CASES)
 def test_linear_systems_of_the_paper_are_right_to_round_off(name, time_step):
-    # The times divide 0.001 and 0.02 s; with the other steps they lie inside steps.
+    # The times are multiples of 0.001 and 0.02 s; with the other control steps they lie within one.
     case = CASES[name]
     times = [float(t) for t in case["states"]]
     expected = np.array([[float(v) for v in row] for row in case["states"].values()])
     start = [float(v) for v in case["ic"]]
     state = simulate(scene_of(case, time_step), times=times).state
-    assert error_of_scale(state, expected, start) <= BOUND
+    assert error(state, expected, scale_of(expected, start)) <= BOUND
 
 
 @pytest.mark.parametrize("name", [n for n, case in CASES.items() if "dx_inf" in case])

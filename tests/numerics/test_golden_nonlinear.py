@@ -1,4 +1,4 @@
-"""Are the nonlinear plants and the massless limit right? Golden values, without this code."""
+"""Do the nonlinear plants and the massless limit agree with independent golden values?"""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracle import error
 
 from mm_gym import Scene, simulate
 from mm_gym.scene.mechanics import Carriage, DryFriction, Sphere, Viscous
 from mm_gym.scene.scene import Control, Initial, Solver
 
-from .conftest import error, golden, numbers
+from .conftest import golden, numbers
 
 FRICTION, DUFFING, MASSLESS = golden("friction"), golden("duffing"), golden("massless")
 DUFFING_NAMES = [name for name in DUFFING if name != "provenance"]
@@ -55,7 +56,7 @@ def test_asymptotic_offset_of_dry_friction(
     case: dict[str, Any], time_step: float, method: str, bound: float
 ) -> None:
     scene = _friction(case, time_step, Initial(carriage_displacement=0.01, sphere_offset=0.02))
-    # The tolerance below which only round-off is left.
+    # At this tolerance only round-off is left.
     scene = scene.replace(
         **{"solver.method": method} | ({"solver.tolerance": 1e-14} if method == "taylor" else {})
     )

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from oracle import System, error_of_scale
+from oracle import System, error, scale_of
 
 from mm_gym import Scene, compile_scene, simulate
 
 FREQUENCY, PHASE, STEPS = 57.5, 0.7, 400
 
-# 400 steps, each rounding the state and the excitation's phase a few times by 1.1e-16; the motion
-# forgets within 1/(decay rate) = 20 steps, but the phase does not: about 400 * 2.2e-16 = 9e-14.
+# Each of 400 steps rounds the state and the excitation's phase a few times by 1.1e-16. Errors of
+# the state decay within 20 steps, those of the phase add up: about 400 * 2.2e-16 = 9e-14.
 BOUND = 3e-13
 
 START = (0.01, -0.005, -0.3, 0.2)
@@ -62,7 +62,8 @@ def test_linear_plant_follows_the_closed_form(system, target, times):
     scene = scene_of(system, target=target)
     assert compile_scene(scene).kind == "linear"
     state = simulate(scene, times=times).state
-    assert error_of_scale(state, expected_motion(system, times, target=target), [START]) <= BOUND
+    expected = expected_motion(system, times, target=target)
+    assert error(state, expected, scale_of(expected, START)) <= BOUND
 
 
 @pytest.mark.parametrize("times", [AT_GRID, OFF_GRID], ids=["at steps", "between steps"])
@@ -71,7 +72,8 @@ def test_plant_with_actuated_stretch_follows_the_closed_form(target, times):
     scene = scene_of(SPRUNG, target=target, actuation={"stretch": {}})
     assert compile_scene(scene).kind == "parametric linear"
     state = simulate(scene, times=times).state
-    assert error_of_scale(state, expected_motion(SPRUNG, times, target=target), [START]) <= BOUND
+    expected = expected_motion(SPRUNG, times, target=target)
+    assert error(state, expected, scale_of(expected, START)) <= BOUND
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -82,7 +84,7 @@ def test_randomised_frequency_follows_the_closed_form_of_its_draw(seed):
     frequency = trajectory.parameters[plant.support.row_of("excitation.0.frequency")]
     assert 44.0 <= frequency <= 71.0
     expected = expected_motion(FREE_MASS, AT_GRID, frequency=frequency)
-    assert error_of_scale(trajectory.state, expected, [START]) <= BOUND
+    assert error(trajectory.state, expected, scale_of(expected, START)) <= BOUND
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -92,16 +94,16 @@ def test_randomised_parameters_follow_the_closed_form_of_their_draw(seed):
     trajectory = simulate(plant, times=AT_GRID, seed=seed)
     m1, c = (float(trajectory.parameters[plant.support.row_of(name)]) for name in ranges)
     expected = expected_motion(System(m1=m1, c=c), AT_GRID)
-    assert error_of_scale(trajectory.state, expected, [START]) <= BOUND
+    assert error(trajectory.state, expected, scale_of(expected, START)) <= BOUND
 
 
 @pytest.mark.parametrize("time_step", [1e-6, 1e-3, 0.1, 10.0])
 def test_control_step_does_not_change_the_answer(time_step):
-    # Ten steps, each turning the phase by up to 575 rad, whose rounding is 6e-14 of a turn.
+    # Ten steps, each advancing the phase by up to 575 rad, which is rounded by 6e-14 rad.
     times = time_step * np.arange(1, 11)
     state = simulate(scene_of(FREE_MASS, time_step=time_step), times=times).state
     expected = expected_motion(FREE_MASS, times)
-    assert error_of_scale(state, expected, [START]) <= 1e-12
+    assert error(state, expected, scale_of(expected, START)) <= 1e-12
 
 
 def test_several_harmonics_add_up():
@@ -112,4 +114,4 @@ def test_several_harmonics_add_up():
     ]
     together = simulate(Scene(excitation=harmonics)).state
     apart = sum(simulate(Scene(excitation=[harmonic])).state for harmonic in harmonics)
-    assert error_of_scale(together, apart) <= BOUND
+    assert error(together, apart) <= BOUND

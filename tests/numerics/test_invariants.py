@@ -1,10 +1,10 @@
-"""What physics says about every motion, whatever the numbers."""
+"""Laws of physics that every motion obeys."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from oracle import error_of_scale
+from oracle import error, scale_of
 
 from mm_gym import Scene, simulate
 
@@ -12,7 +12,7 @@ STEPS = 60
 
 
 def numbers(low, high):
-    """Numbers of a range; subnormal ones would measure the format, not the method."""
+    """Return numbers of a range; subnormal ones would measure the format, not the method."""
     return st.floats(low, high, allow_subnormal=False)
 
 
@@ -21,7 +21,7 @@ def log_numbers(low, high):
 
 
 def forces(steps=STEPS):
-    # A square wave of random period and size: enough variety, and shrinks well.
+    # A square wave of random period and size has enough variety, and shrinks well.
     return st.builds(
         lambda size, period: size * np.sign(np.sin(np.arange(steps) / period)),
         numbers(-3.9, 3.9),
@@ -76,7 +76,7 @@ def test_first_integral_is_constant_under_any_force_on_the_carriage(system, star
     state = simulate(scene_of(system, start), action=force).state
     m2, c = system["sphere"]["mass"], system["interface"]["damping"]
     momentum, memory = m2 * state[:, 3], c * (state[:, 1] - state[:, 0])
-    # Each step rounds the four products of each component, 1e-15 of the largest.
+    # Each step rounds four products in each component: 1e-15 of the largest.
     scale = m2 * np.abs(state[:, 2:]).max() + c * np.abs(state[:, :2]).max()
     integral = momentum + memory
     assert np.abs(integral - integral[0]).max() <= STEPS * 1e-15 * scale
@@ -110,7 +110,7 @@ def test_one_step_of_twice_the_length_equals_two(system, start, force):
     coarse = simulate(scene_of(system, start, time_step=0.02), action=force, duration=0.6)
     fine = simulate(scene_of(system, start), action=np.repeat(force, 2), duration=0.6)
     # Round-off only: 60 steps of 1e-15.
-    assert error_of_scale(fine.state[::2], coarse.state) <= 1e-13
+    assert error(fine.state[::2], coarse.state) <= 1e-13
 
 
 @given(sprung, starts, numbers(5.0, 100.0), numbers(0.0, 6.0), st.integers(1, STEPS - 1))
@@ -124,8 +124,8 @@ def test_motion_continues_from_any_instant_with_the_phase_reached(
     whole = run(start, phase, STEPS)
     x1, x2, v1, v2 = whole[split]
     rest = run((x1, x2 - x1, v1, v2), phase + frequency * 0.01 * split, STEPS - split)
-    # The phase at the split is rounded to 4e-14 of its largest value, 66 rad ... 1.4e-14.
-    assert error_of_scale(rest, whole[split:], whole) <= 1e-12
+    # The phase at the split, up to 66 rad, is rounded by up to 1.4e-14 rad.
+    assert error(rest, whole[split:], scale_of(whole)) <= 1e-12
 
 
 @given(sprung, starts, forces(), st.sampled_from([1e-6, 0.3, 7.0, 1e9]))
@@ -139,8 +139,8 @@ def test_unit_of_mass_does_not_matter(system, start, force, unit):
     }
     state = simulate(scene_of(system, start), action=force).state
     other = simulate(scene_of(scaled, start, limit=1e3 * unit), action=force * unit).state
-    # The scaled parameters are rounded, 1e-16 each; 60 steps turn the phase by less than 600 rad.
-    assert error_of_scale(other, state) <= 600 * 1e-15
+    # The scaled parameters are rounded by 1e-16 each; 60 steps span less than 600 rad.
+    assert error(other, state) <= 600 * 1e-15
 
 
 @given(sprung, starts, st.sampled_from([1e-3, 0.3, 60.0]))
@@ -159,7 +159,7 @@ def test_unit_of_time_does_not_matter(system, start, unit):
         scene_of(scaled, (x1, offset, v1 / unit, v2 / unit), time_step=0.01 * unit)
     ).state
     # As for the unit of mass.
-    assert error_of_scale(other * [1.0, 1.0, unit, unit], state) <= 600 * 1e-15
+    assert error(other * [1.0, 1.0, unit, unit], state) <= 600 * 1e-15
 
 
 @given(sprung, starts)
@@ -186,7 +186,7 @@ def test_series_equals_the_transition_matrix_where_both_apply(system, start, str
     expected = simulate(fixed).state
     state = simulate(actuated).state
     # Round-off of 60 steps, each a series whose terms grow up to exp(2).
-    assert error_of_scale(state, expected) <= 60 * 8 * 4e-16
+    assert error(state, expected) <= 60 * 8 * 4e-16
 
 
 @pytest.mark.parametrize("spring", [{}, {"actuation": {"force": {"limit": 5.0}}}])
@@ -199,12 +199,12 @@ def test_uncoupled_sphere_flies_freely(spring):
     )
     trajectory = simulate(scene, action=2.0 if spring else None)
     assert (trajectory.state[:, 3] == 0.5).all()
-    # Every product is a short binary fraction but the start: one rounding a step.
+    # All values but the start are short binary fractions: one rounding per step.
     flown = 0.26 + 0.5 * trajectory.time
     assert np.abs(trajectory.state[:, 1] - flown).max() <= 1000 * np.spacing(flown[-1])
 
 
-def test_raising_the_stiffness_at_an_offset_injects_the_energy_it_should():
+def test_raising_the_stiffness_at_an_offset_injects_energy():
     # k2 = 2 k0 (1 + 2/stretch^3): from 3 to 1 it rises from 2.148 k0 to 6 k0 at constant offset.
     scene = Scene(
         springs={"kind": "small_on_large", "stiffness": 35.0, "stretch": 3.0},

@@ -1,9 +1,10 @@
-"""Does each plant meet its neighbour where a parameter goes to the limit?"""
+"""Does each plant agree with its neighbour in the limit of a parameter?"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracle import error
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
 from mm_gym.precision.oracle import Oracle
@@ -17,8 +18,6 @@ from mm_gym.scene.mechanics import (
     Viscous,
 )
 from mm_gym.scene.scene import Control, Initial
-
-from .conftest import error
 
 START = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 BASE = Scene(initial=START, control=Control(time_step=1e-2))
@@ -49,7 +48,7 @@ def test_massless_carriage_meets_the_oracle() -> None:
     plant = compile_scene(scene)
     assert plant.kind == "massless carriage"
     want = Oracle(scene).solve(np.arange(1, 51) * 0.01, forces=FORCES)
-    # v1 jumps with the force; both report it before the jump.
+    # v1 jumps with the force; both return it before the jump.
     assert error(_driven(scene)[1:], want) <= 1e-11
 
 
@@ -61,7 +60,7 @@ def test_small_mass_meets_the_massless_carriage(damping: float) -> None:
         error(_driven(scene.replace(**{"carriage.mass": mass}))[1:], limit)
         for mass in (1e-5, 1e-6, 1e-7, 1e-80)
     ]
-    # The difference is of first order in m1, and beyond round-off gone.
+    # The difference is of first order in m1, until only round-off is left.
     assert errors[1] / errors[0] == pytest.approx(0.1, rel=0.1)
     assert errors[2] / errors[1] == pytest.approx(0.1, rel=0.1)
     assert errors[3] <= 1e-12
@@ -110,8 +109,8 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
         }
     )
     got = simulate(scene, duration=20 * time_step).state[1:]
-    # Locked, the masses move as one of m1 + m2 with the velocity that momentum leaves; the slip
-    # decays within m / c.
+    # Locked, the masses move as one of m1 + m2 with their common momentum. The slip decays within
+    # m / c.
     together = Scene(
         carriage=Carriage(mass=0.14),
         interface=NoInterface(),
@@ -120,8 +119,7 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
     )
     want = simulate(together, duration=20 * time_step).state[1:]
     scale = np.array([0.03, 0.03, 0.6, 0.6])
-    # What is left of the slip is of the order of k1 x1 / c, and what it did before the lock
-    # of m2 / c.
+    # The remaining slip is of the order of k1 x1 / c, its effect before the lock of m2 / c.
     bound = 1e-12 + 100.0 / damping
     assert error(got[:, [0, 0, 2, 2]], want[:, [0, 0, 2, 2]], scale) <= bound
     assert error(got[:, [3, 3, 3, 3]], want[:, [2, 2, 2, 2]], scale) <= bound
@@ -131,7 +129,7 @@ def test_linear_plant_holds_its_bound_up_to_a_rigid_lock(damping: float, time_st
     assert np.abs(drift).max() <= 1e-15
 
 
-def test_offset_forgets_over_the_long_time_of_a_weak_interface() -> None:
+def test_offset_decays_over_the_long_time_of_a_weak_interface() -> None:
     # With c = 1e-12 the offset returns over m2 / c = 4e10 s.
     scene = BASE.replace(
         **{"interface.damping": 1e-12, "control.time_step": 1e10, "control.steps": 20}

@@ -60,7 +60,7 @@ def test_every_kind_of_plant_has_a_method():
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "massless carriage"])
-def test_auto_never_takes_a_method_kept_for_comparison(kind):
+def test_auto_never_chooses_a_method_kept_for_comparison(kind):
     first = next(method for method in methods.METHODS if kind in method.kinds)
     assert first.name in {"exact", "switched", "taylor"}
 
@@ -104,7 +104,7 @@ def test_explained_evaluations_are_those_that_are_made(method, excited):
 
 
 @pytest.mark.parametrize("method", ["auto", "taylor", "rk4"])
-def test_sample_intervals_are_explained_whatever_the_method(method):
+def test_sample_intervals_are_explained_for_every_method(method):
     scene = RELEASED.replace(**SHAKEN, **{"solver.method": method})
     assert "in each of 10 sample intervals" in compile_scene(scene).explain()
 

@@ -1,4 +1,4 @@
-"""The simulation's own contract: what may be asked, and what is handed out."""
+"""The contract of `simulate`: its arguments and its result."""
 
 import csv
 
@@ -30,7 +30,7 @@ def test_scene_and_its_plant_give_the_same():
 
 
 def test_states_between_steps_lie_on_the_same_motion():
-    # Every state of a trajectory, asked for alone and all at once.
+    # The same instants, one by one and all at once.
     times = [0.0, 0.0031, 0.01, 0.0199, 0.125, 0.4]
     together = simulate(BOTH, times=times, action=[1.0, 2.0]).state
     alone = [simulate(BOTH, times=[t], action=[1.0, 2.0]).state[0] for t in times]
@@ -45,7 +45,7 @@ def test_action_may_be_constant_array_or_function(form):
     assert np.array_equal(simulate(BOTH, action=action).state, expected.state)
 
 
-def test_function_sees_time_and_a_state_that_it_may_keep():
+def test_policy_gets_the_time_and_its_own_copy_of_the_state():
     seen = []
 
     def policy(time, state):
@@ -57,7 +57,7 @@ def test_function_sees_time_and_a_state_that_it_may_keep():
     assert np.array_equal([state for _, state in seen], trajectory.state[:-1])
 
 
-def test_limits_and_rates_apply_to_what_is_asked():
+def test_limits_and_rate_limits_apply_to_commands():
     # From 0 N at 50 N/s in steps of 0.01 s up to 2 N.
     action = simulate(PUSHED, action=100.0).action[:, 0]
     assert action == pytest.approx(np.minimum(0.5 * np.arange(1, 42), 2.0), rel=1e-15)
@@ -65,7 +65,7 @@ def test_limits_and_rates_apply_to_what_is_asked():
     assert stretch == pytest.approx(np.minimum(1.5 + 0.04 * np.arange(1, 42), 3.0), rel=1e-14)
 
 
-def test_without_an_action_actuators_rest():
+def test_without_an_action_actuators_keep_their_initial_values():
     trajectory = simulate(BOTH)
     assert (trajectory.action == [0.0, 1.5]).all()
 

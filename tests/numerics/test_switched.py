@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracle import error
 
 from mm_gym import Scene, compile_scene, simulate
 from mm_gym.kernels.events import NONE, first_exit
@@ -12,7 +13,7 @@ from mm_gym.scene.excitation import Harmonic
 from mm_gym.scene.mechanics import DryFriction, SmallOnLarge
 from mm_gym.scene.scene import Control, Initial
 
-from .conftest import assert_lanes_equal_single, error
+from .conftest import assert_lanes_equal_single
 
 FIG8 = DryFriction(
     static_coefficient=0.509, kinetic_coefficient=0.2545, reference_velocity=0.2, slip_damping=0.1
@@ -32,7 +33,7 @@ SCENES = {
     "creep": BASE.replace(**{"interface.reference_velocity": 1e-3}),
 }
 
-# SciPy's events are good to some 1e-12 of a step, and its steps to rtol = 1e-13 each.
+# SciPy finds events to some 1e-12 of its step, and each step has an error of 1e-13.
 ORACLE = 1e-10
 
 
@@ -41,7 +42,7 @@ def _forces(name: str, steps: int) -> np.ndarray | None:
 
 
 def _as_series(scene: Scene) -> Scene:
-    """Return the same scene with a parameter that may vary, but does so by round-off only."""
+    """Return the same scene with a parameter randomised by round-off only."""
     chi = scene.interface.slip_damping
     return scene.replace(randomization={"interface.slip_damping": (chi, chi * (1.0 + 1e-15))})
 

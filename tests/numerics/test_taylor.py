@@ -1,4 +1,4 @@
-"""Do the methods for nonlinear plants meet the oracle, their tolerance and their order?"""
+"""Do the methods for nonlinear plants agree with the oracle, their tolerance and their order?"""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from oracle import error
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.kernels import layout as at
@@ -20,7 +21,7 @@ from mm_gym.scene.mechanics import Carriage, DryFriction, FiniteStretch, SmallOn
 from mm_gym.scene.scene import Control, Initial, Solver
 from mm_gym.simulation.lanes import Lanes
 
-from .conftest import assert_lanes_equal_single, error
+from .conftest import assert_lanes_equal_single
 
 if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
@@ -70,7 +71,7 @@ def test_trajectory_meets_the_oracle(name: str, time_step: float) -> None:
     scene = SCENES[name].replace(**TIGHT, **{"control.time_step": time_step})
     times = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
     got = simulate(scene, times=times).state
-    # SciPy at rtol = 1e-13, with events good to some 1e-12 of a step.
+    # SciPy has rtol = 1e-13 and finds events to some 1e-12 of its step.
     assert error(got, Oracle(scene, max_step=1e-3).solve(times)) <= 1e-10
 
 
@@ -95,7 +96,7 @@ def test_error_over_a_control_step_is_below_the_tolerance(name: str) -> None:
     exact = simulate(SCENES[name].replace(**TIGHT), duration=0.5)
     for tolerance in (1e-3, 1e-6, 1e-9, 1e-12):
         plant = compile_scene(SCENES[name].replace(**{"solver.tolerance": tolerance}))
-        # Each control step anew from the exact state.
+        # Each control step begins in the exact state.
         worst = 0.0
         for n in range(0, 50, 7):
             start = exact.state[n]
@@ -156,8 +157,8 @@ def test_lane_among_many_equals_lane_alone(name: str) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_lane_in_a_vector_equals_lane_alone(seed: int) -> None:
-    # From rest to swift, in long and short steps: lanes need series of other orders, and others
-    # many of them, side by side; more lanes than a vector has, and a part of one.
+    # From rest to fast motion, in long and short control steps: lanes side by side need series of
+    # different orders and numbers. There are more lanes than in a vector, and parts of one.
     rng = np.random.default_rng(seed)
     scene = CUBIC.replace(
         springs={"kind": "none"} if seed % 2 else SmallOnLarge(stiffness=35.0).model_dump(),
@@ -211,7 +212,7 @@ def test_order_of_the_fixed_step_methods(method: str, order: int, name: str) -> 
     assert slope == pytest.approx(order, abs=0.2)
 
 
-def test_fixed_step_method_out_of_its_stability_range_stops_with_an_error() -> None:
+def test_unstable_fixed_step_method_stops_with_an_error() -> None:
     with pytest.raises(SimulationError, match="no longer finite"):
         simulate(
             CUBIC.replace(**{"solver.method": "rk4", "initial.carriage_displacement": 1.0}),
@@ -245,14 +246,15 @@ def test_offset_that_collapses_a_spring_is_refused() -> None:
 
 
 @pytest.mark.parametrize("time_step", [1e-2, 0.1])
-def test_terms_that_symmetry_skips_do_not_hide_the_others(time_step: float) -> None:
+def test_terms_that_vanish_by_symmetry_do_not_hide_the_others(time_step: float) -> None:
     # From the origin, under the cubic spring alone, every fourth term differs from zero.
     carriage = Carriage(linear_coefficient=0.0, cubic_coefficient=2e6, damping=0.0)
     start = Initial(carriage_velocity=3.0, sphere_velocity=1.0)
     scene = Scene(carriage=carriage, initial=start, control=Control(time_step=time_step))
     scene = scene.replace(interface={"kind": "none"})
     got = simulate(scene, duration=0.2)
-    # A hundred radians turn an error of the phase into a hundred times itself.
+    # Over a hundred radians, a relative error of the frequency causes an error of the phase a
+    # hundred times as large.
     assert error(got.state, Oracle(scene).solve(got.time), np.array([0.2, 0.2, 3.0, 3.0])) <= 1e-8
 
 

@@ -1,4 +1,4 @@
-"""Does the error of every control step stay below the tolerance asked for?"""
+"""Does the error of every control step stay below the tolerance?"""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _near(rng: np.random.Generator, middle: float, decades: float = 1.0) -> floa
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
-    """Return a scene of the Taylor series' domain with a random tolerance.
+    """Return a random scene for the Taylor series, with a random tolerance.
 
     Control steps span 0.05 to 10 radians of its fastest oscillation.
     """
@@ -97,11 +97,11 @@ def _springs(rng: np.random.Generator, offset: float) -> dict[str, Any]:
 
 
 def excess(seed: int) -> float:
-    """Return the largest error of a random scene's control steps, over what is allowed.
+    """Return the largest error of a random scene's control steps, relative to what is allowed.
 
-    Allowed is the tolerance; where that is exceeded, round-off is added: ten times what rounding
-    the reference's state to doubles does. It counts where a spring is shortened to a thousandth of
-    its length: there the stored positions hold only some digits of the offset.
+    Allowed is the tolerance, plus round-off where that is exceeded: ten times the effect of
+    rounding the reference's state to doubles. It matters where a spring is shortened to a
+    thousandth of its length: there the stored positions have only some digits of the offset.
     """
     rng = np.random.default_rng(seed)
     scene = random_scene(rng)
@@ -139,7 +139,7 @@ def _violations(seeds: range) -> dict[int, float]:
         try:
             ratio = excess(seed)
         except SimulationError:
-            continue  # a spring shortened to nothing
+            continue  # a spring of length 0
         if not ratio <= 1.0:
             found[seed] = ratio
     return found

@@ -1,4 +1,4 @@
-"""Do the vectors of lanes do what numbers do, compiled and in Python?"""
+"""Do vectors of lanes give the same results as numbers, compiled and in Python?"""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mm_gym.methods.taylor.simd import (
 
 @kernel
 def operations(c):
-    """Write what follows from the first two rows to the others."""
+    """Write the results of all operations on the first two rows to the others."""
     x, y = c[0], c[1]
     c[2], c[3], c[4], c[5], c[6] = x + y, x - y, x * y, x / y, -x
     c[7], c[8], c[9] = abs(x), larger(x, y), smaller(x, y)
@@ -36,7 +36,7 @@ def operations(c):
 
 @kernel
 def operations_in_rows(numbers):
-    """Do the same on all lanes at once."""
+    """Do the same for all lanes at once."""
     operations(rows_of(numbers))
 
 
@@ -44,7 +44,7 @@ ROWS = 19
 
 
 @pytest.mark.parametrize("special", [0.0, -0.0, np.inf, np.nan, 1e-310])
-def test_vectors_do_what_numbers_do(special: float) -> None:
+def test_vectors_give_the_same_results_as_numbers(special: float) -> None:
     rng = np.random.default_rng(0)
     numbers = on_cache_line(ROWS * LANES)
     start = numbers.reshape(ROWS, LANES)

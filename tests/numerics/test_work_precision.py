@@ -1,4 +1,4 @@
-"""Does the work-precision measurement see the errors that there are, on any scene?"""
+"""Does the work-precision measurement find the true errors, on any scene?"""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_auto_at_its_tightest_meets_the_oracle(
 ) -> None:
     result = results[name]
     own = [one for one in result.settings if one.method == result.auto]
-    # What is drawn, commanded and excited reaches the oracle, or the difference is of order one.
+    # Draws, commands and excitation reach the oracle; otherwise the error would be of order one.
     assert own[-1].error <= 1e-12 + result.resolution
     assert result.resolution <= 1e-11
 
@@ -126,7 +126,7 @@ def test_errors_show_the_order_and_the_tolerance(
 def test_cost_grows_with_the_work(results: dict[str, WorkPrecision]) -> None:
     rk4 = [one.seconds for one in results["linear"].settings if one.method == "rk4"]
     assert rk4[-1] > 100.0 * rk4[0] > 0.0
-    # A step is a matter of microseconds at most; in a second there is something wrong.
+    # A control step takes microseconds at most.
     assert all(0.0 < one.seconds < 1.0 for one in results["linear"].settings)
 
 
@@ -155,7 +155,7 @@ def test_scene_that_scipy_cannot_follow_is_refused() -> None:
         work_precision(Scene(carriage=Carriage(mass=1e-80), initial=START))
 
 
-def test_oracle_takes_up_a_motion_and_gives_up_when_told() -> None:
+def test_oracle_continues_a_motion_and_keeps_its_budget() -> None:
     oracle = Oracle(EVERYTHING.replace(randomization={}))
     forces, stretches = np.linspace(-5.0, 5.0, 10), np.linspace(1.0, 2.0, 10)
     held = {"forces": forces, "stretches": stretches, "start": np.array([0.01, 0.02, 0.1, 0.0])}

@@ -1,4 +1,4 @@
-"""Are the paper's systems, figures and numbers all there and right?"""
+"""Are the paper's systems, figures and numbers complete and right?"""
 
 import csv
 import json
@@ -13,7 +13,7 @@ from mm_gym.paper.figures import FIGURES, draw
 from mm_gym.paper.table import HEADER, printed, rows, write_table
 
 GOLDEN = Path(__file__).parents[1] / "golden"
-PROMISED = (
+EXPECTED = (
     *(f"fig2{letter}" for letter in "abcdef"),
     *("fig5a", "fig5b", "fig6a", "fig6d", "fig8", "fig9", "fig10", "fig12a", "fig12d"),
 )
@@ -23,8 +23,8 @@ def golden(file, name):
     return json.loads((GOLDEN / f"{file}.json").read_text(encoding="utf-8"))[name]
 
 
-def test_every_promised_name_is_a_scene_that_compiles():
-    assert NAMES == PROMISED
+def test_every_system_of_the_paper_compiles():
+    assert NAMES == EXPECTED
     for name in NAMES:
         compile_scene(scene(name))
 
@@ -70,7 +70,7 @@ def test_table_is_written_with_all_digits_and_printed_aligned(tmp_path):
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_every_figure_is_drawn_whole(name, tmp_path):
+def test_every_figure_is_drawn(name, tmp_path):
     pytest.importorskip("matplotlib")
     draw(name, tmp_path / f"{name}.png")
     assert [file.name for file in tmp_path.iterdir()] == [f"{name}.png"]

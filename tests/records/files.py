@@ -1,4 +1,4 @@
-"""Record files as the tests write and read them."""
+"""Record files that the tests write and read."""
 
 from mm_gym.records import read_record
 
@@ -17,7 +17,7 @@ COUNTS = [
 
 
 def peer(values, *, counts=COUNTS[0], dt=".0050", columns=5, form="{:15.7E}", newline="\n"):
-    """An AT2 file as PEER writes it."""
+    """Return an AT2 file as PEER writes it."""
     cells = [form.format(value) for value in values]
     rows = ["".join(cells[i : i + columns]) for i in range(0, len(cells), columns)]
     head = [*TITLE, QUANTITY, counts.format(n=len(cells), dt=dt)]

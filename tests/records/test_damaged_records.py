@@ -1,4 +1,4 @@
-"""Damaged record files are read or refused, in little time."""
+"""Are damaged record files read or refused, in little time?"""
 
 import contextlib
 import random
@@ -25,7 +25,7 @@ PIECES = [
 
 
 def mutated(chance, content):
-    """The content with some bytes or lines changed, removed, doubled or swapped."""
+    """Return the content with some bytes or lines changed, removed, doubled or swapped."""
     for _ in range(chance.choice([1, 1, 2, 5])):
         lines = content.split(b"\n")
         i, j = chance.randrange(len(lines)), chance.randrange(len(lines))
@@ -53,7 +53,7 @@ def mutated(chance, content):
 @pytest.mark.parametrize("count", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_mutated_file_is_read_or_refused(monkeypatch, count):
     content = b""
-    # In memory, because to write and open a file takes longer than all the rest.
+    # In memory, because writing and opening a file takes longer than all the rest.
     monkeypatch.setattr(records, "read_bytes", lambda *_, **__: content)
     accepted, slowest, messages = 0, 0.0, []
     for i in range(count):
@@ -91,5 +91,5 @@ def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
         for name in ("motion.at2", "motion.csv"):
             with contextlib.suppress(SceneError):
                 read(tmp_path, b"\n".join(lines), name)
-    # A pattern that tries twice would take minutes; what is right takes a tenth of a second.
+    # A pattern that backtracks would take minutes; a good one takes a tenth of a second.
     assert time.perf_counter() - start < 30.0

@@ -1,4 +1,4 @@
-"""Recorded motions are read right, or refused with the line that is wrong; never anything else."""
+"""Are recorded motions read correctly, or refused with the line of the error?"""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ G = 9.80665
 
 @pytest.mark.parametrize("counts", COUNTS)
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-def test_peer_header_in_all_its_forms(tmp_path, counts, newline):
+def test_peer_header_is_read_in_all_its_forms(tmp_path, counts, newline):
     record = read(tmp_path, peer(SAMPLES, counts=counts, newline=newline))
     assert record.time_step == 0.005
     assert np.array_equal(record.values, np.array(SAMPLES) * G)
@@ -26,12 +26,12 @@ def test_peer_header_in_all_its_forms(tmp_path, counts, newline):
     ("form", "columns"),
     [("{:15.7E}", 5), ("{:16.7e}", 8), ("{:+.7E}", 7), ("{:.7f},", 3), ("{:.7E} ", 1)],
 )
-def test_peer_samples_in_any_columns(tmp_path, form, columns):
+def test_peer_samples_are_read_from_any_columns(tmp_path, form, columns):
     record = read(tmp_path, peer(SAMPLES, form=form, columns=columns))
     assert np.array_equal(record.values, np.array(SAMPLES) * G)
 
 
-def test_numbers_as_fortran_writes_them(tmp_path):
+def test_numbers_are_read_as_fortran_writes_them(tmp_path):
     rows = "-.1234E-02-.3456E-03 .5D-1\n1.d+0 -2.E0+3. -.0"
     content = "\n".join([*TITLE, QUANTITY, "NPTS= 7, DT= .5D-2 SEC", rows, ""])
     record = read(tmp_path, content)
@@ -39,11 +39,11 @@ def test_numbers_as_fortran_writes_them(tmp_path):
     assert record.time_step == 0.005
 
 
-def test_format_is_told_by_content_where_the_name_does_not(tmp_path):
+def test_content_tells_the_format_if_the_name_does_not(tmp_path):
     assert len(read(tmp_path, peer(SAMPLES), "motion.txt").values) == 7
 
 
-def test_strange_letters_in_a_station_name_do_no_harm(tmp_path):
+def test_letters_beyond_ascii_in_a_station_name_are_accepted(tmp_path):
     content = peer(SAMPLES).encode().replace(b"El Centro", "Düzce".encode("latin-1"))
     assert len(read(tmp_path, content).values) == 7
 
@@ -51,7 +51,7 @@ def test_strange_letters_in_a_station_name_do_no_harm(tmp_path):
 @pytest.mark.parametrize("mark", [",", ";", ", ", "\t", "  ", " ; "])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("start", ["", "\ufeff", "time [s],a\n", "# 3 4 5\n\nt\na\n"])
-def test_columns_of_time_and_sample(tmp_path, mark, newline, start):
+def test_columns_of_time_and_sample_are_read(tmp_path, mark, newline, start):
     lines = [f"0.0{mark}1.5", "", f"0.01{mark}-2.5e-1  # peak", f"0.03{mark}.5", "# end"]
     content = start.replace("\n", newline) + newline.join(lines)
     record = read(tmp_path, content, "motion.csv", unit="m/s^2")
@@ -60,14 +60,14 @@ def test_columns_of_time_and_sample(tmp_path, mark, newline, start):
     assert record.time_step == 0.01
 
 
-def test_one_column_with_a_time_step(tmp_path):
+def test_one_column_is_read_with_a_time_step(tmp_path):
     record = read(tmp_path, "acc\n1\n2\n-3\n", "motion.csv", unit="kN", time_step=0.02)
     assert record.times.tolist() == [0.0, 0.02, 0.04]
     assert record.values.tolist() == [1000.0, 2000.0, -3000.0]
 
 
 @pytest.mark.parametrize("unit", UNITS)
-def test_units(tmp_path, unit):
+def test_samples_are_converted_from_every_unit(tmp_path, unit):
     record = read(tmp_path, "0 1\n1 2\n", "motion.csv", unit=unit)
     assert record.values.tolist() == [UNITS[unit], 2.0 * UNITS[unit]]
 
@@ -203,7 +203,7 @@ def test_options_are_checked(tmp_path):
         read(tmp_path, "1\n2\n", "motion.csv", time_step=float("nan"))
 
 
-def test_file_that_cannot_be_read(tmp_path):
+def test_file_that_cannot_be_read_is_refused(tmp_path):
     (tmp_path / "el_centro.at2").touch()
     with pytest.raises(SceneError, match=r"no such file; did you mean 'el_centro\.at2'\?"):
         read_record(tmp_path / "elcentro.at2", unit="g")
@@ -225,7 +225,7 @@ finite = st.floats(-LARGEST, LARGEST, allow_subnormal=False)
 
 
 @given(values=st.lists(finite, min_size=2, max_size=40), data=st.data())
-def test_what_is_written_is_read(tmp_path_factory, values, data):
+def test_samples_written_are_read_back(tmp_path_factory, values, data):
     newline = data.draw(st.sampled_from(["\n", "\r\n"]))
     text = peer(
         values,
@@ -245,7 +245,7 @@ def test_what_is_written_is_read(tmp_path_factory, values, data):
     values=st.lists(st.tuples(st.floats(1e-8, 1e6), finite), min_size=2, max_size=40),
     mark=st.sampled_from([",", ";", " ", "\t"]),
 )
-def test_what_is_written_in_columns_is_read(tmp_path_factory, values, mark):
+def test_columns_written_are_read_back(tmp_path_factory, values, mark):
     times = np.cumsum([spacing for spacing, _ in values])
     samples = [sample for _, sample in values]
     lines = [f"{t!r}{mark}{x!r}" for t, x in zip(times.tolist(), samples, strict=True)]
@@ -289,11 +289,11 @@ def test_resampling_agrees_with_interpolation_anywhere(tmp_path):
     samples = resample(record, 0.0137, scale=3.0, time_scale=1.7)
     grid = 0.0137 * np.arange(len(samples))
     expected = np.interp(grid, 1.7 * times, 3.0 * values, left=0.0, right=0.0)
-    # Slopes of up to 6 / 0.0017 s, times the rounding of instants of up to 43 s, are 2.5e-11.
+    # Slopes of up to 6 / 0.0017 s, times the rounding of instants up to 43 s, give 2.5e-11.
     np.testing.assert_allclose(samples, expected, atol=2.5e-11, rtol=0.0)
 
 
-def test_resampling_has_limits(tmp_path):
+def test_resampling_beyond_its_limits_is_refused(tmp_path):
     record = read(tmp_path, "0 1\n1 2\n", "motion.csv", unit="N")
     with pytest.raises(
         SceneError, match=r"the record lasts 1e\+08 steps of 1e-08 s; allowed: at most 1e"
