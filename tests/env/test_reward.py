@@ -1,4 +1,4 @@
-"""What an action does and what it earns, recomputed from the states handed out."""
+"""Actions and rewards, recomputed from the states that the environment returns."""
 
 import numpy as np
 import pytest

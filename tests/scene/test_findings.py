@@ -15,7 +15,7 @@ DRY = {
     "kinetic_coefficient": 0.4,
     "reference_velocity": 0.1,
 }
-TONE = {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}
+HARMONIC = {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}
 
 # What is written -> every word that the message must contain.
 FINDINGS = [
@@ -34,10 +34,13 @@ FINDINGS = [
     ({"springs": {"stretch": 2.0}}, "springs: 'kind' is missing"),
     ({"solver": {"method": "tailor"}}, "solver.method: got 'tailor'; did you mean 'taylor'?"),
     (
-        {"excitation": [TONE | {"target": "floor"}]},
+        {"excitation": [HARMONIC | {"target": "floor"}]},
         "excitation.0.target: got 'floor'; did you mean 'force'?",
     ),
-    ({"excitation": [TONE, TONE | {"phas": 1}]}, "excitation.1.phas: unknown key; did you mean"),
+    (
+        {"excitation": [HARMONIC, HARMONIC | {"phas": 1}]},
+        "excitation.1.phas: unknown key; did you mean",
+    ),
     ({"sensors": {"channels": ["slip"]}}, "sensors.channels.0: got 'slip'; allowed: 'carriage_dis"),
     (
         {"randomization": {"sphere.mas": [1, 2]}},
@@ -63,7 +66,7 @@ FINDINGS = [
     ({"carriage": 3}, "carriage: got 3; allowed: a dictionary or instance of Carriage"),
     ({"control": {"steps": 10.0}}, "control.steps: got 10.0; allowed: an integer"),
     ({"control": {"steps": True}}, "control.steps: got True; allowed: an integer"),
-    ({"excitation": TONE}, "excitation: got {"),
+    ({"excitation": HARMONIC}, "excitation: got {"),
     ({"excitation": "harmonic"}, "excitation: got 'harmonic'; allowed: a list"),
     ({"sensors": {"channels": "stretch"}}, "sensors.channels: got 'stretch'; allowed: a list"),
     ({"sensors": {"channels": []}}, "sensors.channels: got []; allowed: at least 1"),
@@ -91,7 +94,7 @@ FINDINGS = [
     # not finite
     ({"carriage": {"mass": NAN}}, "carriage.mass: got nan; allowed: "),
     ({"carriage": {"damping": INF}}, "carriage.damping: got inf; allowed: a finite number"),
-    ({"excitation": [TONE | {"amplitude": -INF}]}, "excitation.0.amplitude: got -inf"),
+    ({"excitation": [HARMONIC | {"amplitude": -INF}]}, "excitation.0.amplitude: got -inf"),
     (
         {"initial": {"carriage_velocity": NAN}},
         "initial.carriage_velocity: got nan; allowed: a finite",
@@ -188,7 +191,7 @@ def test_all_findings_are_reported_at_once():
             carriage={"mass": -1, "stifness": 3, "damping": "yes"},
             spher={},
             springs={"kind": "small_on_large", "stretch": 0.5},
-            excitation=[TONE | {"frequency": NAN}],
+            excitation=[HARMONIC | {"frequency": NAN}],
         )
     fields = [line.split(":")[0] for line in str(caught.value).splitlines()]
     assert sorted(fields) == [

@@ -68,7 +68,7 @@ def test_every_default_fits():
 
 
 DRY = {"kind": "dry_friction", "static_coefficient": 1, "kinetic_coefficient": 1}
-TONE = {"kind": "harmonic", "amplitude": 1.0, "frequency": 5.0}
+HARMONIC = {"kind": "harmonic", "amplitude": 1.0, "frequency": 5.0}
 
 
 @pytest.mark.parametrize(
@@ -78,9 +78,9 @@ TONE = {"kind": "harmonic", "amplitude": 1.0, "frequency": 5.0}
         {"interface": {"kind": "none"}},
         {"interface": DRY | {"reference_velocity": 1, "normal_force": 2.0}},
         {"initial": {"sphere_offset": [-1, 1.5]}},
-        {"excitation": [TONE, TONE]},
+        {"excitation": [HARMONIC, HARMONIC]},
         {"randomization": {"carriage.mass": [1, 2], "interface.damping": [0, 1]}},
-        {"excitation": [TONE], "randomization": {"excitation.0.phase": [0, 1.0]}},
+        {"excitation": [HARMONIC], "randomization": {"excitation.0.phase": [0, 1.0]}},
         {"sensors": {"channels": ["carriage_velocity"]}},
         {"objective": {"rail_half_length": 0.1}},
     ],
@@ -108,9 +108,9 @@ def test_schema_accepts_what_loads(data):
         {"interface": {"kind": "none", "damping": 1}},
         {"interface": DRY},
         {"springs": {"kind": "small_on_large", "stretch": 0.9}},
-        {"excitation": TONE},
+        {"excitation": HARMONIC},
         {"excitation": [{"amplitude": 1.0}]},
-        {"excitation": [TONE | {"target": "floor"}]},
+        {"excitation": [HARMONIC | {"target": "floor"}]},
         {"initial": {"sphere_offset": [0]}},
         {"initial": {"sphere_offset": [0, 1, 2]}},
         {"initial": {"sphere_offset": [0, "1"]}},
