@@ -11,11 +11,11 @@ import numpy as np
 from mm_gym.analysis.bifurcation_kernel import final_offsets
 from mm_gym.analysis.values import row_of
 from mm_gym.errors import SceneError, SimulationError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.simulation.energy import precise_integration_kernel as precise
 from mm_gym.simulation.energy.work import mechanical_energy
 from mm_gym.simulation.simulate import simulate
 
@@ -118,6 +118,7 @@ def bifurcation(
     lanes[at.X2] = lanes[at.X1] + offset
     if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
         lanes[at.FN] = points * GRAVITY if scene.interface.normal_force is None else lanes[at.FN]
+    laws.write_regimes(lanes, 0, points.size)
 
     def scene_of(index: int) -> Scene:
         return scene.replace(**{parameter: float(points[index])})
@@ -206,7 +207,7 @@ def _follow(scene: Scene) -> float:
     plant, steps = compile_scene(scene), FIRST_STEPS
     while steps <= MOST_STEPS:
         trajectory = simulate(plant, duration=steps * plant.time_step)
-        p, damping = trajectory.parameters, cast("float", precise.damping_of(trajectory.parameters))
+        p, damping = trajectory.parameters, float(trajectory.parameters[at.C])
         for state in trajectory.state:
             if _sticks_for_good(p, state, damping):
                 x1, x2, _, v2 = state
@@ -217,7 +218,7 @@ def _follow(scene: Scene) -> float:
 
 
 def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping: float) -> bool:
-    """Tell whether the energy left is too small for a slip; see `analysis.bifurcation_kernel`."""
+    """Tell whether the energy left is too little to slip; see `stays_slower`."""
     m1, m2, k1, vr = p[at.M1], p[at.M2], p[at.K1], p[at.VR]
     reduced = m1 * m2 / (m1 + m2)
     twice = 2.0 * float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])

@@ -1,4 +1,4 @@
-"""Where the sphere comes to rest under dry friction: each scene is followed to its final stick."""
+"""Rest of the sphere under dry friction: each motion is followed to its final stick."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.laws import stiffness
+from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy import precise_integration_kernel as precise
 
 MOST_INTERVALS = 1_000_000
@@ -31,59 +33,36 @@ def final_offsets(lanes, first, last, offsets):
 @kernel
 def final_offset(p):
     """Return the offset at rest of one free motion, and the status."""
-    k2 = precise.stiffness_of(p[at.K0], p[at.STRETCH])
-    m1, m2, vr = precise.carriage_mass(p), p[at.M2], p[at.VR]
+    k2 = stiffness(p[at.K0], p[at.STRETCH])
+    m1, m2, vr = piecewise.carriage_mass(p), p[at.M2], p[at.VR]
     step = BLOCK_PHASE / math.sqrt(p[at.K1] * p[at.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))
-    depth = max(precise.FINEST, precise.halvings(precise.fastest_rate(p, k2, 0, 0, 1.0) * step))
-    if depth > precise.DEEPEST:
+    depth = max(piecewise.FINEST, precise.halvings(piecewise.fastest_rate(p, k2, 0, 0, 1.0) * step))
+    if depth > piecewise.DEEPEST:
         return math.nan, at.TOO_MANY_EVENTS
-    levels = np.zeros((2, depth + 1, precise.HARMONICS, precise.HARMONICS))
-    rows, bounds = np.empty((2, 2, precise.HARMONICS)), np.empty((2, 2))
+    levels = np.zeros((2, depth + 1, piecewise.HARMONICS, piecewise.HARMONICS))
+    rows, bounds = np.empty((2, 2, piecewise.HARMONICS)), np.empty((2, 2))
     for regime in range(2):
-        a = precise.generator(p, k2, 0, 0, 0, 1.0, regime == 1)
+        a = piecewise.generator(p, k2, 0, 0, 0, 1.0, regime == 1)
         precise.double_up(a, step, levels[regime])
-        precise.slip_rows(a, rows[regime])
-    z, y = precise.start(p, p[:4], 0.0, 0, 0.0, p[:0]), np.empty(precise.HARMONICS)
+        piecewise.slip_rows(a, rows[regime])
+    z, y = piecewise.start(p, p[:4], 0.0, 0, 0.0, p[:0]), np.empty(piecewise.HARMONICS)
     position, level, end = 0, 0, 1 << depth
     for _ in range(MOST_INTERVALS):
         if position == 0 and level == 0:
-            if z[precise.SIGN] == 0.0 and sticks_for_good(p, k2, z, -rows[0, 0, precise.SLIP]):
-                momentum = m2 * (z[precise.COMMON] + m1 / (m1 + m2) * z[precise.SLIP])
-                return (
-                    0.0 if k2 > 0.0 else z[precise.OFFSET] + momentum / precise.damping_of(p)
-                ), at.OK
+            rate = -rows[0, 0, piecewise.SLIP]
+            if z[piecewise.SIGN] == 0.0 and piecewise.stays_slower(p, k2, z, rate, vr):
+                momentum = m2 * (z[piecewise.COMMON] + m1 / (m1 + m2) * z[piecewise.SLIP])
+                # (8) of docs/model.md, with the slope in stick
+                return 0.0 if k2 > 0.0 else z[piecewise.OFFSET] + momentum / p[at.C], at.OK
             for regime in range(2):
-                bounds[regime, 0], bounds[regime, 1] = precise.bound_motion(
+                bounds[regime, 0], bounds[regime, 1] = piecewise.bound_motion(
                     p, k2, z, 0, 0, 0, 1.0, step, regime == 1
                 )
-        if not precise.attempt(vr, levels, rows, bounds, z, y, level, step):
+        if not piecewise.attempt(vr, levels, rows, bounds, z, y, level, step):
             level += 1
             continue
         position += 1 << (depth - level)
-        level = precise.next_level(position, level, depth)
+        level = piecewise.next_level(position, level, depth)
         if position == end:
             position = 0
     return math.nan, at.TOO_MANY_EVENTS
-
-
-@kernel
-def sticks_for_good(p, k2, z, rate):
-    """Tell whether the energy left is too little to slip.
-
-    Either sqrt(2 E / m_r), the fastest w of this energy, or |g| / rate stays below v_r.
-    """
-    m1, m2, k1, d, vr = (
-        precise.carriage_mass(p),
-        p[at.M2],
-        p[at.K1] * p[at.ALPHA],
-        p[at.D],
-        p[at.VR],
-    )
-    total = m1 + m2
-    reduced = m1 * m2 / total
-    root = precise.energy_root(p, k2, z)
-    if root <= vr * math.sqrt(reduced):
-        return True
-    # The largest g = (k1 x1 + d V) / m1 - k2 offset / m_r on the ellipsoid of this energy.
-    drive = root * math.sqrt(k1 / m1**2 + (d / m1) ** 2 / total + k2 / reduced**2)
-    return abs(z[precise.SLIP]) <= vr and drive <= rate * vr

@@ -10,7 +10,9 @@ from scipy.optimize import brentq  # pyright: ignore[reportUnknownVariableType]
 from mm_gym.analysis.critical_kernel import fastest_slip
 from mm_gym.analysis.values import row_of
 from mm_gym.errors import SceneError, SimulationError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,11 +59,11 @@ def critical_reference_velocity(scene: Scene) -> float:
     without = _peak(row, 0.0)
     if without == 0.0:
         return 0.0
-    force = row[at.MU1] * row[at.FN]
+    slope_of = plain(laws.stick_slope)
 
     def excess(log_velocity: float) -> float:
         velocity = float(np.exp(log_velocity))
-        return _peak(row, force / velocity) / velocity - 1.0
+        return _peak(row, slope_of(row[at.MU1], row[at.FN], velocity)) / velocity - 1.0
 
     # Nothing slips if v_r is above the fastest slip without friction.
     high = float(np.log(without)) + 1e-9

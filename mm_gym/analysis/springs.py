@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.kernels import laws
+from mm_gym.kernels.jit import plain
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -20,7 +23,7 @@ def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
     k0
         ``springs.stiffness`` [N/m].
     """
-    return 2.0 * np.asarray(k0, np.float64) * (1.0 + 2.0 / np.asarray(stretch, np.float64) ** 3)
+    return plain(laws.stiffness)(np.asarray(k0, np.float64), np.asarray(stretch, np.float64))
 
 
 def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:

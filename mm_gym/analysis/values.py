@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mm_gym.errors import SceneError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
 from mm_gym.plant.support_of import support_of
-from mm_gym.simulation.energy.precise_integration_kernel import damping_of, stiffness_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +42,7 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
         raise SceneError(msg)
     row = support.start_low.copy()
     row[at.X2] += row[at.X1]
+    plain(laws.write_regimes)(row[:, None], 0, 1)
     return row
 
 
@@ -48,13 +50,13 @@ def linear_values(scene: Scene) -> Linear:
     """Return the coefficients: the middle of each range, friction with its slope in stick."""
     support = support_of(scene)
     p = 0.5 * (support.start_low + support.start_high)
-    k2 = cast("float", stiffness_of(p[at.K0], p[at.STRETCH]))
+    plain(laws.write_regimes)(p[:, None], 0, 1)
     return Linear(
         m1=float(p[at.M1]),
         m2=float(p[at.M2]),
         k1=float(p[at.K1] * p[at.ALPHA]),
-        k2=k2,
-        c=cast("float", damping_of(p)),
+        k2=float(plain(laws.stiffness)(p[at.K0], p[at.STRETCH])),
+        c=float(p[at.C]),
         d=float(p[at.D]),
     )
 

@@ -33,7 +33,7 @@ def fma(x: float, y: float, z: float) -> float:
 @overload(fma)
 def _compiled_fma(x, y, z) -> Callable[..., float] | None:
     if not all(isinstance(kind, types.Number) for kind in (x, y, z)):
-        return None  # `kernels.vector` has the rest
+        return None  # `methods.taylor.simd` has the rest
     return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 
@@ -64,3 +64,18 @@ def _compiled_prefer_widest_vectors() -> Callable[..., None]:
 def clip(value, low, high):
     """Return the value limited to [low, high]."""
     return min(max(value, low), high)
+
+
+@kernel
+def write_inverse_square(c, row, inverse, n):
+    """Write term n of the series u = q**-2, from n q_0 u_n = -sum (n + j) q_j u_(n - j).
+
+    Terms of q are in c from `row` on, up to the n-th; those of u from `inverse` on.
+    """
+    if n == 0:
+        c[inverse] = 1.0 / (c[row] * c[row])
+        return
+    total = 0.0
+    for j in range(1, n + 1):
+        total -= (n + j) * c[row + j] * c[inverse + n - j]
+    c[inverse + n] = total / (n * c[row])

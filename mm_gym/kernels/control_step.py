@@ -29,17 +29,44 @@ def build(
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
 
-    What `in_turn` returns may be replaced: `at_once` is given it and returns another.
+    It advances the lanes by one sample interval; force and stretch are held over it.
+
+    Parameters
+    ----------
+    propagate
+        The kernel.
+    at_once
+        Given what `in_turn` returns, another kernel to take its place.
     """
     step = at_once(in_turn(propagate))
 
     @borrowing_kernel
     @named_after(propagate)
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
-        """Make one control step of the lanes first .. last - 1, without resets; return the status.
+        """Make one control step, without resets; none moves if one action is not finite.
 
-        The actions are those of all lanes: where they share a step, none moves if one is wrong.
-        The constants are those of the task, then those of the model: a call costs by its arguments.
+        Parameters
+        ----------
+        constants
+            (t + m,) read: those of the task, then those of the model. One array, because every
+            argument adds call overhead.
+        lanes
+            (rows, count) read and written.
+        frames
+            (history, count) float32, read and written, the newest frame last.
+        ends
+            (3, count) bool, read and written: how the step ended.
+        streams
+            (2, count) uint64, read and written: random numbers.
+        actions
+            (actuators * count,) float32 or float64, read: in [-1, 1], those of all lanes.
+        first, last
+            The lanes first .. last - 1.
+
+        Returns
+        -------
+        int
+            Status, of several the largest.
         """
         task = constants
         model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
@@ -50,9 +77,29 @@ def build(
     @borrowing_kernel
     @named_after(propagate)
     def run(model, task, lanes, streams, commands, starts, states, applied, jets):
-        """Simulate lane 0, a row of commands [N, -] a control step.
+        """Simulate lane 0 and record every sample interval.
 
-        Write for each sample interval what it starts from, reaches, applies and is excited by.
+        Parameters
+        ----------
+        model, task
+            (m,) and (t,), read.
+        lanes
+            (rows, count) read and written.
+        streams
+            (2, count) uint64, read and written: random numbers.
+        commands
+            (steps, 2) read: force [N] and stretch [-] asked for in each control step.
+        starts, states
+            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end.
+        applied
+            (n, 2) written: force [N] and stretch [-] held.
+        jets
+            (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2].
+
+        Returns
+        -------
+        int
+            Status.
         """
         terms, first = int(model[at.TERMS]), int(model[at.JETS])
         for n in range(commands.shape[0]):
@@ -83,6 +130,7 @@ def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
 
     @borrowing_kernel
     def move(task, model, lanes, streams, actions, first, last):
+        """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
         command(task, lanes, actions, first, last)
         status = at.OK
         for interval in range(int(model[at.INTERVALS])):
@@ -94,6 +142,20 @@ def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
 
     @borrowing_kernel
     def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        """Make one control step.
+
+        Parameters
+        ----------
+        task, model
+            (t,) and (m,), read.
+        lanes, frames, ends, streams, actions, first, last
+            As for `advance`.
+
+        Returns
+        -------
+        int
+            Status, of several the largest.
+        """
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)

@@ -1,4 +1,4 @@
-"""How episodes begin: what is drawn, completed and shown first.
+"""Beginnings of episodes: what is drawn, completed and shown first.
 
 Lanes are taken in runs that a mask treats alike, so that the compiler vectorises the loops over
 them.
@@ -10,6 +10,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors
 from mm_gym.kernels.harmonics import begin_harmonic
 from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.memory import copy_row, fill, span
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.random import next_episode, uniform
@@ -42,8 +43,31 @@ def is_uniform(mask, kind):
 def start(template, draws, model, task, lanes, streams, mask, rows, values, first, last):
     """Begin anew in the lanes of the mask: draw what is random, then set rows to given values.
 
-    Draws are rows of (row, low, high). A parameter that is neither drawn nor given keeps its value
-    from one episode to the next.
+    A parameter that is neither drawn nor given keeps its value from one episode to the next.
+
+    Parameters
+    ----------
+    template
+        (rows,) read: the scene's start; row X2 holds the sphere's offset.
+    draws
+        (n, 3) read: (row, low, high) of what is drawn.
+    model, task
+        (m,) and (t,), read.
+    lanes
+        (rows, count) read and written.
+    streams
+        (2, count) uint64, read and written: random numbers.
+    mask
+        (count,) bool, read.
+    rows, values
+        (k,) int64 and (k, count), read: rows that are given, and their values.
+    first, last
+        The lanes first .. last - 1.
+
+    Returns
+    -------
+    int
+        Status.
     """
     while first < last:
         end = run_end(mask, first, last)
@@ -59,7 +83,17 @@ def start(template, draws, model, task, lanes, streams, mask, rows, values, firs
 
 @borrowing_kernel
 def draw(template, draws, lanes, streams, first, last):
-    """Fill lanes with the scene's start and draw what is random."""
+    """Fill lanes with the scene's start and draw what is random.
+
+    Parameters
+    ----------
+    template, draws, streams
+        As for `start`.
+    lanes
+        (rows, count) written, but for the block's clock, read.
+    first, last
+        The lanes first .. last - 1.
+    """
     for i in span(first, last):
         next_episode(streams, i)
     for row in range(at.STRETCH + 1):
@@ -73,7 +107,19 @@ def draw(template, draws, lanes, streams, first, last):
 
 @borrowing_kernel
 def draw_row(lanes, row, low, high, streams, first, last):
-    """Draw a row's lanes, uniform in [low, high]."""
+    """Draw a row's lanes, uniform in [low, high].
+
+    Parameters
+    ----------
+    lanes
+        (rows, count) written in this row.
+    row, low, high
+        The row, and the range in its unit.
+    streams
+        (2, count) uint64, read and written: random numbers.
+    first, last
+        The lanes first .. last - 1.
+    """
     prefer_widest_vectors()
     for i in span(first, last):
         lanes[row, i] = clip(low + (high - low) * uniform(streams, i), low, high)
@@ -81,7 +127,7 @@ def draw_row(lanes, row, low, high, streams, first, last):
 
 @borrowing_kernel
 def complete(model, task, lanes, first, last):
-    """Complete drawn lanes: absolute positions, phases, and what rate commands start from.
+    """Complete drawn lanes: positions, regimes, phases, and what rate commands start from.
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
@@ -91,6 +137,7 @@ def complete(model, task, lanes, first, last):
         copy_row(lanes, at.FORCE, at.FORCE_ASKED, first, last)
     if task[at.STRETCH_IS_RATE] > 0.0:
         copy_row(lanes, at.STRETCH, at.STRETCH_ASKED, first, last)
+    write_regimes(lanes, first, last)
     for j in range(int(model[at.HARMONIC_COUNT])):
         begin_harmonic(
             lanes, at.HARMONICS + at.HARMONIC_ROWS * j, model[at.SAMPLE_INTERVAL], first, last
@@ -101,7 +148,30 @@ def complete(model, task, lanes, first, last):
 def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, last):
     """Fill the history of the lanes of the mask with their first frame.
 
-    Paused lanes, which begin anew instead of making a control step, earn nothing and end nothing.
+    Parameters
+    ----------
+    model, task
+        (m,) and (t,), read.
+    lanes
+        (rows, count) read; the reward and what is derived from the state are written.
+    frames
+        (history, count) float32, written, the newest frame last.
+    ends
+        (3, count) bool, written for paused lanes.
+    streams
+        (2, count) uint64, read and written: the sensors' noise.
+    mask
+        (count,) bool, read.
+    paused
+        Whether the lanes begin anew instead of making a control step: they then earn nothing in it,
+        and end nothing.
+    first, last
+        The lanes first .. last - 1.
+
+    Returns
+    -------
+    int
+        Status.
     """
     while first < last:
         end = run_end(mask, first, last)
@@ -117,7 +187,17 @@ def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, l
 
 @borrowing_kernel
 def fill_history(model, task, lanes, frames, streams, first, last):
-    """Fill the history with the first frame."""
+    """Fill the history with the first frame.
+
+    Parameters
+    ----------
+    model, task, frames, streams
+        As for `show_first`.
+    lanes
+        (rows, count) read; what is derived from the state is written.
+    first, last
+        The lanes first .. last - 1.
+    """
     channels = int(task[at.CHANNEL_COUNT])
     if task[at.IS_DERIVED] > 0.0:
         derive(model, lanes, first, last)

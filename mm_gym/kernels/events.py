@@ -1,4 +1,8 @@
-"""Changes of the friction's regime: which one a slip velocity is in, and when it leaves it."""
+"""Changes of the friction's regime: which one a slip velocity is in, and when it leaves it.
+
+A regime is the direction of slip, 1 or -1, or 0 for stick. How far the slip velocity w is from its
+boundaries are two gaps: that below v_r, and that above -v_r.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,66 @@ _SHORTEST = 2.0**-52
 def sign_of(vr, w):
     """Return the direction of slip, or 0 for stick."""
     return (1.0 if w > vr else 0.0) - (1.0 if w < -vr else 0.0)
+
+
+@kernel
+def gaps_of(vr, w):
+    """Return how far w is below v_r and above -v_r [m/s]."""
+    return vr - w, vr + w
+
+
+@kernel
+def gaps_on(vr, direction):
+    """Return the same exactly on the boundary of a direction, where w = direction v_r."""
+    return (0.0, 2.0 * vr) if direction > 0.0 else (2.0 * vr, 0.0)
+
+
+@kernel
+def regime_exit(c, row, degree, regime, upper, lower):
+    """Return when a slip velocity, given as a series, first leaves its regime, and where.
+
+    Parameters
+    ----------
+    c, row, degree
+        (n,) read: terms c[row + 1] to c[row + degree] are the change of w [m/s] in powers of t.
+    regime
+        That at t = 0.
+    upper, lower
+        Gaps [m/s] at t = 0.
+
+    Returns
+    -------
+    tuple
+        t in (0, 1] and the boundary's direction, 1 or -1; NONE and 0 if the regime lasts.
+    """
+    if regime != 0.0:
+        gap = -upper if regime > 0.0 else -lower
+        t, direction = first_exit(c, row, degree, gap, regime), regime
+    else:
+        up = first_exit(c, row, degree, upper, -1.0)
+        down = first_exit(c, row, degree, lower, 1.0)
+        t, direction = (up, 1.0) if up <= down else (down, -1.0)
+    return (NONE, 0.0) if t == NONE else (t, direction)
+
+
+@kernel
+def regime_exit_within(c, row, scaled, degree, theta, regime, upper, lower):
+    """Return the same for the part of a series up to theta; t is then a fraction of that part.
+
+    Parameters
+    ----------
+    c, row, degree, regime, upper, lower
+        As for `regime_exit`.
+    scaled
+        Row of c that is written: the series in powers of t / theta.
+    theta
+        Time in units of the series.
+    """
+    power = 1.0
+    for n in range(1, degree + 1):
+        power *= theta
+        c[scaled + n] = c[row + n] * power
+    return regime_exit(c, scaled, degree, regime, upper, lower)
 
 
 @kernel
@@ -65,6 +129,15 @@ def first_exit(c, row, degree, gap, sign):
 
 @kernel
 def _value_and_slope(c, row, degree, gap, sign, t):
+    """Return the polynomial of `first_exit` and its derivative at t.
+
+    Parameters
+    ----------
+    c, row, degree, gap, sign
+        As for `first_exit`; read.
+    t
+        Time in units of the series.
+    """
     value = slope = 0.0
     for n in range(degree, 0, -1):
         slope = fma(slope, t, value)
@@ -74,9 +147,16 @@ def _value_and_slope(c, row, degree, gap, sign, t):
 
 @kernel
 def _root(c, row, degree, gap, sign, low, high, t):
-    """Return the root of a falling polynomial, at least 0 at `low` and negative at `high`.
+    """Return the root of a falling polynomial by Newton's method, bracketed.
 
-    By Newton's method from t, bracketed.
+    Parameters
+    ----------
+    c, row, degree, gap, sign
+        As for `first_exit`; read.
+    low, high
+        Times in units of the series: the polynomial is at least 0 at low and negative at high.
+    t
+        Time to begin from.
     """
     for _ in range(200):
         value, slope = _value_and_slope(c, row, degree, gap, sign, t)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -106,6 +108,22 @@ def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Ca
         return function
 
     return name
+
+
+@cache
+def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a kernel as plain Python, its helpers too: for decimals, arrays, or a few numbers.
+
+    Helpers are the kernels of its own module that it calls by name.
+    """
+    function: Any = getattr(kernel, "py_func", kernel)
+    known = function.__globals__
+    helpers = {
+        name: plain(known[name])
+        for name in function.__code__.co_names
+        if hasattr(known.get(name), "py_func")
+    }
+    return FunctionType(function.__code__, known | helpers, function.__name__)
 
 
 def sharing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:

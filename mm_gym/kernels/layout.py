@@ -1,4 +1,4 @@
-"""Where things are: the rows of the lanes array and the slots of the task array.
+"""Rows of the lanes array, and slots of the model and task arrays.
 
 Rows are components and columns are lanes, so that a loop over lanes reads memory in order.
 """
@@ -61,18 +61,23 @@ M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
 C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
 K0, L0 = 27, 28
 
+# What dry friction comes to, written when an episode begins (`mm_gym.kernels.laws.write_regimes`):
+# its slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
+KINETIC_FORCE = 29
+
 # Rows of a block's clock, in its first lane: the control steps made so far, and until how many none
 # of its episodes has had its steps. So no step counts for every lane.
-NOW, DUE = 29, 30
+NOW, DUE = 30, 31
 
-# Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE are
-# those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample interval.
-HARMONICS = 31
+# Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE
+# are those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample
+# interval.
+HARMONICS = 32
 HARMONIC_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 
-# Behind the harmonics come the jets: what all other sources of force, then of ground acceleration, do
-# in the present sample interval h, as coefficients of (t / h)^n; then each source's own rows.
+# Behind the harmonics come the jets: what all other sources of force, then of ground acceleration,
+# do in the present sample interval h, as coefficients of (t / h)^n; then each source's own rows.
 
 # Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
 SAMPLE_INTERVAL, HARMONIC_COUNT, GROUND = (

@@ -8,6 +8,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
 from mm_gym.kernels.memory import copy_rows, span
 from mm_gym.kernels.random import normals
 
@@ -16,21 +17,23 @@ from mm_gym.kernels.random import normals
 def derive(model, lanes, first, last):
     """Write the rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION."""
     for i in range(first, last):
-        offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
-        springs, push = spring_force(lanes, offset, i), excitation(model, lanes, False, i)
-        inner = interface_force(lanes, w, i) + springs
-        x1, beta = lanes[at.X1, i], lanes[at.BETA, i]
-        spring = lanes[at.K1, i] * (lanes[at.ALPHA, i] + beta * x1 * x1) * x1
-        outer = push + lanes[at.FORCE, i] - lanes[at.D, i] * lanes[at.V1, i] - spring
-        lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]
-        lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]
+        x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
+        v1, w = lanes[at.V1, i], lanes[at.V2, i] - lanes[at.V1, i]
+        springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
+        c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
+        inner = interface_force(c, vr, kinetic, lanes[at.CHI, i], w) + springs
+        spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
+        push = excitation(model, lanes, False, i)
+        outer = push + lanes[at.FORCE, i] - lanes[at.D, i] * v1 - spring
+        lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]  # (1)
+        lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
         lanes[at.SPRING_FORCE, i], lanes[at.DISTURBANCE, i] = springs, push
         lanes[at.GROUND_ACCELERATION, i] = excitation(model, lanes, True, i)
 
 
 @borrowing_kernel
 def excitation(model, lanes, ground, i):
-    """Return the disturbing force [N], or the ground's acceleration [m/s^2], at a sample interval's end."""
+    """Return the disturbing force [N] or the ground's acceleration [m/s^2] at an interval's end."""
     total = 0.0
     for j in range(int(model[at.HARMONIC_COUNT])):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
@@ -39,30 +42,6 @@ def excitation(model, lanes, ground, i):
     terms = int(model[at.TERMS])
     jet = int(model[at.JETS]) + (terms if ground else 0)
     return total + jet_value(lanes, jet, terms, 1.0, i)
-
-
-@borrowing_kernel
-def interface_force(lanes, w, i):
-    """Return f(w) [N], eq. 9 of the paper."""
-    vr = lanes[at.VR, i]
-    if vr == 0.0:
-        return lanes[at.C, i] * w
-    if abs(w) <= vr:
-        return lanes[at.MU1, i] * lanes[at.FN, i] / vr * w
-    force = lanes[at.MU2, i] * lanes[at.FN, i] + lanes[at.CHI, i] * (abs(w) - vr)
-    return force if w > 0.0 else -force
-
-
-@borrowing_kernel
-def spring_force(lanes, offset, i):
-    """Return the force [N] of the sphere's springs on the carriage; a stretch of 0 without them."""
-    k0, stretch, l0 = lanes[at.K0, i], lanes[at.STRETCH, i], lanes[at.L0, i]
-    if k0 == 0.0:
-        return 0.0
-    shortened = offset / l0 if l0 > 0.0 else 0.0
-    # The neo-Hookean pair without differences of nearly equal stretches; l0 -> infinity: eq. 15.
-    rest = stretch * stretch - shortened * shortened
-    return 2.0 * k0 * offset * (1.0 + 2.0 * stretch / (rest * rest))
 
 
 BOUND = np.float32(at.OBSERVATION_BOUND)

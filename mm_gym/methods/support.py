@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     import numpy as np
@@ -135,9 +137,16 @@ class Support:
     @property
     def stiffest(self) -> float:
         """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
-        if self.high[at.K0] <= 0.0:
-            return 0.0
-        return float(2.0 * self.high[at.K0] * (1.0 + 2.0 / self.low[at.STRETCH] ** 3))
+        return float(plain(laws.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+
+    @property
+    def steepest(self) -> float:
+        """The largest slope of the interface's force [N s/m], in stick or slip."""
+        high, vr = self.high, float(self.low[at.VR])
+        if vr == 0.0:
+            return float(high[at.C])
+        stick = plain(laws.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
+        return float(max(stick, high[at.CHI]))
 
     def row_of(self, name: str) -> int:
         """Return the row of a dotted name, or raise `SceneError` with the nearest name."""
@@ -152,39 +161,23 @@ class Support:
 
 def fastest_oscillation(support: Support) -> float:
     """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
-    k1 = support.high[at.K1] * support.high[at.ALPHA]
-    return math.sqrt(_largest_eigenvalue(support, k1, support.stiffest))
+    m1, m2, k1 = _fastest(support)
+    return math.sqrt(plain(laws.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 
-def fastest_rate(support: Support, damping: float | None = None) -> float:
+def fastest_rate(support: Support) -> float:
     """Return a bound of the excitation's frequencies and of the norm of A [1/s].
 
-    The norm is the spectral one, in the energy norm.
-
-    With positions scaled by the root of stiffness and velocities by the root of mass, A is the skew
-    matrix of the undamped motion minus the scaled damping; the norm of A is at most the sum of
-    theirs.
-
-    Parameters
-    ----------
-    support
-        The values that the parameters can take.
-    damping
-        Damping of the interface [N s/m]; by default the highest of the support.
+    See `mm_gym.kernels.laws.fastest_rate`: it rises with stiffness and damping and falls with the
+    masses.
     """
-    high = support.high
-    c = float(high[at.C]) if damping is None else damping
-    dissipation = _largest_eigenvalue(support, high[at.D], c)
-    harmonics = support.frequencies.max(initial=0.0)
-    return float(max(fastest_oscillation(support) + dissipation, harmonics))
+    m1, m2, k1 = _fastest(support)
+    d, harmonics = float(support.high[at.D]), support.frequencies.max(initial=0.0)
+    rate = plain(laws.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
+    return float(max(rate, harmonics))
 
 
-def _largest_eigenvalue(support: Support, outer: float, inner: float) -> float:
-    """Return the largest eigenvalue of [[outer + inner, -inner], [-inner, inner]] v = s M v.
-
-    It rises with both coefficients and falls with the masses, so the least masses give the most.
-    """
-    m1, m2 = float(support.low[at.M1]), float(support.low[at.M2])
-    first, second = (outer + inner) / m1, inner / m2
-    both = inner / math.sqrt(m1) / math.sqrt(m2)
-    return float(0.5 * (first + second) + math.hypot(0.5 * (first - second), both))
+def _fastest(support: Support) -> tuple[float, float, float]:
+    """Return the least masses, and the largest stiffness of the carriage's spring."""
+    low, high = support.low, support.high
+    return float(low[at.M1]), float(low[at.M2]), float(high[at.K1] * high[at.ALPHA])

@@ -43,7 +43,9 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
@@ -196,7 +198,7 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
     fastest, vr = _fastest_slip(support), low[at.VR]
     if not fastest < vr:
         return support, ()
-    damping = low[at.MU1] * low[at.FN] / vr
+    damping = plain(laws.stick_slope)(low[at.MU1], low[at.FN], vr)
     arrays: dict[str, NDArray[np.float64]] = {}
     for name in ("start_low", "start_high", "low", "high"):
         arrays[name] = getattr(support, name).copy()
@@ -292,5 +294,6 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lane at the start of an episode, and (row, low, high) of each drawn value."""
     low, high = support.start_low, support.start_high
-    rows = np.flatnonzero(low != high)
-    return low.copy(), np.column_stack([rows.astype(np.float64), low[rows], high[rows]])
+    rows, template = np.flatnonzero(low != high), low.copy()
+    plain(laws.write_regimes)(template[:, None], 0, 1)  # lanes rest before their first episode
+    return template, np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from source_imports import PACKAGE, imported_by
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import Scene, simulate
@@ -220,3 +221,15 @@ def test_terms_that_vanish_by_symmetry_do_not_hide_the_others(time_step):
         )
     )
     assert residual(trajectory) < BOUND
+
+
+def test_energy_has_in_common_with_the_methods_what_it_says_and_no_more():
+    """Else a balance that closes would confirm nothing."""
+    room = "mm_gym.simulation.energy"
+    files = list((PACKAGE / "simulation" / "energy").glob("*.py"))
+    imported = set().union(*(imported_by(file) for file in files))
+    said = {"laws", "events", "excitation", "arithmetic"}  # the docstring of `work`
+    tools = {"mm_gym.errors", "mm_gym.kernels.jit", "mm_gym.kernels.layout"}
+    others = {module for module in imported if not module.startswith(room)}
+    assert others <= tools | {f"mm_gym.kernels.{name}" for name in said}
+    assert any(module.startswith(room) for module in imported)

@@ -1,18 +1,19 @@
 """Compiled kernels on disk are those of the sources, helpers in other files included."""
 
+import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
+from source_imports import PACKAGE, file_of, imported_by
 from tasks import TASKS
 
 import mm_gym
 from mm_gym.kernels.jit import sources
 
-PACKAGE = Path(mm_gym.__file__).parent
+DECORATORS = ("kernel", "borrowing_kernel", "inlined_kernel", "sharing_kernel")
 
 PROGRAM = """
 import mm_gym
@@ -100,3 +101,26 @@ def test_no_two_kernels_are_compiled_to_code_of_the_same_name():
     # without numba's count of functions, which begins anew in each process that fills the cache
     names = {re.sub(r"B\d+v\d+", "", one.fndesc.llvm_func_name, count=1) for one in compiled}
     assert len(names) == len(compiled) >= len(kernels) > 3
+
+
+def defines_a_kernel(file):
+    functions = (
+        node
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    )
+    return any(
+        ast.unparse(decorator) in DECORATORS
+        for function in functions
+        for decorator in function.decorator_list
+    )
+
+
+def test_every_module_that_kernels_are_compiled_from_is_among_the_sources():
+    """Else an edit of it would leave stale machine code in the cache."""
+    known = set(sources())
+    kernels = {file for file in PACKAGE.rglob("*.py") if defines_a_kernel(file)}
+    assert len(kernels) > 20
+    assert kernels <= known
+    imported = {file_of(module) for file in known for module in imported_by(file)}
+    assert imported <= known

@@ -14,12 +14,13 @@ from __future__ import annotations
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
+from mm_gym.kernels.laws import stiffness
 
 COEFFICIENTS = 10
-"""Of each polynomial in the stiffness. `methods.cayley_hamilton` says why so many."""
+"""Of each polynomial in the stiffness. `method` says why so many."""
 
-# Slots of the model. The generator, in units of the step h and the carriage's mass m1; what brings
-# the stiffness to [-1, 1]; and whether a force can be held.
+# Slots of the model. The generator, in units of the sample interval h and the carriage's mass m1,
+# K0 among it; what brings the stiffness to [-1, 1]; and whether a force can be held.
 K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (at.MODEL_OWN + i for i in range(9))
 # Four polynomials for the state, four for a held force; the highest coefficient first.
 OF_STATE = IS_PUSHED + 1
@@ -29,7 +30,7 @@ END = OF_FORCE + 4 * COEFFICIENTS
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one control step; force and stretch are held over it."""
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     count = int(model[at.HARMONIC_COUNT])
     if count == 1:
         _move_with_harmonic(model, lanes, first, last)
@@ -54,7 +55,7 @@ def _move(model, lanes, first, last):
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
     stretches = lanes[at.STRETCH, first:last]
     for i in range(last - first):
-        k2 = _stiffness(k0, stretches[i])
+        k2 = stiffness(k0, stretches[i])
         z = x1s[i], x2s[i] - x1s[i], h * v1s[i], h * (v2s[i] - v1s[i])
         x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), z)
         x1s[i], x2s[i], v1s[i], v2s[i] = x1, x1 + offset, by_h * v1, by_h * (v1 + w)
@@ -80,7 +81,7 @@ def _move_with_harmonic(model, lanes, first, last):
     slants = lanes[at.HARMONICS + at.ROTATE_SINE, first:last]
     for i in range(last - first):
         k2, c, s, turn, slant = (
-            _stiffness(k0, stretches[i]),
+            stiffness(k0, stretches[i]),
             cosines[i],
             sines[i],
             turns[i],
@@ -97,7 +98,21 @@ def _move_with_harmonic(model, lanes, first, last):
 
 @borrowing_kernel
 def _shift(model, lanes, j, is_end, first, last):
-    """Take the steady motion under a harmonic force off the state, or put it on at the end."""
+    """Take the steady motion under a harmonic force off the state, or put it on at the end.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    lanes
+        (rows, count) read, and the state written.
+    j
+        Number of the harmonic.
+    is_end
+        Whether the motion at the interval's end is put on, or that at its start taken off.
+    first, last
+        The lanes first .. last - 1.
+    """
     prefer_widest_vectors()
     h, generator, k0 = model[at.SAMPLE_INTERVAL], _generator(model), model[K0]
     push, ratio, by_h, harmonic = (
@@ -111,7 +126,7 @@ def _shift(model, lanes, j, is_end, first, last):
         if is_end:
             turn, slant = lanes[harmonic + at.ROTATE_COSINE, i], lanes[harmonic + at.ROTATE_SINE, i]
             c, s = fma(c, turn, -s * slant), fma(s, turn, c * slant)
-        k2 = _stiffness(k0, lanes[at.STRETCH, i])
+        k2 = stiffness(k0, lanes[at.STRETCH, i])
         amplitude = push * lanes[harmonic + at.AMPLITUDE, i]
         steady = _steady(generator, ratio, k2, amplitude, h * lanes[harmonic + at.FREQUENCY, i])
         x1, offset, v1, w = _at_phase(steady, c, s)
@@ -141,7 +156,7 @@ def _push(model, lanes, first, last):
         model[PUSH],
     )
     for i in range(last - first):
-        k2, u = _stiffness(k0, stretches[i]), push * forces[i]
+        k2, u = stiffness(k0, stretches[i]), push * forces[i]
         x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), (0.0, 0.0, u, -u))
         x1s[i] += x1
         x2s[i] += x1 + offset
@@ -168,7 +183,7 @@ def _cubic(model, k):
 
 @borrowing_kernel
 def _ten(m, k):
-    """Return the coefficients of a polynomial; as scalars, like `kernels.linear.transition`."""
+    """Return the coefficients of a polynomial; as scalars, like `linear.kernel.transition`."""
     first, second = (m[k], m[k + 1], m[k + 2], m[k + 3], m[k + 4]), k + 5
     return first, (m[second], m[second + 1], m[second + 2], m[second + 3], m[second + 4])
 
@@ -179,12 +194,6 @@ def _value(polynomial, t):
     high, low = polynomial
     y = fma(fma(fma(fma(high[0], t, high[1]), t, high[2]), t, high[3]), t, high[4])
     return fma(fma(fma(fma(fma(y, t, low[0]), t, low[1]), t, low[2]), t, low[3]), t, low[4])
-
-
-@inlined_kernel
-def _stiffness(k0, stretch):
-    """Return the springs' stiffness in units of the step and m1: small on large, eq. 15."""
-    return k0 * (1.0 + 2.0 / (stretch * stretch * stretch))
 
 
 @inlined_kernel
@@ -204,14 +213,14 @@ def _moved(generator, cubic, k2, t, z):
 
 @inlined_kernel
 def _next(generator, k2, y, f, z):
-    """Return the generator times y, plus f z."""
-    k1, d, c, share = generator
+    """Return the generator times y, plus f z: (1) of docs/model.md, and (2) less (1)."""
+    k1, d, c, both = generator
     coupling, outer = fma(c, y[3], k2 * y[1]), fma(d, y[2], k1 * y[0])
     return (
         fma(f, z[0], y[2]),
         fma(f, z[1], y[3]),
         fma(f, z[2], coupling - outer),
-        fma(f, z[3], fma(-share, coupling, outer)),
+        fma(f, z[3], fma(-both, coupling, outer)),
     )
 
 
@@ -219,7 +228,8 @@ def _next(generator, k2, y, f, z):
 def _steady(generator, ratio, k2, force, turn):
     """Return the steady motion under a harmonic force, whose phase advances by `turn` in a step.
 
-    That is x1 and offset, per cosine and per sine of the phase (force times the sine), and `turn`.
+    That is x1 and offset, per cosine and per sine of the phase (force times the sine), and `turn`:
+    (20) of docs/model.md.
     """
     k1, d, c, _ = generator
     inertia = ratio * turn * turn

@@ -84,7 +84,7 @@ class CayleyHamilton(ExactMethod):
                 p["d"] * h / m1,
                 p["c"] * h / m1,
             )
-            model[ch.K0], model[ch.PUSH] = 2 * Decimal(float(support.low[at.K0])) * unit, unit
+            model[ch.K0], model[ch.PUSH] = Decimal(float(support.low[at.K0])) * unit, unit
             model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
             model[ch.SCALE] = 1 / half if half else 0
             model[ch.IS_PUSHED] = not support.fixed(at.FORCE)

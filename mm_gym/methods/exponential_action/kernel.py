@@ -16,6 +16,7 @@ import math
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.memory import on_cache_line
 
 DEGREE, PIECES, UNIFORM = (at.MODEL_OWN + i for i in range(3))  # UNIFORM: parameters are fixed
@@ -26,11 +27,11 @@ DEGREE, PIECES, UNIFORM = (at.MODEL_OWN + i for i in range(3))  # UNIFORM: param
 WIDTH = 64
 
 # Scratch: at the piece's start x1, the sphere's offset, v1, the slip velocity; their partial
-# sums; then 1/m1, k1/m1, d/m1, c/m1, 2 k0/m1, 1 + m1/m2; and with this step's stretch and force
-# k2/m1 and force/m1. Offset and slip need fewer operations than x2 and v2.
+# sums; then 1/m1, k1/m1, d/m1, c/m1, k0/m1, 1 + m1/m2; and with this step's stretch and force k2/m1
+# and force/m1. Offset and slip need fewer operations than x2 and v2.
 _ROWS = 16 * WIDTH
 _X1, _OFFSET, _V1, _SLIP, _Y1, _Y2, _W1, _W2, *_COEFFICIENTS = range(0, _ROWS, WIDTH)
-_PER_MASS, _K1, _D1, _C1, _K0, _SHARE, _K2, _HELD = _COEFFICIENTS
+_PER_MASS, _K1, _D1, _C1, _K0, _BOTH, _K2, _HELD = _COEFFICIENTS
 
 # Drive: accelerations that forces on the carriage cause, then those of the ground, a row for each
 # order of a pass.
@@ -38,15 +39,15 @@ ORDERS = 3  # summed in one pass; the degree is rounded up to a multiple
 _GROUND = ORDERS * WIDTH
 _DRIVE_ROWS = 2 * _GROUND
 
-# Harmonics: cosine and sine at the piece's start, scaled to an acceleration; their partial sums; and
-# the frequency.
+# Harmonics: cosine and sine at the piece's start, scaled to an acceleration; their partial sums;
+# and the frequency.
 _HARMONIC_ROWS = 5 * WIDTH
 _COSINE, _SINE, _COSINE_SUM, _SINE_SUM, _FREQUENCY = range(0, _HARMONIC_ROWS, WIDTH)
 
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance m x'' = forces by one control step; force and stretch are held over it."""
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     count = int(model[at.HARMONIC_COUNT])
     scratch, drive = on_cache_line(_ROWS), on_cache_line(_DRIVE_ROWS)
     harmonics = on_cache_line(count * _HARMONIC_ROWS).reshape(count, _HARMONIC_ROWS)
@@ -61,6 +62,22 @@ def propagate(model, lanes, first, last):
 
 @borrowing_kernel
 def _propagate(model, lanes, scratch, drive, harmonics, jets, first, count):
+    """Advance a few lanes, whose parameters are loaded.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    lanes
+        (rows, count) read, and the state written.
+    scratch
+        (_ROWS,) read and written: parameters, state and partial sums.
+    drive, harmonics, jets
+        (_DRIVE_ROWS,), (harmonics, _HARMONIC_ROWS) and (2 terms, WIDTH), written: room for what
+        excites the lanes, as accelerations.
+    first, count
+        The lanes: count from first on, at most WIDTH.
+    """
     pieces, ground = int(model[PIECES]), int(model[at.GROUND])
     highest = ORDERS * math.ceil(model[DEGREE] / ORDERS)
     h = model[at.SAMPLE_INTERVAL] / pieces
@@ -104,9 +121,7 @@ def _load_state(lanes, scratch, first, count):
         scratch[_X1 + i], scratch[_OFFSET + i] = x1[i], x2[i] - x1[i]
         scratch[_V1 + i], scratch[_SLIP + i] = v1[i], v2[i] - v1[i]
     for i in range(count):
-        # Small on large, eq. 15 of the paper.
-        softening = 2.0 / (stretch[i] * stretch[i] * stretch[i])
-        scratch[_K2 + i] = scratch[_K0 + i] * (1.0 + softening)
+        scratch[_K2 + i] = stiffness(scratch[_K0 + i], stretch[i])
         scratch[_HELD + i] = force[i] * scratch[_PER_MASS + i]
 
 
@@ -132,14 +147,28 @@ def _load_parameters(lanes, scratch, first, count):
     d, c = lanes[at.D, first:], lanes[at.C, first:]
     for i in range(count):
         per_mass = 1.0 / m1[i]
-        scratch[_PER_MASS + i], scratch[_SHARE + i] = per_mass, 1.0 + m1[i] / m2[i]
-        scratch[_K1 + i], scratch[_K0 + i] = k1[i] * alpha[i] * per_mass, 2.0 * k0[i] * per_mass
+        scratch[_PER_MASS + i], scratch[_BOTH + i] = per_mass, 1.0 + m1[i] / m2[i]
+        scratch[_K1 + i], scratch[_K0 + i] = k1[i] * alpha[i] * per_mass, k0[i] * per_mass
         scratch[_D1 + i], scratch[_C1 + i] = d[i] * per_mass, c[i] * per_mass
 
 
 @borrowing_kernel
 def _load_harmonic(lanes, scratch, harmonic, j, ground, first, count):
-    """Copy a harmonic's phase, scaled to an acceleration."""
+    """Copy a harmonic's phase, scaled to an acceleration.
+
+    Parameters
+    ----------
+    lanes
+        (rows, count) read: row j of harmonics.
+    scratch
+        (_ROWS,) read: 1 / m1.
+    harmonic
+        (_HARMONIC_ROWS,) written [m/s^2, rad/s].
+    j, ground
+        Number of the harmonic, and whether it shakes the ground.
+    first, count
+        The lanes: count from first on.
+    """
     row = at.HARMONICS + at.HARMONIC_ROWS * j
     amplitudes, frequencies = lanes[row + at.AMPLITUDE, first:], lanes[row + at.FREQUENCY, first:]
     cosines, sines = lanes[row + at.COSINE, first:], lanes[row + at.SINE, first:]
@@ -162,7 +191,19 @@ def _continue_harmonic(harmonic, count):
 
 @borrowing_kernel
 def _load_jets(model, lanes, scratch, jets, first, count):
-    """Copy both jets as accelerations, coefficients of (t / h)^n with h the series' piece."""
+    """Copy both jets as accelerations, coefficients of (t / h)^n with h the series' piece.
+
+    Parameters
+    ----------
+    model, lanes
+        (m,) and (rows, count), read: the jets of force [N] and of ground acceleration [m/s^2].
+    scratch
+        (_ROWS,) read: 1 / m1.
+    jets
+        (2 terms, WIDTH) written [m/s^2].
+    first, count
+        The lanes: count from first on.
+    """
     terms, row, pieces = int(model[at.TERMS]), int(model[at.JETS]), model[PIECES]
     for k in range(2 * terms):
         coefficients, scale = lanes[row + k, first:], pieces ** -(k % terms)
@@ -225,7 +266,21 @@ def _hold(scratch, drive, count):
 
 @borrowing_kernel
 def _excite(drive, harmonics, first_harmonic, ground, h, order, count):
-    """Add to the drive of the next orders what the harmonics contribute."""
+    """Add to the drive of the next orders what the harmonics contribute.
+
+    Parameters
+    ----------
+    drive
+        (_DRIVE_ROWS,) read and written [m/s^2].
+    harmonics
+        (harmonics, _HARMONIC_ROWS) read, and their partial sums written [m/s^2].
+    first_harmonic
+        Number of the first one to add.
+    ground
+        Bit j: whether harmonic j shakes the ground.
+    h, order, count
+        Piece [s], the next order, and the number of lanes.
+    """
     for j in range(first_harmonic, harmonics.shape[0]):
         _add_harmonic(
             harmonics[j], drive[_GROUND:] if (ground >> j) & 1 else drive, h, order, count
@@ -269,7 +324,19 @@ def _sum(scratch, drive, h, order, count):
 
 @borrowing_kernel
 def _sum_with_harmonic(scratch, drive, harmonic, h, order, count):
-    """Take the sum down by ORDERS orders, and that of a harmonic which drives the carriage."""
+    """Take the sum down by ORDERS orders, and that of a harmonic which drives the carriage.
+
+    Parameters
+    ----------
+    scratch
+        (_ROWS,) read, and the partial sums written.
+    drive
+        (_DRIVE_ROWS,) read [m/s^2]: what else excites the lanes.
+    harmonic
+        (_HARMONIC_ROWS,) read, and its partial sums written [m/s^2].
+    h, order, count
+        Piece [s], the next order, and the number of lanes.
+    """
     prefer_widest_vectors()
     step0, step1, step2 = h / order, h / (order - 1), h / (order - 2)
     for i in range(count):
@@ -291,12 +358,24 @@ def _sum_with_harmonic(scratch, drive, harmonic, h, order, count):
 
 @borrowing_kernel
 def _next(scratch, i, force, ground, step, state, y):
-    """Return state + step (A y + excitation)."""
+    """Return state + step (A y + excitation).
+
+    Parameters
+    ----------
+    scratch, i
+        (_ROWS,) read: the coefficients of the i-th lane.
+    force, ground
+        Accelerations [m/s^2] that the carriage's forces cause, and of the ground.
+    step
+        Piece over order [s].
+    state, y
+        x1, offset [m], v1 and w [m/s]: at the piece's start, and the partial sum.
+    """
     x1, offset, v1, w = y
     coupling = fma(scratch[_C1 + i], w, scratch[_K2 + i] * offset)
     outer = fma(-scratch[_D1 + i], v1, fma(-scratch[_K1 + i], x1, force))
-    a1 = coupling + (outer + ground)
-    a2 = fma(-scratch[_SHARE + i], coupling, -outer)  # of the slip: the ground moves both masses
+    a1 = coupling + (outer + ground)  # (1) of docs/model.md
+    a2 = fma(-scratch[_BOTH + i], coupling, -outer)  # (2) less (1): the ground moves both
     return (
         fma(step, v1, state[0]),
         fma(step, w, state[1]),

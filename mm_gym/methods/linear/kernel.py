@@ -14,15 +14,15 @@ from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_co
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine and 4
-# to its sine, then 4 to each term of both jets.
+# Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
+# and 4 to its sine, then 4 to each term of both jets.
 TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
-    """Advance x' = A x + B u + E z by one control step; u is held, z turns (Van Loan, 1978)."""
+    """Advance x' = A x + B u + E z by one sample interval; u is held, z turns (Van Loan, 1978)."""
     to_x1, to_x2, to_v1, to_v2 = transition(model)
     x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
@@ -64,6 +64,7 @@ def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
 
     @borrowing_kernel
     def step(task, model, lanes, frames, ends, streams, actions, first, last):
+        """Make one control step; arguments as of `control_step.in_turn`'s."""
         if not is_simple(task, model, frames):
             return in_turn(task, model, lanes, frames, ends, streams, actions, first, last)
         status = _push_score_and_show(task, model, lanes, frames, actions, first, last)
@@ -90,7 +91,21 @@ def is_simple(task, model, frames):
 
 @borrowing_kernel
 def _push_score_and_show(task, model, lanes, frames, actions, first, last):
-    """Command, propagate, score and observe; return the status."""
+    """Command, propagate, score and observe; return the status.
+
+    Parameters
+    ----------
+    task, model
+        (t,) and (m,), read.
+    lanes
+        (rows, count) read and written: state, force [N] and reward.
+    frames
+        (4, count) float32, written: the observation.
+    actions
+        (count,) read, in [-1, 1] or beyond.
+    first, last
+        The lanes first .. last - 1.
+    """
     prefer_widest_vectors()
     limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)
     to_x1, to_x2, to_v1, to_v2 = transition(model)
@@ -136,5 +151,15 @@ def five(model, k):
 
 @borrowing_kernel
 def product(m, x1, x2, v1, v2, u):
-    """Return a row of the transition matrix times state and force."""
+    """Return a row of the transition matrix times state and force.
+
+    Parameters
+    ----------
+    m
+        The row's five coefficients.
+    x1, x2, v1, v2
+        State [m, m/s].
+    u
+        Force on the carriage [N].
+    """
     return fma(m[0], x1, fma(m[1], x2, fma(m[2], v1, fma(m[3], v2, m[4] * u))))

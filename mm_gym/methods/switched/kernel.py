@@ -1,12 +1,12 @@
 """Event-exact propagation of a linear plant with dry friction (eq. 9 of the paper).
 
-Within a regime (stick, or slip in either direction) the plant is affine, and a ladder of
-precomputed transition matrices for the control step and its halves, quarters, ... advances it
-exactly. An interval of the ladder is taken whole if the slip velocity w provably stays in its
-regime: a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which
-the model bounds. Otherwise the interval is halved. The last level is short enough for a Taylor
-series (kernels/friction.py), which finds every crossing to round-off, two within one step included;
-there is no tolerance.
+Within a regime (stick, or slip in either direction) the plant is affine, and precomputed
+transition matrices for the sample interval and its halves, quarters, ... (levels) advance it
+exactly. An interval of a level is taken whole if the slip velocity w provably stays in its regime:
+a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which the
+model bounds. Otherwise the interval is halved. The last level is short enough for a Taylor series
+(`series_kernel`), which finds every crossing to round-off, two within one step included; there is
+no tolerance.
 
 The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory
 never rests there.
@@ -28,16 +28,16 @@ from mm_gym.methods.switched.series_kernel import (
     walk,
 )
 
-# Slots of the model; STICK and SLIP hold where the levels of each regime begin, the whole control
-# step first.
+# Slots of the model; STICK and SLIP hold where the levels of each regime begin, the whole sample
+# interval first.
 VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE = (at.MODEL_OWN + i for i in range(6))
 REGIMES = at.MODEL_OWN + 6
 
-# Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change of
-# w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
+# Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change
+# of w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
 SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, HARMONICS = 0, 6, 30, 36, 42, 43
-# Then for each harmonic the same against cosine and sine times amplitude, and the cosine and sine of
-# its turn.
+# Then for each harmonic the same against cosine and sine times amplitude, and the cosine and sine
+# of its turn.
 HARMONIC_SECOND, HARMONIC_ROWS, HARMONIC_CHANGE, HARMONIC_GAINS, HARMONIC_TURN, HARMONIC_SIZE = (
     0,
     2,
@@ -53,21 +53,21 @@ _HARMONIC_SLOTS = (
 )
 
 MOST_INTERVALS = 1 << 20
-"""Intervals tried in one control step before giving up: some 0.1 s of work."""
+"""Intervals tried in one sample interval before giving up: some 0.1 s of work."""
 
 # Some lanes at a time are worked on with scratch rows that lie WIDTH apart: with distances known
 # when it is compiled, the compiler vectorises the loops without checking for overlap.
 WIDTH = 64
 
-# Scratch: the next state, whether a lane may leave its regime, and what the harmonics add to the state,
-# to w'' now, to the change of w and to the gains.
+# Scratch: the next state, whether a lane may leave its regime, and what the harmonics add to the
+# state, to w'' now, to the change of w and to the gains.
 _LEAVES, _ADDED = 4 * WIDTH, 5 * WIDTH
 _SCRATCH_ROWS = 12 * WIDTH
 
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one control step; force and stretch are held over it."""
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
     scratch = np.zeros(_SCRATCH_ROWS)
     for start in range(first, last, WIDTH):
@@ -85,7 +85,7 @@ def propagate(model, lanes, first, last):
 def _stays(vr, sign, w, next_w, bend):
     """Tell whether w stays in its regime all the way.
 
-    It does if the chord leaves room for the bend, 4 times the largest sag.
+    It does if the chord from w to next_w leaves room for the bend, 4 times the largest sag [m/s].
     """
     chord = w + next_w
     room = 2.0 * vr - abs(chord) if sign == 0.0 else sign * chord - 2.0 * vr
@@ -165,7 +165,19 @@ def _product(m, z):
 
 @borrowing_kernel
 def _add_harmonic(model, lanes, scratch, j, first, count):
-    """Add what a harmonic contributes to the rows of `_level`."""
+    """Add what a harmonic contributes to the rows of `_level`.
+
+    Parameters
+    ----------
+    model, lanes
+        (m,) and (rows, count), read.
+    scratch
+        (_SCRATCH_ROWS,) read and written: rows from _ADDED on, of `count` lanes.
+    j
+        Number of the harmonic.
+    first, count
+        The lanes: count from first on.
+    """
     vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
     harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, HARMONICS + HARMONIC_SIZE * j
     amplitudes = lanes[harmonic + at.AMPLITUDE, first:]
@@ -206,9 +218,27 @@ def _follow(model, lanes, scratch, first, count):
 
 @kernel
 def _propagate_by_intervals(model, lanes, i, z, p, c):
-    """Walk through the control step on the ladder; on the series where the regime may change.
+    """Walk through the sample interval level by level; on the series where the regime may change.
 
-    z and c are room for the inputs and the series; p has the coefficients.
+    Parameters
+    ----------
+    model
+        (m,) read: the levels of both regimes.
+    lanes
+        (rows, count) read and written: the state, force and harmonics of lane i.
+    i
+        The lane.
+    z
+        (7 + 2 harmonics,) written: room for the inputs, see `_load_inputs`.
+    p
+        (COEFFICIENTS,) read, but for the held force, written: see `load_coefficients`.
+    c
+        (SERIES,) written: room for the series, zeroed when it was made.
+
+    Returns
+    -------
+    int
+        Status.
     """
     last_level, size, degree = int(model[LAST_LEVEL]), int(model[LEVEL_SIZE]), int(model[DEGREE])
     vr = model[VR]

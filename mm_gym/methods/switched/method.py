@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import CompileError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
+from mm_gym.kernels.jit import plain
 from mm_gym.methods.base import ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel as switched
@@ -72,9 +74,9 @@ class Switched(ExactMethod):
             Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
         )
         with localcontext(Context(prec=60)):
-            stick = mu1 * normal / vr
-            offset = mu2 * normal - chi * vr
-        phase = fastest_rate(support, max(float(stick), float(chi))) * support.sample_interval
+            stick = plain(laws.stick_slope)(mu1, normal, vr)
+            intercept = plain(laws.slip_intercept)(plain(laws.kinetic_force)(mu2, normal), chi, vr)
+        phase = fastest_rate(support) * support.sample_interval
         refuse_long_interval(
             support, phase, LONGEST_DECAY, "the shortest time constant of the friction"
         )
@@ -88,7 +90,7 @@ class Switched(ExactMethod):
         levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
         with refuse_overflow(support):
             regimes = [
-                _regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, offset))
+                _regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, intercept))
             ]
         model = header(support, switched.REGIMES - at.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels

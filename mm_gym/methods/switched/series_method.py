@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
 from mm_gym.methods.base import ExactMethod, Settings, degree, header
 from mm_gym.methods.support import PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR, fastest_rate
@@ -36,9 +35,7 @@ class SwitchedSeries(ExactMethod):
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the degree of the series."""
-        low, high = support.low, support.high
-        damping = max(high[at.MU1] * high[at.FN] / low[at.VR], high[at.CHI])
-        phase = fastest_rate(support, damping) * support.sample_interval
+        phase = fastest_rate(support) * support.sample_interval
         refuse_long_interval(
             support, phase, LONGEST_INTERVAL, "the shortest time constant that the scene can have"
         )

@@ -1,9 +1,9 @@
-"""The series of `kernels.taylor` on many lanes at a time, for the plain case.
+"""The series of `taylor.kernel` on many lanes at a time, for the plain case.
 
 That is the cubic spring without friction, sources or springs of finite stretch. Every lane has a
-slot in the vectors; one whose control step is done makes room for the next. A lane's arithmetic and
-its decisions are those of `kernels.taylor`, operation by operation: results depend neither on which
-of the two works, nor on a lane's neighbours.
+slot in the vectors; one whose sample interval is done makes room for the next. A lane's arithmetic
+and its decisions are those of `taylor.kernel`, operation by operation: results depend neither on
+which of the two works, nor on a lane's neighbours.
 """
 
 from __future__ import annotations
@@ -22,16 +22,14 @@ from mm_gym.methods.taylor.simd import LANES, alike, larger, none, rows_of, smal
 FEWEST_LANES = 4
 """Lanes from which on a block is quicker than one lane after the other."""
 
-# Rows behind those of the series and the coefficients: where each slot is in its control step.
-_LANE, _ELAPSED, _UNIT, _REMAINING, _SHARE, _COUNT, _ORDER, _THETA, _STATUS, _END = (
-    rows.SIZE + k for k in range(10)
-)
+# Rows behind those of the series and the coefficients: where each slot is in its sample interval.
+_LANE, _ELAPSED, _UNIT, _COUNT, _ORDER, _STATUS, _END = (rows.SIZE + k for k in range(7))
 _IDLE = _BUSY = -1.0  # values of the rows LANE and STATUS
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one control step; force and stretch are held over it."""
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     if last - first < FEWEST_LANES or not _is_plain(model):
         return taylor.propagate(model, lanes, first, last)
     return _propagate_in_slots(model, lanes, first, last)
@@ -40,7 +38,7 @@ def propagate(model, lanes, first, last):
 @kernel
 def _propagate_in_slots(model, lanes, first, last):
     c, b = np.zeros(rows.SIZE), on_cache_line(_END * LANES)
-    taylor.write_shares(model, c)
+    taylor.write_reciprocals(model, c)
     return _propagate(model, lanes, c, b, first, last)
 
 
@@ -58,7 +56,21 @@ def _is_plain(model):
 
 @borrowing_kernel
 def _propagate(model, lanes, c, b, first, last):
-    """Advance the lanes, each in a slot as soon as one is free."""
+    """Advance the lanes, each in a slot as soon as one is free.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    lanes
+        (rows, count) read, and the state written.
+    c
+        (rows.SIZE,) read: 1 / n; the coefficients of one lane are written.
+    b
+        (_END * LANES,) written: room for LANES slots.
+    first, last
+        The lanes first .. last - 1.
+    """
     most, status, waiting, busy = int(model[rows.ORDER]), at.OK, first, 0
     for i in range(LANES):
         waiting = _occupy(lanes, c, b, i, waiting, last)
@@ -78,7 +90,21 @@ def _propagate(model, lanes, c, b, first, last):
 
 @borrowing_kernel
 def _occupy(lanes, c, b, i, lane, last):
-    """Load a lane into a slot, or rest when there is none; return the next lane."""
+    """Load a lane into a slot, or rest when there is none; return the next lane.
+
+    Parameters
+    ----------
+    lanes
+        (rows, count) read.
+    c
+        (rows.SIZE,) written: the coefficients of the lane.
+    b
+        (_END * LANES,) written: the rows of slot i.
+    i
+        Number of the slot.
+    lane, last
+        The lane, and the number of lanes: from there on there is none.
+    """
     b[_ELAPSED * LANES + i] = b[_COUNT * LANES + i] = b[_UNIT * LANES + i] = 0.0
     b[_LANE * LANES + i] = _IDLE
     if lane >= last:
@@ -111,12 +137,12 @@ def _advance(model, c, b, most):
     rest = duration - b[_ELAPSED]
     unit = smaller(b[_UNIT], rest)
     remaining = where(unit > 0.0, rest / unit, 1.0)
-    share = taylor_step.share_of(tolerance, unit, duration)
+    part = taylor_step.allotted(tolerance, unit, duration)
     b[_UNIT] = unit
-    top = _expand(b, c, where(remaining == 1.0, share, -1.0), most)
+    top = _expand(b, c, where(remaining == 1.0, part, -1.0), most)
     order, theta = b[_ORDER], alike(unit, 1.0)
     if top == most:
-        step = smaller(taylor_step.step_of(b, c, share, most), remaining)
+        step = smaller(taylor_step.step_of(b, c, part, most), remaining)
         theta = where(order < float(most), 1.0, step)
     size = _evaluate(b, theta, order, top)
     elapsed, count = b[_ELAPSED] + theta * unit, b[_COUNT] + 1.0
@@ -149,7 +175,7 @@ def _expand(b, c, enough, most):
     none_ends, order = none(enough > 0.0), alike(unit, float(most))
     for m in range(most // 2):
         n = m + m
-        step, next_step = unit * c[rows.SHARE + n], unit * c[rows.SHARE + n + 1]
+        step, next_step = unit * c[rows.RECIPROCAL + n], unit * c[rows.RECIPROCAL + n + 1]
         next_x1, next_x2 = step * v1, step * v2
         b[rows.X1 + n + 1], b[rows.X2 + n + 1] = next_x1, next_x2
         cube, next_cube = taylor.cubes(b, m, x1, next_x1)

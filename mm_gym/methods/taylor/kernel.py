@@ -11,25 +11,26 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.events import NONE, first_exit, sign_of
+from mm_gym.kernels.arithmetic import fma, write_inverse_square
+from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
 from mm_gym.kernels.jets import write_series
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
+from mm_gym.kernels.laws import interface_line, slip_intercept, stiffness
 from mm_gym.kernels.memory import span
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor.simd import alike
-from mm_gym.methods.taylor.step_size_kernel import FEWEST, is_enough, share_of, step_of
+from mm_gym.methods.taylor.step_size_kernel import FEWEST, allotted, is_enough, step_of
 
 MOST_STEPS = 20_000
-"""Series in one control step before giving up: some 0.01 s of work."""
+"""Series in one sample interval before giving up: some 0.01 s of work."""
 
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one control step; force and stretch are held over it."""
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     status = at.OK
     c = np.zeros(rows.SIZE)
-    write_shares(model, c)
+    write_reciprocals(model, c)
     for i in range(first, last):
         coefficients(lanes, i, model[rows.HAS_FRICTION] > 0.0, c)
         status = max(status, _propagate_lane(model, lanes, i, c))
@@ -37,54 +38,25 @@ def propagate(model, lanes, first, last):
 
 
 @borrowing_kernel
-def write_shares(model, c):
-    """Write 1 / n for every order."""
+def write_reciprocals(model, c):
+    """Write 1 / n for every order n."""
     for n in range(int(model[rows.ORDER])):
-        c[rows.SHARE + n] = 1.0 / (n + 1.0)
+        c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
 
 
 @borrowing_kernel
 def coefficients(lanes, i, friction, c):
-    """Write what the equations of lane i need."""
-    mu1, mu2, vr = lanes[at.MU1, i], lanes[at.MU2, i], lanes[at.VR, i]
-    normal, stretch, k0 = lanes[at.FN, i], lanes[at.STRETCH, i], lanes[at.K0, i]
+    """Write what the equations of lane i need to c (rows.SIZE,), in SI units."""
+    k1, k0, stretch = lanes[at.K1, i], lanes[at.K0, i], lanes[at.STRETCH, i]
     c[rows.BY_M1], c[rows.BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
-    c[rows.D], c[rows.C] = lanes[at.D, i], lanes[at.C, i]
-    c[rows.K1], c[rows.BETA] = (
-        lanes[at.K1, i] * lanes[at.ALPHA, i],
-        lanes[at.K1, i] * lanes[at.BETA, i],
-    )
-    c[rows.K0], c[rows.L0], c[rows.STRETCH], c[rows.U] = (
-        k0,
-        lanes[at.L0, i],
-        stretch,
-        lanes[at.FORCE, i],
-    )
-    # Small on large, eq. 15 of the paper: k2 = 2 k0 (1 + 2 / stretch**3).
-    c[rows.K2] = 2.0 * k0 * (1.0 + 2.0 / (stretch * stretch * stretch)) if k0 > 0.0 else 0.0
-    c[rows.VR], c[rows.CHI] = np.inf, 0.0
-    if friction:
-        c[rows.VR], c[rows.CHI], c[rows.C] = vr, lanes[at.CHI, i], mu1 * normal / vr
-        c[rows.SLIP_FORCE] = mu2 * normal - c[rows.CHI] * vr
-
-
-@borrowing_kernel
-def interface_and_springs(c, offset, w, finite):
-    """Return the force on the carriage from a viscous interface and the springs between the masses.
-
-    See docs/model.md.
-    """
-    if not finite:
-        return c[rows.C] * w + c[rows.K2] * offset
-    long, short = c[rows.STRETCH] + offset / c[rows.L0], c[rows.STRETCH] - offset / c[rows.L0]
-    pair = (long - 1.0 / (long * long)) - (short - 1.0 / (short * short))
-    return c[rows.C] * w + c[rows.K0] * c[rows.L0] * pair
-
-
-@borrowing_kernel
-def outer_forces(c, x1, v1):
-    """Return the resistance of the carriage's spring and damper less the held force."""
-    return (c[rows.K1] + c[rows.BETA] * x1 * x1) * x1 + c[rows.D] * v1 - c[rows.U]
+    c[rows.K1], c[rows.BETA] = k1 * lanes[at.ALPHA, i], k1 * lanes[at.BETA, i]
+    c[rows.D], c[rows.C], c[rows.U] = lanes[at.D, i], lanes[at.C, i], lanes[at.FORCE, i]
+    c[rows.K0], c[rows.L0], c[rows.STRETCH] = k0, lanes[at.L0, i], stretch
+    c[rows.K2] = stiffness(k0, stretch) if k0 > 0.0 else 0.0
+    c[rows.VR] = np.inf
+    if friction:  # else these rows of lanes need not be read
+        c[rows.VR], c[rows.CHI] = lanes[at.VR, i], lanes[at.CHI, i]
+        c[rows.INTERCEPT] = slip_intercept(lanes[at.KINETIC_FORCE, i], c[rows.CHI], c[rows.VR])
 
 
 @borrowing_kernel
@@ -105,7 +77,7 @@ def _propagate_lane(model, lanes, i, c):
         c[rows.STATE + row] = lanes[row, i]
     w = c[rows.STATE + 4] = lanes[at.V2, i] - lanes[at.V1, i]
     regime = sign_of(vr, w)
-    upper, lower = vr - w, vr + w  # how far the slip velocity is below v_r and above -v_r
+    upper, lower = gaps_of(vr, w)
     elapsed = 0.0
     unit = (
         duration  # the series' unit of time: about the length of a step, so that no term overflows
@@ -113,24 +85,26 @@ def _propagate_lane(model, lanes, i, c):
     for _ in range(MOST_STEPS):
         write_series(c, rows.WIDTH, model, lanes, i, elapsed, unit, most)
         remaining = (duration - elapsed) / unit
-        share = share_of(tolerance, unit, duration)
-        enough = share if remaining == 1.0 else -1.0
+        part = allotted(tolerance, unit, duration)
+        enough = part if remaining == 1.0 else -1.0
         order = _expand(c, cubic, finite, friction, regime, unit, most, enough)
         if order < FEWEST:
             return at.COLLAPSED
-        theta = 1.0 if order < most else min(step_of(c, c, share, order), remaining)
+        theta = 1.0 if order < most else min(step_of(c, c, part, order), remaining)
         direction = 0.0
         if friction:
-            exit_at, direction = _exit(c, regime, upper, lower, theta, order)
+            exit_at, direction = regime_exit_within(
+                c, rows.W, rows.SCALED, order, theta, regime, upper, lower
+            )
             theta = theta if exit_at == NONE else theta * exit_at
         if not _evaluate(c, friction, theta, order):
             return at.DIVERGED
         if direction != 0.0:
             regime = direction - regime
             c[rows.STATE + 4] = direction * vr
-            upper, lower = (0.0, 2.0 * vr) if direction > 0.0 else (2.0 * vr, 0.0)
+            upper, lower = gaps_on(vr, direction)
         else:
-            upper, lower = vr - c[rows.STATE + 4], vr + c[rows.STATE + 4]
+            upper, lower = gaps_of(vr, c[rows.STATE + 4])
         elapsed += theta * unit
         if (theta == remaining and direction == 0.0) or elapsed >= duration:
             for row in range(4):
@@ -141,28 +115,6 @@ def _propagate_lane(model, lanes, i, c):
 
 
 @borrowing_kernel
-def _exit(series, regime, upper, lower, theta, order):
-    """Return where in the step the regime ends, as a fraction of it, and at which boundary.
-
-    The boundary is 1 or -1; NONE and 0 if the regime does not end.
-    """
-    power = 1.0
-    for n in range(1, order + 1):
-        power *= theta
-        series[rows.SCALED + n] = series[rows.W + n] * power
-    if regime != 0.0:
-        at_time = first_exit(series, rows.SCALED, order, -upper if regime > 0.0 else -lower, regime)
-        return at_time, 0.0 if at_time == NONE else regime
-    up, down = (
-        first_exit(series, rows.SCALED, order, upper, -1.0),
-        first_exit(series, rows.SCALED, order, lower, 1.0),
-    )
-    if up == NONE and down == NONE:
-        return NONE, 0.0
-    return (up, 1.0) if up <= down else (down, -1.0)
-
-
-@borrowing_kernel
 def _expand(c, cubic, finite, friction, regime, unit, most, enough):
     """Write the series of the state; return its order, 0 if a spring collapsed.
 
@@ -170,6 +122,21 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
     last terms are below the tolerance `enough` of the velocities, at most `most`, and even: two
     orders are worked out together, because positions follow from the velocities before them, so
     that what depends on positions is known for both.
+
+    Parameters
+    ----------
+    c
+        (rows.SIZE,) read: state, coefficients, and the series of force [N] and of ground
+        acceleration [m/s^2]; written: all other series.
+    cubic, finite, friction
+        Whether the carriage's spring is cubic, the sphere's springs are of finite stretch, and
+        there is dry friction.
+    regime
+        Direction of slip, or 0 for stick.
+    unit
+        Unit of time of the series [s].
+    most, enough
+        The largest order, and the tolerance; negative if the order is to be the largest.
     """
     x1, x2, v1, v2 = c[rows.STATE], c[rows.STATE + 1], c[rows.STATE + 2], c[rows.STATE + 3]
     w = c[rows.STATE + 4]
@@ -183,12 +150,12 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
         c[rows.BETA],
     )
     k2 = 0.0 if finite else k2
-    damping = c[rows.C] if regime == 0.0 else c[rows.CHI]
-    held, slip = c[rows.U], (0.0 if regime == 0.0 else regime * c[rows.SLIP_FORCE])
+    damping, slip = interface_line(regime, c[rows.C], c[rows.CHI], c[rows.INTERCEPT])
+    held = c[rows.U]
     c[rows.X1], c[rows.X2], c[rows.V1], c[rows.V2], c[rows.W] = x1, x2, v1, v2, w
     for m in range(most // 2):
         n = m + m
-        step, next_step = unit * c[rows.SHARE + n], unit * c[rows.SHARE + n + 1]
+        step, next_step = unit * c[rows.RECIPROCAL + n], unit * c[rows.RECIPROCAL + n + 1]
         next_x1, next_x2 = step * v1, step * v2
         c[rows.X1 + n + 1], c[rows.X2 + n + 1] = next_x1, next_x2
         cube = next_cube = 0.0
@@ -218,14 +185,32 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
 def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction):
     """Write and return term n + 1 of the velocities, given term n and the forces.
 
-    Those are what the springs between the masses, and the carriage's, add.
+    Parameters
+    ----------
+    c
+        (rows.SIZE,) read: the series of force and ground acceleration; written: those of v1, v2, w.
+    n
+        Order of the terms given.
+    step
+        Unit of time over n + 1 [s].
+    by_m1, by_m2
+        1 / m1 and 1 / m2 [1/kg].
+    d, damping
+        Of the carriage, and slope of the interface [N s/m].
+    inner, outer
+        Terms n of what else acts between the masses, and of what resists the carriage, but for the
+        excitation [N].
+    v1, v2, w
+        Terms n of the velocities [m/s]; w is read with friction only.
+    friction
+        Whether there is dry friction.
     """
     outer -= c[rows.FORCE + n]
     if friction:
         # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
         creep, outer = damping * w, outer + d * v1
-        v1 = step * ((creep + inner - outer) * by_m1 - c[rows.GROUND + n])
-        v2 = step * (-(creep + inner) * by_m2 - c[rows.GROUND + n])
+        v1 = step * ((creep + inner - outer) * by_m1 - c[rows.GROUND + n])  # (1)
+        v2 = step * (-(creep + inner) * by_m2 - c[rows.GROUND + n])  # (2)
         w = step * (outer * by_m1 - (inner + creep) * (by_m1 + by_m2))
         c[rows.W + n + 1] = w
     else:
@@ -238,8 +223,19 @@ def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, f
 
 @inlined_kernel
 def accelerated(step, by_m1, by_m2, d, damping, inner, outer, ground, v1, v2):
-    """Return term n + 1 of the velocities, given term n, of a viscous interface."""
-    # Each term waits for the velocities, and for nothing else: they come last.
+    """Return term n + 1 of the velocities, given term n, of a viscous interface.
+
+    Parameters
+    ----------
+    step, by_m1, by_m2, d, damping, inner, outer
+        As for `_accelerate`; vectors of lanes too.
+    ground
+        Term n of the ground's acceleration [m/s^2].
+    v1, v2
+        Terms n of the velocities [m/s].
+    """
+    # (1) and (2) of docs/model.md. Each term waits for the velocities, and for nothing else: they
+    # come last.
     on1, on2 = fma(inner - outer, by_m1, -ground), fma(-inner, by_m2, -ground)
     slip = v2 - v1
     v1 = step * fma(-(damping + d) * by_m1, v1, fma(damping * by_m1, v2, on1))
@@ -248,10 +244,10 @@ def accelerated(step, by_m1, by_m2, d, damping, inner, outer, ground, v1, v2):
 
 @inlined_kernel
 def _pair(c, n):
-    """Return term n of the force of the springs of finite stretch."""
+    """Return term n of the force of the springs of finite stretch: (6) of docs/model.md."""
     offset = c[rows.X2 + n] - c[rows.X1 + n]
     return c[rows.K0] * fma(
-        2.0, offset, c[rows.L0] * (c[rows.SHORT_POWER + n] - c[rows.LONG_POWER + n])
+        2.0, offset, c[rows.L0] * (c[rows.SHORT_INVERSE + n] - c[rows.LONG_INVERSE + n])
     )
 
 
@@ -290,23 +286,15 @@ def cubes(c, m, newest, next_newest):
 
 @borrowing_kernel
 def _stretch(c, n):
-    """Write term n of both sides' stretch l and of u = l**-2; False if collapsed.
-
-    From n l0 u_n = -sum (n + j) l_j u_(n-j).
-    """
+    """Write term n of both sides' stretch l and of l**-2; False if collapsed."""
     for side in range(2):
-        stretch, power = rows.LONG + side * rows.WIDTH, rows.LONG_POWER + side * rows.WIDTH
+        stretch, inverse = rows.LONG + side * rows.WIDTH, rows.LONG_INVERSE + side * rows.WIDTH
         c[stretch + n] = (1.0 - 2.0 * side) * (c[rows.X2 + n] - c[rows.X1 + n]) / c[rows.L0]
         if n == 0:
             c[stretch] += c[rows.STRETCH]
             if not c[stretch] > 0.0:
                 return False
-            c[power] = 1.0 / (c[stretch] * c[stretch])
-        else:
-            total = 0.0
-            for j in range(1, n + 1):
-                total -= (n + j) * c[stretch + j] * c[power + n - j]
-            c[power + n] = total / (n * c[stretch])
+        write_inverse_square(c, stretch, inverse, n)
     return True
 
 

@@ -1,4 +1,4 @@
-"""Where things are in the arrays of the Taylor series: slots of the model, rows of a series."""
+"""Slots of the Taylor series' model, and rows of its series."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from mm_gym.kernels import layout as at
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
 
-# Rows of the series in one array, WIDTH apart; the first eight are those of kernels/friction.py.
+# Rows of the series in one array, WIDTH apart: the state; x1**2; what `write_series` writes; both
+# sides' stretch of a finite pair, and stretch**-2; w in units of a part of the step; and 1 / n.
 WIDTH = 36
-X1, X2, V1, V2, OFFSET, W, FORCE, GROUND = (WIDTH * k for k in range(8))
-SQUARE, LONG, SHORT, LONG_POWER, SHORT_POWER, SCALED, SHARE = (WIDTH * k for k in range(8, 15))
+X1, X2, V1, V2, W, SQUARE, FORCE, GROUND = (WIDTH * k for k in range(8))
+LONG, SHORT, LONG_INVERSE, SHORT_INVERSE, SCALED, RECIPROCAL = (WIDTH * k for k in range(8, 14))
 
 # Unsigned: an index that might be negative costs a comparison.
 ONE, SQUARES = np.uintp(1), np.uintp(SQUARE)
 
 # Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over
 # many costs time.
-STATE = WIDTH * 15
-BY_M1, BY_M2, K1, BETA, D, K2, K0, L0, STRETCH, U, C, CHI, SLIP_FORCE, VR, SIZE = (
+STATE = WIDTH * 14
+BY_M1, BY_M2, K1, BETA, D, K2, K0, L0, STRETCH, U, C, CHI, INTERCEPT, VR, SIZE = (
     STATE + 5 + k for k in range(15)
 )

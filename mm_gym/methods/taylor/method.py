@@ -52,10 +52,8 @@ class Taylor(Method):
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the order, the tolerance, and which forces there are."""
         model = header(support, 5)
-        low, high = support.low, support.high
-        friction = low[at.VR] > 0.0
-        damping = high[at.MU1] * high[at.FN] / low[at.VR] + high[at.CHI] if friction else None
-        phase = fastest_rate(support, damping) * support.sample_interval
+        high = support.high
+        phase = fastest_rate(support) * support.sample_interval
         if not phase <= SHORTEST_SERIES * kernel.MOST_STEPS:
             msg = (
                 f"control.time_step: a sample interval of {support.sample_interval} s spans "
@@ -68,7 +66,7 @@ class Taylor(Method):
         tolerance = MARGIN * max(settings.tolerance, TIGHTEST) / support.intervals_per_step
         model[series.ORDER] = _order(settings.tolerance)
         model[series.TOLERANCE] = tolerance
-        model[series.HAS_FRICTION] = friction
+        model[series.HAS_FRICTION] = support.slips
         model[series.IS_CUBIC] = high[at.BETA] > 0.0
         model[series.IS_FINITE] = high[at.L0] > 0.0
         return model

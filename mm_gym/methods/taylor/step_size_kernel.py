@@ -1,9 +1,9 @@
-"""How far a Taylor series reaches: what is left out of it, judged by its last terms."""
+"""Order and step of a Taylor series: what is left out of it shows in its last terms."""
 
 from __future__ import annotations
 
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
-from mm_gym.methods.taylor.layout import SHARE, V1, V2
+from mm_gym.methods.taylor.layout import RECIPROCAL, V1, V2
 from mm_gym.methods.taylor.simd import alike, larger, read_bits, smaller, where, write_bits
 
 FEWEST = 8
@@ -18,8 +18,8 @@ _SAFETY = 0.9  # the logarithm that steps follow from is 6 % coarse
 
 
 @inlined_kernel
-def share_of(tolerance, unit, duration):
-    """Return what a series may use of the tolerance: errors add up."""
+def allotted(tolerance, unit, duration):
+    """Return the part of the tolerance that a series may use: errors add up."""
     return larger(tolerance * unit / duration, _ROUND_OFF)
 
 
@@ -56,49 +56,75 @@ def _largest(c, first):
 
 
 @borrowing_kernel
-def step_of(c, shares, tolerance, order):
+def step_of(c, reciprocals, tolerance, order):
     """Return the step at which the last terms fall below the tolerance, in units of the series.
 
     Those are the ones that `_last` looks at.
 
-    Each velocity is judged by its own scale, down to 1e-6 of the other's: a fast sphere that
+    Each velocity counts by its own scale, down to 1e-6 of the other's: a fast sphere that
     nothing joins to the carriage must not hide the carriage's motion.
     """
     log = _log2(tolerance)
-    step1 = _step_of_one(c, shares, V1, V2, log, order)
-    step2 = _step_of_one(c, shares, V2, V1, log, order)
+    step1 = _step_of_one(c, reciprocals, V1, V2, log, order)
+    step2 = _step_of_one(c, reciprocals, V2, V1, log, order)
     return _SAFETY * _exp2(smaller(step1, step2))
 
 
 @inlined_kernel
-def _step_of_one(c, shares, row, other, log, order):
+def _step_of_one(c, reciprocals, row, other, log, order):
     """Return the logarithm of the step for one velocity, from what its last terms may reach.
 
     Of the leading terms the one that allows most counts: at rest or at a turning point the first is
     zero.
+
+    Parameters
+    ----------
+    c
+        (rows.SIZE,) or rows of vectors, read: the series.
+    reciprocals
+        (rows.SIZE,) read: 1 / n.
+    row, other
+        Rows of this velocity and of the other [m/s].
+    log
+        Logarithm of the tolerance.
+    order
+        Of the series.
     """
     lead0 = log + _lead(c, row, other)
     lead1, lead2 = log + _lead(c, row + 1, other + 1), log + _lead(c, row + 2, other + 2)
     last = alike(lead0, _FAR)
     for n in range(order - 3, order + 1):
-        allowed = _allowed(shares, _log2(c[row + n]), lead0, lead1, lead2, n)
+        allowed = _allowed(reciprocals, _log2(c[row + n]), lead0, lead1, lead2, n)
         last = smaller(last, allowed)
     # One logarithm for all four: they are a rough guard.
     largest = larger(abs(c[row + order - 7]), _largest(c, row + order - 6))
-    before = _allowed(shares, _log2(largest), lead0, lead1, lead2, order - 4)
-    return smaller(last, before + _SLACK * shares[SHARE + order - 1])
+    before = _allowed(reciprocals, _log2(largest), lead0, lead1, lead2, order - 4)
+    return smaller(last, before + _SLACK * reciprocals[RECIPROCAL + order - 1])
 
 
 @inlined_kernel
 def _lead(c, term, other):
-    """Return the logarithm of the scale that a leading term of a velocity is judged by."""
+    """Return the logarithm of the scale that a leading term of a velocity sets."""
     return larger(_log2(c[term]), _log2(c[other]) - _FLOOR)
 
 
 @inlined_kernel
-def _allowed(shares, term, lead0, lead1, lead2, n):
-    """Return the logarithm of the step that term n allows, from the logarithm of the term."""
-    first, second, third = shares[SHARE + n - 1], shares[SHARE + n - 2], shares[SHARE + n - 3]
+def _allowed(reciprocals, term, lead0, lead1, lead2, n):
+    """Return the logarithm of the step that term n allows.
+
+    Parameters
+    ----------
+    reciprocals
+        (rows.SIZE,) read: 1 / n.
+    term
+        Logarithm of the term.
+    lead0, lead1, lead2
+        Logarithms of what the leading terms allow it to be.
+    n
+        Its order.
+    """
+    last = RECIPROCAL + n - 1
+    first, second, third = reciprocals[last], reciprocals[last - 1], reciprocals[last - 2]
     step = larger(larger((lead0 - term) * first, (lead1 - term) * second), (lead2 - term) * third)
     return where(term > _LOG_ZERO, step, _FAR)
 

@@ -3,10 +3,14 @@
 All integrals are of the motion from each sample interval's start.
 
 Piecewise linear plants: exact quadratic forms of the state, doubled together with the propagator
-(`kernels.power`), so a stiff interface, a kink of friction or a step of many periods costs no
-accuracy. A motion with a cubic spring or finite stretch: Taylor series of the power, integrated
-term by term between the friction's kinks (`kernels.power_series`). Neither shares code with the
-plants, so a balance that closes confirms their states.
+(`rate_kernel`), so a stiff interface, a kink of friction or a step of many periods costs no
+accuracy. A motion with a cubic spring or finite stretch: Taylor series of the energy rate,
+integrated term by term between the friction's kinks (`rate_series_kernel`).
+
+With the methods they have in common the laws of the forces (`kernels.laws`), the search for changes
+of regime (`kernels.events`), and the series of the excitation and of q**-2 (`kernels.excitation`,
+`kernels.arithmetic`); no method propagates a state for them. So a balance that closes confirms how
+the plants propagate, and not the laws.
 """
 
 from __future__ import annotations
@@ -17,9 +21,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from mm_gym.errors import SimulationError
+from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.simulation.energy import rate_kernel as power
-from mm_gym.simulation.energy import rate_series_kernel as power_series
+from mm_gym.kernels.jit import plain
+from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,23 +74,14 @@ class Work:
 def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     """Return kinetic and elastic energy (n,) [J] of states (n, 4), eq. 9 of docs/model.md."""
     x1, x2, v1, v2 = state.T
-    carriage = p[at.K1] * (0.5 * p[at.ALPHA] * x1**2 + 0.25 * p[at.BETA] * x1**4)
-    return (
-        0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + spring_energy(p, x2 - x1, stretch)
-    )
+    carriage = plain(laws.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    springs = spring_energy(p, x2 - x1, stretch)
+    return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
 
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
-    """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's: eq. 10.
-
-    For finite stretch, with e = offset / l0: k0 l0^2 e^2 (1 + 2 / (stretch (stretch^2 - e^2))), the
-    integral of the neo-Hookean pair written without differences of nearly equal numbers; l0 ->
-    infinity gives k2 offset^2 / 2.
-    """
-    if not p[at.K0]:
-        return np.zeros_like(offset)
-    shortened = (offset / p[at.L0]) ** 2 if p[at.L0] else 0.0
-    return p[at.K0] * offset**2 * (1.0 + 2.0 / (stretch * (stretch**2 - shortened)))
+    """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's."""
+    return plain(laws.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
 
 
 def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> Work:
@@ -137,10 +133,10 @@ def _jumps(recording: Recording, steps: int) -> Array:
 
 
 def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) -> Array:
-    """Return energies (k, 2), dissipated and disturbing, over the beginnings of k recording."""
+    """Return what is dissipated and what disturbances add, (k, 2) [J], in k intervals so far."""
     work, model, p = np.zeros((len(rows), 2)), recording.plant.model, recording.parameters
     nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
-    integrate = power_series.step_integrals if nonlinear else power.step_integrals
+    integrate = (rate_series_kernel if nonlinear else rate_kernel).step_integrals
     status = integrate(
         p,
         model,
