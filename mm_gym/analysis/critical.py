@@ -5,89 +5,111 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.optimize import brentq  # pyright: ignore[reportUnknownVariableType]
 
-from mm_gym.analysis.critical_kernel import fastest_slip
+from mm_gym.analysis.critical_kernel import sticks_throughout
 from mm_gym.analysis.values import row_of
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
+from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mm_gym.scene.scene import Scene
 
-TIGHTEST = np.float64(1e-15)
-"""Tolerance of the logarithm of the velocity: a few units of round-off."""
+LEAST = 2.0**-20
+"""Smallest reference velocity tried, relative to the fastest slip that the energy at the start
+allows: the sphere is then as good as locked, and whether it slips no longer depends on v_r."""
 
-STEEPEST = 2.0**-20
-"""Lowest reference velocity tried, relative to the fastest slip without friction: the sphere is
-practically locked there, and a lower one changes nothing."""
+RESOLUTION = 2.0**-50
+"""Relative width to which the critical velocity is bracketed: some units of round-off."""
+
+MARGIN = 2.0**-46
+"""Relative amount, 1.4e-14, by which the result is rounded up. A motion that just reaches v_r slips
+or sticks by its last digits, so the velocity has to stay clear of them."""
+
+WIDEST = 2.0**-20
+"""Largest margin tried."""
 
 
 def critical_reference_velocity(scene: Scene) -> float:
-    """Return the reference velocity [m/s] above which the scene's free motion never slips.
+    """Return the reference velocity [m/s] from which on the scene's free motion never slips.
 
-    Below v_r dry friction is a viscous interface with c = mu1 F_N / v_r. At the critical v_r the
-    fastest slip of this linear motion equals v_r: max |w(t)| = v_r, with w = v2 - v1 (eq. 21 of
-    docs/model.md). The kinetic coefficient, the slip damping and the scene's own reference
-    velocity have no effect on it.
-
-    Parameters
-    ----------
-    scene
-        A scene with dry friction, one value for every field and no excitation. Its actuators stay
-        at rest.
+    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the
+    linear motion just reaches it: max |w(t)| = v_r, eq. 21 of docs/model.md. It depends on neither
+    the kinetic coefficient nor the slip damping, nor on the scene's own reference velocity. It is
+    found by bisection: whether a motion slips at all is known for certain, see `sticks_throughout`.
 
     Returns
     -------
     float
-        The critical reference velocity [m/s]; 0 if the sphere sticks at any v_r.
+        The root, rounded up by 1.4e-14 of it, so that nothing slips at the returned value itself;
+        0 if the sphere sticks however small v_r is.
 
     Raises
     ------
     SceneError
-        If the interface is not dry friction, the motion in stick is not linear, a field is a range,
-        or the scene has excitation.
+        If the interface is not dry friction, the motion in stick is not linear, or something drives
+        it.
     SimulationError
-        If the motion decays too slowly for its peak to be found.
+        If the motion is too slow to be followed, or too close to locked for its last digits to
+        decide between stick and slip.
     """
     _check(scene)
     row = row_of(scene, "critical_reference_velocity")
-    without = _peak(row, 0.0)
-    if without == 0.0:
+    high = _fastest_by_energy(row)  # nothing slips faster
+    low, least = 0.5 * high, LEAST * high
+    while low > 0.0 and _sticks(row, low):
+        high, low = low, 0.5 * low
+        if low < least:
+            low = 0.0
+    if low == 0.0:
         return 0.0
-    slope_of = plain(laws.stick_slope)
-
-    def excess(log_velocity: float) -> float:
-        velocity = float(np.exp(log_velocity))
-        return _peak(row, slope_of(row[at.MU1], row[at.FN], velocity)) / velocity - 1.0
-
-    # Nothing slips if v_r is above the fastest slip without friction.
-    high = float(np.log(without)) + 1e-9
-    low = high
-    while excess(low) <= 0.0:
-        low -= 1.0
-        if low < high + np.log(STEEPEST):
-            return 0.0
-    high = min(high, low + 1.0)
-    if low == high:
-        return without
-    root = cast("float", brentq(excess, low, high, xtol=TIGHTEST, rtol=TIGHTEST))
-    return float(np.exp(root))
+    while high - low > RESOLUTION * high:
+        middle = 0.5 * (low + high)
+        if _sticks(row, middle):
+            high = middle
+        else:
+            low = middle
+    return _rounded_up(row, high)
 
 
-def _peak(row: NDArray[np.float64], damping: float) -> float:
-    """Return max |w| [m/s] of the lane (rows,) with a viscous interface of a damping [N s/m]."""
+def _rounded_up(row: NDArray[np.float64], velocity: float) -> float:
+    """Return the velocity enlarged by the margin, or by more until nothing slips."""
+    margin = MARGIN
+    while margin <= WIDEST:
+        enlarged = velocity * (1.0 + margin)
+        if _sticks(row, enlarged):
+            return enlarged
+        margin *= 2.0
+    msg = (
+        f"critical_reference_velocity: near {velocity:g} m/s the sphere is as good as locked, and "
+        "round-off decides whether it slips"
+    )
+    raise SimulationError(msg)
+
+
+def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
+    """Tell whether the motion never slips with a reference velocity."""
     lane = row.copy()
-    lane[at.C] = damping
-    peak, status = cast("tuple[float, int]", fastest_slip(lane))
+    lane[at.VR] = velocity
+    lane[at.C] = plain(laws.stick_slope)(lane[at.MU1], lane[at.FN], velocity)
+    sticks, status = cast("tuple[bool, int]", sticks_throughout(lane))
     if status > at.ENDED:
         msg = "critical_reference_velocity: the motion decays too slowly for its fastest rate"
         raise SimulationError(msg)
-    return peak
+    return sticks
+
+
+def _fastest_by_energy(row: NDArray[np.float64]) -> float:
+    """Return the slip velocity [m/s] of a motion with all its energy in it, sqrt(2 E / m_r)."""
+    m1, m2 = cast("float", piecewise.carriage_mass(row)), row[at.M2]
+    k2 = cast("float", laws.stiffness(row[at.K0], row[at.STRETCH]))
+    z = piecewise.start(row, row[:4], 0.0, 0, 0.0, row[:0])
+    root = cast("float", piecewise.energy_root(row, k2, z))
+    return float(root * np.sqrt((m1 + m2) / m1 / m2))
 
 
 def _check(scene: Scene) -> None:
