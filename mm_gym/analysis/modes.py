@@ -1,4 +1,9 @@
-"""Eigenvalues and mode shapes, numerically and by the closed form of the paper's appendix."""
+"""Eigenvalues and mode shapes, numerically and in closed form.
+
+The closed form is Cardano's and Ferrari's, with letters of the paper's appendix: I, L, H and G of
+its eq. 21, N and P of its eq. 25. No misprint enters; sections 6 and 8 of docs/model.md say which
+letters are the paper's and which of its expressions fail.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +23,8 @@ if TYPE_CHECKING:
     Roots = NDArray[np.complex128]
 
 NEGLIGIBLE = 2.0**-60
-"""Ratio of the other rates to the carriage's own, (c + d) / m1, at which that is separate."""
+"""Ratio of the carriage's inertia to its damping, at the rate of the slower motions, below which
+its own motion is separate from them to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +84,10 @@ def modes(scene: Scene) -> Modes:
 
     Notes
     -----
-    The closed form evaluates the paper's expressions (eqs 13 to 19 of docs/model.md) in double
-    precision. It loses as many digits as the eigenvalues differ in magnitude; the numerical
-    solution does not. For a carriage whose mass tends to zero it solves the polynomial without its
-    leading term.
+    The closed form is that of eqs 15 to 19 of docs/model.md, in double precision: Cardano and
+    Ferrari, equal to the paper's appendix where that is right. It loses as many digits as the
+    eigenvalues differ in magnitude; the numerical ones do not. For a carriage of vanishing mass it
+    is that of the polynomial without its leading term.
     """
     values = linear_values(scene)
     free = values.k2 == 0.0
@@ -144,7 +150,7 @@ def _roots(polynomial: NDArray[np.float64]) -> Roots:
 
 
 def _closed_form(values: Linear) -> list[complex]:
-    """Return the eigenvalues by the paper's appendix, the carriage's own one apart if separate."""
+    """Return the eigenvalues in closed form, the carriage's own apart if separate."""
     g4, g3, g2, g1, g0 = (float(g) for g in characteristic(values))
     if _separate(values):
         fast = [-complex(values.c + values.d) / values.m1] if values.m1 else []
@@ -162,16 +168,16 @@ def _quadratic(a: float, b: float, c: float) -> list[complex]:
 
 def _cubic(a: float, b: float, c: float, d: float) -> list[complex]:
     """Return the roots of a s^3 + b s^2 + c s + d by Cardano: eq. 15 of docs/model.md."""
-    h = 3.0 * a * c - b * b
-    i = 9.0 * a * b * c - 27.0 * a * a * d - 2.0 * b**3
-    root = cmath.sqrt(4.0 * h**3 + i * i)
-    # The sign of the root that does not cancel I.
-    cube = (i + root if abs(i + root) >= abs(i - root) else i - root) / 2.0
+    b, c, d = b / a, c / a, d / a
+    centre = b / 3.0  # I of the paper
+    linear = c - b * b / 3.0  # L
+    h = 9.0 * b * c - 27.0 * d - 2.0 * b**3
+    root = cmath.sqrt(h * h + 108.0 * linear**3)  # of G
+    # Of the two square roots the one that does not cancel H.
+    cube = (h + root if abs(h + root) >= abs(h - root) else h - root) / 2.0
     if cube == 0.0:
-        return [complex(-b / (3.0 * a))] * 3
-    third = cube ** (1.0 / 3.0)
-    turns = [third * cmath.exp(2j * cmath.pi * k / 3.0) for k in range(3)]
-    return [(-b - h / turn + turn) / (3.0 * a) for turn in turns]
+        return [complex(-centre)] * 3
+    return [turn / 3.0 - linear / turn - centre for turn in _cube_roots(cube)]
 
 
 def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[complex]:
@@ -184,29 +190,12 @@ def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[comp
         - 72.0 * g0 * g2 * g4
     )
     root = cmath.sqrt(d1 * d1 - 4.0 * d0**3)
-    n = d1 + root if abs(d1 + root) >= abs(d1 - root) else d1 - root
-    if n == 0.0:  # the three roots of the resolvent cubic coincide
-        third, p = 0j, 0j
-    else:
-        third = (n / 2.0) ** (1.0 / 3.0)  # N^(1/3) / 2^(1/3)
-        p = d0 / (3.0 * third)
-    candidates = [third * cmath.exp(2j * cmath.pi * k / 3.0) for k in range(3)]
-    s, turn = max(
-        (
-            (
-                g3 * g3 / (4.0 * g4 * g4)
-                + t / (3.0 * g4)
-                - 2.0 * g2 / (3.0 * g4)
-                + _p(d0, t, p) / g4,
-                t,
-            )
-            for t in candidates
-        ),
-        key=lambda pair: abs(pair[0]),
-    )
-    rest = (
-        g3 * g3 / (2.0 * g4 * g4) - 4.0 * g2 / (3.0 * g4) - turn / (3.0 * g4) - _p(d0, turn, p) / g4
-    )
+    n = d1 + root if abs(d1 + root) >= abs(d1 - root) else d1 - root  # N of the paper
+    # N^(1/3) / (3 2^(1/3)) + P, for each cube root; without N all of the resolvent's roots coincide
+    sums = [(turn + d0 / turn) / 3.0 for turn in _cube_roots(n / 2.0)] if n else [0j]
+    square = g3 * g3 / (4.0 * g4 * g4) - 2.0 * g2 / (3.0 * g4)
+    s = max((square + total / g4 for total in sums), key=abs)
+    rest = 3.0 * g3 * g3 / (4.0 * g4 * g4) - 2.0 * g2 / g4 - s  # Z of docs/model.md
     half = cmath.sqrt(s)
     q = (4.0 * g2 * g3 * g4 - 8.0 * g1 * g4 * g4 - g3**3) / (4.0 * g4**3 * half) if half else 0j
     centre = -g3 / (4.0 * g4)
@@ -219,8 +208,8 @@ def _quartic(g4: float, g3: float, g2: float, g1: float, g0: float) -> list[comp
     ]
 
 
-def _p(d0: float, turn: complex, default: complex) -> complex:
-    return d0 / (3.0 * turn) if turn else default
+def _cube_roots(value: complex) -> list[complex]:
+    return [value ** (1.0 / 3.0) * cmath.exp(2j * cmath.pi * k / 3.0) for k in range(3)]
 
 
 def _ordered(roots: Roots) -> Roots:
