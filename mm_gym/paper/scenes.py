@@ -1,9 +1,11 @@
 """The paper's systems as scenes.
 
-Figure 2 uses m1 = 0.04 kg and m2 = 0.10 kg: the caption swaps them, but the text (m1 < m2, d = 10
-above critical, B overdamped) is true only of these values. Panels D and F have a carriage of
-1e-80 kg; the paper does not state their damping, and d = 1 N s/m is used for D, 10 N s/m for F.
-Figure 8 omits chi; 0.1 N s/m is used. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
+Figure 2 is there twice. "fig2a" to "fig2f" have m1 = 0.04 kg and m2 = 0.10 kg, as the text needs
+them; "fig2a_caption" to "fig2f_caption" have the caption's masses, which are the other way round.
+Section 8 of docs/model.md has the evidence for either. Panels D and F have a carriage of 1e-80 kg;
+which damping belongs to them is not stated, and D is read with d = 1, F with d = 10 N s/m. Figure 8
+omits chi; 0.1 N s/m is used, also in figure 9, where nothing slips and chi is without effect.
+Equation 19 is read as x1(0) = x2(0) = 0.01 m.
 """
 
 from __future__ import annotations
@@ -33,14 +35,20 @@ REFERENCE_VELOCITY = 0.2
 """v_r of figures 8 and 9 [m/s]."""
 
 FIGURE_2 = {
-    "fig2a": (0.04, 1.0, 1.0),
-    "fig2b": (0.04, 1.0, 10.0),
-    "fig2c": (0.04, 1.0, 0.0),
-    "fig2d": (1e-80, 1.0, 1.0),
-    "fig2e": (0.04, 0.0, 1.0),
-    "fig2f": (1e-80, 0.0, 10.0),
+    "fig2a": (False, 1.0, 1.0),
+    "fig2b": (False, 1.0, 10.0),
+    "fig2c": (False, 1.0, 0.0),
+    "fig2d": (True, 1.0, 1.0),
+    "fig2e": (False, 0.0, 1.0),
+    "fig2f": (True, 0.0, 10.0),
 }
-"""m1 [kg], c and d [N s/m] of each panel."""
+"""Whether the carriage's mass vanishes, c and d [N s/m], of each panel."""
+
+VANISHING = 1e-80
+"""m1 [kg] that stands for none in figures 2 D and F."""
+
+CAPTION = tuple(f"{name}_caption" for name in FIGURE_2)
+"""Figure 2's systems with the masses of its caption."""
 
 RELEASED = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 """x1 = 0.01 m, x2 = 0.03 m, at rest."""
@@ -56,10 +64,10 @@ def _interface(damping: float) -> Viscous | NoInterface:
     return Viscous(damping=damping) if damping else NoInterface()
 
 
-def _linear(mass: float, damping: float, carriage_damping: float) -> Scene:
+def _linear(mass: float, sphere: float, damping: float, carriage_damping: float) -> Scene:
     return Scene(
         carriage=Carriage(mass=mass, stiffness=400.0, damping=carriage_damping),
-        sphere=Sphere(mass=0.10),
+        sphere=Sphere(mass=sphere),
         interface=_interface(damping),
         initial=RELEASED,
         control=SHORT,
@@ -103,14 +111,24 @@ def _friction(static: float, slip_damping: float) -> DryFriction:
     )
 
 
-SCENES = {name: _linear(*values) for name, values in FIGURE_2.items()} | {
+def _figure_2(suffix: str, carriage: float, sphere: float) -> dict[str, Scene]:
+    """Return the systems of figure 2 with one reading of the masses [kg]."""
+    return {
+        name + suffix: _linear(VANISHING if vanishes else carriage, sphere, c, d)
+        for name, (vanishes, c, d) in FIGURE_2.items()
+    }
+
+
+SCENES = {
+    **_figure_2("", 0.04, 0.10),
+    **_figure_2("_caption", 0.10, 0.04),
     "fig5a": _experiment(0.0, -0.025, 0.021),
     "fig5b": _experiment(0.06, 0.03, 0.0),
     "fig6a": _common(NoInterface(), cubic=2e6),
     "fig6d": _common(Viscous(damping=1.0), cubic=2e6),
     "fig8": _common(_friction(0.509, 0.1)),
     "fig9": _common(
-        _friction(0.5097, 0.0), Initial(carriage_displacement=0.005, sphere_offset=0.02)
+        _friction(0.5097, 0.1), Initial(carriage_displacement=0.005, sphere_offset=0.02)
     ),
     "fig10": _common(_friction(STATIC, 0.1)),
     "fig12a": _common(NoInterface(), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),

@@ -1,7 +1,7 @@
-"""Table of the paper's numbers, stated and computed.
+"""Numbers of the paper's systems: as the paper states them, as a reference has them, as computed.
 
-The stated values come from ball arithmetic and from a Taylor series of 60 digits, both independent
-of this package.
+Where the paper states nothing its column is empty. A reference is independent of this package; its
+provenance says what it is.
 """
 
 from __future__ import annotations
@@ -13,12 +13,29 @@ import numpy as np
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, modes
 from mm_gym.analysis.values import linear_values
 from mm_gym.files import write_text
-from mm_gym.paper.scenes import STATIC, scene
+from mm_gym.paper.printed import friction_of, stick_slope
+from mm_gym.paper.scenes import CAPTION, scene
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from os import PathLike
 
-HEADER = ("system", "quantity", "unit", "stated", "computed", "difference")
+    from mm_gym.scene.scene import Scene
+
+HEADER = (
+    "system",
+    "quantity",
+    "unit",
+    "stated",
+    "reference",
+    "provenance",
+    "computed",
+    "computed - reference",
+)
+
+INTEGRAL, EQUILIBRIUM = "first integral", "equilibrium"
+BALLS = "ball arithmetic"
+ARITHMETIC = "arithmetic"
 
 OFFSETS = {
     "fig2a": 0.02,
@@ -31,26 +48,29 @@ OFFSETS = {
     "fig5b": 0.0,
     "fig6a": 0.03,
     "fig6d": 0.02,
-    "fig8": 0.02118596934948316902900216,
     "fig9": 0.02,
     "fig12a": 0.0,
     "fig12d": 0.0,
-}
-"""Asymptotic offset [m]."""
+} | {name: 0.03 if name[4] in "ef" else 0.02 for name in CAPTION}
+"""Asymptotic offset [m], as the paper states it; the reference is the same."""
 
-FIGURE_10 = (
-    (0.45, 0.0, 0.5, 0.02234337125201375656446111),
-    (0.2, 0.0, 0.5, 0.02192014965621152942287607),
-    (0.4, 0.1, 0.5, 0.02120564588670682972359145),
-    (0.2, 0.1, 0.5, 0.02117073990786067495299682),
-    (0.05, 0.1, 0.5, 0.01996046545426309304670892),
-    (0.001, 0.1, 0.5, 0.02075423942209533346671364),
-    (0.463, 0.1, 0.5, 0.02104317184609508494031381),
-    (0.2, 1.0, 0.5, 0.01923361088790639360107075),
-    (0.3, 0.1, 0.8, 0.01989326244175091887215473),
-    (0.3, 0.1, 1.0, 0.01990344544880140595584292),
+FRICTION = (
+    ("fig8", 0.2, 0.1, 0.5, 0.02118596934948316902900216),
+    ("fig10", 0.45, 0.0, 0.5, 0.02234337125201375656446111),
+    ("fig10", 0.2, 0.0, 0.5, 0.02192014965621152942287607),
+    ("fig10", 0.4, 0.1, 0.5, 0.02120564588670682972359145),
+    ("fig10", 0.2, 0.1, 0.5, 0.02117073990786067495299682),
+    ("fig10", 0.05, 0.1, 0.5, 0.01996046545426309304670892),
+    ("fig10", 0.001, 0.1, 0.5, 0.02075423942209533346671364),
+    ("fig10", 0.463, 0.1, 0.5, 0.02104317184609508494031381),
+    ("fig10", 0.2, 1.0, 0.5, 0.01923361088790639360107075),
+    ("fig10", 0.3, 0.1, 0.8, 0.01989326244175091887215473),
+    ("fig10", 0.3, 0.1, 1.0, 0.01990344544880140595584292),
 )
-"""v_r [m/s], chi [N s/m], mu2 / mu1, asymptotic offset [m]."""
+"""System, v_r [m/s], chi [N s/m], mu2 / mu1, asymptotic offset [m] by ball arithmetic."""
+
+CRITICAL_STATED, CRITICAL = 0.4635, 0.46352342782555818
+"""Critical reference velocity [m/s], stated and by ball arithmetic."""
 
 EIGENVALUES = {
     "fig2a": -24.86619629693306649987986 + 95.5041339377560936966882j,
@@ -59,7 +79,7 @@ EIGENVALUES = {
     "fig12a": -1.743101073615168666474717 + 46.36201421087134619710211j,
     "fig12d": -4.083729456360725425608914 + 46.34029414718465642982086j,
 }
-"""Eigenvalue of the slowest oscillating mode [1/s]."""
+"""The slowest oscillating mode's [1/s] by ball arithmetic."""
 
 
 class Row(NamedTuple):
@@ -68,66 +88,103 @@ class Row(NamedTuple):
     system: str
     quantity: str
     unit: str
-    stated: float
+    stated: float | None
+    reference: float
+    provenance: str
     computed: float
 
 
 def rows() -> list[Row]:
-    """Return a row for every number."""
-    found = [
-        Row(name, "asymptotic offset", "m", value, asymptotic_offset(scene(name)))
-        for name, value in OFFSETS.items()
-    ]
-    figure_10 = scene("fig10")
-    for velocity, chi, ratio, value in FIGURE_10:
-        point = figure_10.replace(
+    """Return every number."""
+    return [*_offsets(), *_friction_rows(), *_eigenvalues(), _spring_stiffness()]
+
+
+def _offsets() -> list[Row]:
+    found: list[Row] = []
+    for name, value in OFFSETS.items():
+        provenance = INTEGRAL if scene(name).springs.kind == "none" else EQUILIBRIUM
+        offset = asymptotic_offset(scene(name))
+        found.append(Row(name, "asymptotic offset", "m", value, value, provenance, offset))
+    return found
+
+
+def _friction_rows() -> list[Row]:
+    found: list[Row] = []
+    for name, velocity, chi, ratio, value in FRICTION:
+        static = friction_of(scene(name)).static_coefficient
+        point = scene(name).replace(
             **{
                 "interface.reference_velocity": velocity,
                 "interface.slip_damping": chi,
-                "interface.kinetic_coefficient": STATIC * ratio,
+                "interface.kinetic_coefficient": static * ratio,
             }
         )
         title = f"asymptotic offset at v_r = {velocity:g} m/s; chi = {chi:g}; mu2/mu1 = {ratio:g}"
-        found.append(Row("fig10", title, "m", value, asymptotic_offset(point)))
-    critical = critical_reference_velocity(figure_10)
-    found.append(Row("fig10", "critical reference velocity", "m/s", 0.46352342782555818, critical))
+        found.append(Row(name, title, "m", None, value, BALLS, asymptotic_offset(point)))
+    return [*found, *_critical_rows(scene("fig10")), _slope()]
+
+
+def _critical_rows(system: Scene) -> list[Row]:
+    critical = critical_reference_velocity(system)
+    at_critical = asymptotic_offset(system.replace(**{"interface.reference_velocity": critical}))
+    title = "critical reference velocity (rounded up)"
+    return [
+        Row("fig10", title, "m/s", CRITICAL_STATED, CRITICAL, BALLS, critical),
+        Row("fig10", "asymptotic offset there", "m", 0.02, 0.02, INTEGRAL, at_critical),
+    ]
+
+
+def _slope() -> Row:
+    slope = stick_slope(friction_of(scene("fig9")))
+    return Row("fig9", "mu1 F_N / v_r", "N s/m", 1.0, 1.0000314, ARITHMETIC, slope)
+
+
+def _eigenvalues() -> list[Row]:
+    found: list[Row] = []
     for name, value in EIGENVALUES.items():
         eigenvalues = modes(scene(name)).eigenvalues
         oscillating = eigenvalues[eigenvalues.imag > 0.0]
         slowest = complex(oscillating[np.argmin(np.abs(oscillating))])
-        found.append(Row(name, "eigenvalue, real part", "1/s", value.real, slowest.real))
-        found.append(Row(name, "eigenvalue, imaginary part", "1/s", value.imag, slowest.imag))
-    stiffness = linear_values(scene("fig12a")).k2
-    found.append(
-        Row("fig12a", "k2 at stretch 1.5", "N/m", 159.25925925925925925925925926, stiffness)
-    )
+        for part, wanted, got in (
+            ("real", value.real, slowest.real),
+            ("imaginary", value.imag, slowest.imag),
+        ):
+            found.append(Row(name, f"{part} part of the eigenvalue", "1/s", None, wanted, BALLS, got))
     return found
 
 
+def _spring_stiffness() -> Row:
+    wanted, got = 159.25925925925925925925925926, linear_values(scene("fig12a")).k2
+    return Row("fig12a", "k2 at stretch 1.5", "N/m", None, wanted, ARITHMETIC, got)
+
+
 def write_table(path: str | PathLike[str], found: list[Row]) -> None:
-    """Write the rows as CSV with all digits."""
-    lines = [",".join(HEADER)]
-    for row in found:
-        numbers = (row.stated, row.computed, row.computed - row.stated)
-        lines.append(",".join((row.system, row.quantity, row.unit, *map(repr, numbers))))
+    """Write the rows as CSV, all digits kept."""
+    lines = [",".join(HEADER)] + [",".join(_cells(row, repr, repr)) for row in found]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def printed(found: list[Row]) -> str:
     """Return the rows as aligned text."""
-    cells = [HEADER] + [
-        (
-            row.system,
-            row.quantity,
-            row.unit,
-            f"{row.stated:.12g}",
-            f"{row.computed:.12g}",
-            f"{row.computed - row.stated:.1e}",
-        )
-        for row in found
-    ]
+    cells = [HEADER] + [_cells(row, "{:.12g}".format, "{:.1e}".format) for row in found]
     widths = [max(len(line[k]) for line in cells) for k in range(len(HEADER))]
     return "\n".join(
         "  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip()
         for line in cells
+    )
+
+
+def _cells(
+    row: Row, number: Callable[[float], str], difference: Callable[[float], str]
+) -> tuple[str, ...]:
+    stated = "" if row.stated is None else number(row.stated)
+    return (
+        row.system,
+        row.quantity,
+        row.unit,
+        stated,
+        number(row.reference),
+        row.provenance,
+        number(row.computed),
+        difference(row.computed - row.reference),
     )
