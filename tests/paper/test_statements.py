@@ -247,6 +247,21 @@ def test_the_jumps_of_figure_10_shrink_as_the_coefficients_meet(diagrams):
     assert jumps[-1] < 2e-5
 
 
+def test_every_curve_jumps_at_the_critical_velocity_unless_the_coefficients_are_equal():
+    critical = critical_reference_velocity(scene("fig10"))
+    for chi, ratio in [(chi, 0.5) for chi in CHI] + [(0.1, ratio) for ratio in RATIOS]:
+        changes = {"slip_damping": chi, "kinetic_coefficient": STATIC * ratio}
+        system = scene("fig10").replace(
+            **{f"interface.{name}": value for name, value in changes.items()}
+        )
+        below, there = bifurcation(system, VELOCITY, [critical * (1.0 - 1e-12), critical])
+        assert there == pytest.approx(0.02, rel=1e-14)
+        if ratio == 1.0:
+            assert below == pytest.approx(0.02, rel=1e-12)
+        else:
+            assert below > 0.02002
+
+
 def coulomb_offset(static, kinetic):
     """Return the offset at rest [m] under Coulomb friction, v_r = 0, by an integrator with events.
 
