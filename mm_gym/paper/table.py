@@ -149,7 +149,9 @@ def _eigenvalues() -> list[Row]:
             ("real", value.real, slowest.real),
             ("imaginary", value.imag, slowest.imag),
         ):
-            found.append(Row(name, f"{part} part of the eigenvalue", "1/s", None, wanted, BALLS, got))
+            found.append(
+                Row(name, f"{part} part of the eigenvalue", "1/s", None, wanted, BALLS, got)
+            )
     return found
 
 
