@@ -23,10 +23,10 @@ from mm_gym import (
     SceneError,
     SimulationError,
     compile_scene,
+    files,
     load_scene,
     simulate,
 )
-from mm_gym.scene import toml_file as scene_file
 from mm_gym.scene.schema import scene_schema
 
 SCENES = Path(__file__).parents[2] / "configs" / "scenes"
@@ -305,7 +305,7 @@ def is_toml(text):
 def test_mutated_file_is_refused_by_name_or_makes_finite_steps(monkeypatch, count):
     content = b""
     # In memory, because to write and open a file takes longer than all the rest.
-    monkeypatch.setattr(scene_file, "read_bytes", lambda *_, **__: content)
+    monkeypatch.setattr(files, "read_bytes", lambda *_, **__: content)
     moved, parsed, wrong = 0, 0, []
     for seed in range(count):
         text = mutated(random.Random(seed))  # noqa: S311 - not cryptography

@@ -1,6 +1,7 @@
 """Files and Python users meet the same checks, and a file that cannot be read says why."""
 
 import json
+import os
 import re
 import time
 from pathlib import Path
@@ -10,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mm_gym import Scene, SceneError, load_scene
+from mm_gym.__main__ import main
+from mm_gym.files import read_toml
 from mm_gym.scene.part import dotted_name
 from mm_gym.scene.toml_lines import lines_of
 
@@ -242,3 +245,35 @@ def test_what_is_not_a_scene_file_is_refused(tmp_path):
         stream.truncate(10**12)
     with pytest.raises(SceneError, match=r"1000000000000 bytes; allowed: at most 65536"):
         load_scene(tmp_path / "large.toml")
+
+
+def test_file_that_would_have_to_be_waited_for_is_refused_at_once(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "link.toml").symlink_to(tmp_path / "pipe.toml")
+    # The kernel makes up the last two when they are read; the first of them may wait for ever.
+    names = ["pipe.toml", "link.toml", "/dev/zero", "/dev/tty", "/proc/kmsg", "/proc/version"]
+    paths = [str(tmp_path / name) for name in names]
+    start = time.perf_counter()
+    assert main(["validate", *paths]) == 2
+    assert time.perf_counter() - start < 5.0
+    lines = capsys.readouterr().err.removeprefix("error: ").splitlines()
+    assert len(lines) == len(paths)
+    for path, line in zip(paths, lines, strict=True):
+        assert re.match(rf"{path}: (cannot be read|no such file)", line)
+
+
+def test_any_toml_file_is_read_with_the_same_guards(tmp_path):
+    file = tmp_path / "config.toml"
+    file.write_text("steps = 3\n[net]\nwidth = [1, 2]\n")
+    assert read_toml(file) == {"steps": 3, "net": {"width": [1, 2]}}
+    for text, words in {
+        "a = ": r"config\.toml: not valid TOML: ",
+        "a = " + "[\n" * 5000: "nested too deeply",
+        "a = " + "1" * 2048: "config.toml:1: got 2052 characters; allowed: at most 2048",
+        "a = 1\n" * 20000: "120000 bytes; allowed: at most 65536",
+    }.items():
+        file.write_text(text)
+        with pytest.raises(SceneError, match=words):
+            read_toml(file)
+    with pytest.raises(SceneError, match=r"did you mean 'config\.toml'\?"):
+        read_toml(tmp_path / "confg.toml")
