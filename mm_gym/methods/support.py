@@ -56,6 +56,8 @@ class Support:
         What one propagation advances by [s]; a control step, unless excitation is sampled.
     intervals_per_step
         Sample intervals of a control step.
+    products
+        (row, row of the ratio, row of the other field) of each field that follows from a ratio.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.kernels.excitation`.
@@ -69,6 +71,7 @@ class Support:
     ground: tuple[bool, ...]
     sample_interval: float
     intervals_per_step: int
+    products: tuple[tuple[int, int, int], ...]
     jets: int
     terms: int
     excitation: NDArray[np.float64]

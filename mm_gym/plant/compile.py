@@ -294,6 +294,7 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lane at the start of an episode, and (row, low, high) of each drawn value."""
     low, high = support.start_low, support.start_high
-    rows, template = np.flatnonzero(low != high), low.copy()
+    followers = [row for row, _, _ in support.products]
+    rows, template = np.setdiff1d(np.flatnonzero(low != high), followers), low.copy()
     plain(laws.write_regimes)(template[:, None], 0, 1)  # lanes rest before their first episode
     return template, np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

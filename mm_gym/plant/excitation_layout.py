@@ -116,7 +116,7 @@ def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
         if value is None:
             values[name] = NEVER[name]
         elif not isinstance(value, tuple):
-            values[name] = scene.randomization.get(f"excitation.{k}.{name}", value)
+            values[name] = scene.range_of(f"excitation.{k}.{name}", value)
     return values
 
 

@@ -52,9 +52,12 @@ def support_of(scene: Scene) -> Support:
     """
     values, layout = _fields(scene), lay_out(scene)
     rows = {name: ROWS[name] for name in values}
-    low, high = np.zeros(layout.size), np.zeros(layout.size)
+    rows |= layout.names
+    ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
+    low, high = np.zeros(layout.size + len(ratios)), np.zeros(layout.size + len(ratios))
     own = [(rows[name], value) for name, value in values.items()]
-    for row, value in [*own, *layout.values.items()]:
+    drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
+    for row, value in [*own, *layout.values.items(), *drawn]:
         low[row], high[row] = bounds(value)
     if scene.springs.kind == "none":
         # Springs of stiffness 0, unstretched: the kernels divide by the stretch.
@@ -77,10 +80,14 @@ def support_of(scene: Scene) -> Support:
         start_high=start_high,
         low=low,
         high=high,
-        names=rows | layout.names,
+        names=rows | ratios,
         ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
+        products=tuple(
+            (rows[field], ratios[name], rows[of])
+            for name, (field, of) in scene.drawn_ratios.items()
+        ),
         jets=layout.jets,
         terms=layout.terms,
         excitation=layout.description,
@@ -99,5 +106,4 @@ def _fields(scene: Scene) -> dict[str, NumberOrRange]:
     if scene.actuation.stretch is not None and "springs.stretch" in values:
         values.setdefault("initial.stretch", values["springs.stretch"])
         del values["springs.stretch"]  # both have the same row, and the initial value counts
-    drawn = scene.randomization.items()
-    return values | {name: value for name, value in drawn if name in ROWS}
+    return {name: scene.range_of(name, value) for name, value in values.items()}

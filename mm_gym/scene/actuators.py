@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
 from mm_gym.scene.part import Part
+from mm_gym.scene.rules import Rule
+
+
+def _rate_is_limited(command: str, rate_limit: float | None) -> str | None:
+    if command != "rate" or rate_limit is not None:
+        return None
+    return "rate_limit: missing; command = 'rate' needs it"
 
 
 class Actuator(Part):
@@ -25,12 +32,7 @@ class Actuator(Part):
     command: Literal["position", "rate"] = "position"
     """meaning of an action in [-1, 1]: a value within the limits, or a fraction of rate_limit"""
 
-    @model_validator(mode="after")
-    def _rate_is_limited(self) -> Self:
-        if self.command == "rate" and self.rate_limit is None:
-            msg = "rate_limit: missing; command = 'rate' needs it"
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("command", "rate_limit"), _rate_is_limited),)
 
 
 class ForceActuator(Actuator):
@@ -38,6 +40,12 @@ class ForceActuator(Actuator):
 
     limit: Positive = 4.0
     """[N]"""
+
+
+def _minimum_below_maximum(minimum: float, maximum: float) -> str | None:
+    if minimum < maximum:
+        return None
+    return f"minimum: got {minimum}; allowed: less than maximum = {maximum}"
 
 
 class StretchActuator(Actuator):
@@ -48,12 +56,10 @@ class StretchActuator(Actuator):
     maximum: Annotated[float, Field(gt=1)] = 3.0
     """[-]"""
 
-    @model_validator(mode="after")
-    def _minimum_below_maximum(self) -> Self:
-        if self.minimum >= self.maximum:
-            msg = f"minimum: got {self.minimum}; allowed: less than maximum = {self.maximum}"
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (
+        *Actuator.rules,
+        Rule(("minimum", "maximum"), _minimum_below_maximum),
+    )
 
 
 class Actuation(Part):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from mm_gym.scene.part import Part, listed
+from mm_gym.scene.rules import Ratio, Rule, ordered
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Range = Annotated[tuple[float, float], BeforeValidator(listed)]
+Range = Annotated[tuple[float, float], BeforeValidator(listed), AfterValidator(ordered)]
 NumberOrRange = float | Range
 Target = Literal["force", "ground"]
 ForceUnit = Literal["N", "kN", "lbf"]
@@ -83,6 +84,16 @@ class FilteredNoise(Sampled):
     """[1/s]"""
 
 
+def _low_below_high(low: float, high: float) -> str | None:
+    if low < high:
+        return None
+    return f"low_frequency: got {low}; allowed: less than high_frequency = {high}"
+
+
+def _is_below_one(ratio: float) -> bool:
+    return 0.0 <= ratio < 1.0
+
+
 class Noise(FilteredNoise):
     """Band-limited noise: white noise through Butterworth filters of second order."""
 
@@ -94,13 +105,14 @@ class Noise(FilteredNoise):
     high_frequency: Positive
     """[rad/s] at which the low-pass halves the power"""
 
-    @model_validator(mode="after")
-    def _low_below_high(self) -> Self:
-        if self.low_frequency >= self.high_frequency:
-            allowed = f"less than high_frequency = {self.high_frequency}"
-            msg = f"low_frequency: got {self.low_frequency}; allowed: {allowed}"
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("low_frequency", "high_frequency"), _low_below_high),
+    )
+    ratios: ClassVar[dict[str, Ratio]] = {
+        "low_ratio": Ratio(
+            "low_frequency", "high_frequency", _is_below_one, "at least 0 and below 1"
+        )
+    }
 
 
 class Soil(FilteredNoise):
@@ -128,6 +140,12 @@ class CloughPenzien(Soil):
     """its damping ratio [-]"""
 
 
+def _some_impulse(rate: float, time: float | None) -> str | None:
+    if rate > 0.0 or time is not None:
+        return None
+    return "time: missing; with rate = 0 and no time there is no impulse"
+
+
 class Impulse(Part):
     """Impulses: jumps of the velocities at the start of the sample interval in which they fall.
 
@@ -145,17 +163,15 @@ class Impulse(Part):
     time: NonNegative | None = None
     """[s] of one further impulse; none by default"""
 
-    @model_validator(mode="after")
-    def _some(self) -> Self:
-        if self.rate == 0.0 and self.time is None:
-            msg = "time: missing; with rate = 0 and no time there is no impulse"
-            raise ValueError(msg)
-        if isinstance(self.size, tuple) and self.size[0] > self.size[1]:
-            msg = (
-                f"size: got [{self.size[0]}, {self.size[1]}]; allowed: [low, high] with low <= high"
-            )
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("rate", "time"), _some_impulse),)
+
+
+def _unit_of_target(target: Target, unit: str | None) -> str | None:
+    units = get_args(ForceUnit if target == "force" else AccelerationUnit)
+    if unit is None or unit in units:
+        return None
+    allowed = ", ".join(map(repr, units))
+    return f"unit: got {unit!r}; allowed with target = {target!r}: {allowed}"
 
 
 class Recorded(Sampled):
@@ -176,14 +192,7 @@ class Recorded(Sampled):
     start: NonNegative = 0.0
     """time of the record [s] at which an episode begins"""
 
-    @model_validator(mode="after")
-    def _unit_of_target(self) -> Self:
-        units = get_args(ForceUnit if self.target == "force" else AccelerationUnit)
-        if self.unit is not None and self.unit not in units:
-            allowed = ", ".join(repr(unit) for unit in units)
-            msg = f"unit: got {self.unit!r}; allowed with target = {self.target!r}: {allowed}"
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("target", "unit"), _unit_of_target),)
 
 
 Excitation = Annotated[

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
 from mm_gym.scene.part import Part
+from mm_gym.scene.rules import Ratio, Rule
 
 GRAVITY = 9.81
 """Acceleration of gravity in the paper [m/s^2]; by default F_N is sphere.mass * GRAVITY."""
@@ -49,6 +50,16 @@ class Viscous(Part):
     """c [N s/m]"""
 
 
+def _kinetic_at_most_static(kinetic: float, static: float) -> str | None:
+    if kinetic <= static:
+        return None
+    return f"kinetic_coefficient: got {kinetic}; allowed: at most static_coefficient = {static}"
+
+
+def _is_at_most_one(ratio: float) -> bool:
+    return 0.0 < ratio <= 1.0
+
+
 class DryFriction(Part):
     """Dry friction: creep below the reference velocity, slip above it (eq. 9 of the paper)."""
 
@@ -64,13 +75,17 @@ class DryFriction(Part):
     normal_force: Positive | None = None
     """F_N [N]; by default sphere.mass * 9.81"""
 
-    @model_validator(mode="after")
-    def _kinetic_at_most_static(self) -> Self:
-        if self.kinetic_coefficient > self.static_coefficient:
-            allowed = f"at most static_coefficient = {self.static_coefficient}"
-            msg = f"kinetic_coefficient: got {self.kinetic_coefficient}; allowed: {allowed}"
-            raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("kinetic_coefficient", "static_coefficient"), _kinetic_at_most_static),
+    )
+    ratios: ClassVar[dict[str, Ratio]] = {
+        "kinetic_ratio": Ratio(
+            "kinetic_coefficient",
+            "static_coefficient",
+            _is_at_most_one,
+            "greater than 0 and at most 1",
+        )
+    }
 
 
 class NoSprings(Part):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import reprlib
-from typing import TYPE_CHECKING, Self, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.scene.rules import RANGE, Ratio, Rule, is_known
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from pydantic_core import ErrorDetails
+
+FIELDS_ONLY = {"rules": False}
+"""Context of a validation that leaves out the rules across fields."""
 
 
 class Part(BaseModel):
@@ -21,6 +25,8 @@ class Part(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
+    rules: ClassVar[tuple[Rule, ...]] = ()
+    ratios: ClassVar[dict[str, Ratio]] = {}
 
     def __init__(self, **data: object) -> None:
         try:
@@ -31,6 +37,45 @@ class Part(BaseModel):
     # Without this mark pydantic would call __init__ for each nested part, and the first finding
     # would hide all others.
     __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess]
+
+    @model_validator(mode="after")
+    def _keeps_rules(self, info: ValidationInfo) -> Self:
+        findings = [] if info.context == FIELDS_ONLY else self.findings()
+        if findings:
+            raise ValueError("\n".join(findings))
+        return self
+
+    def findings(self, wrong: frozenset[str] = frozenset(), prefix: str = "") -> list[str]:
+        """Return what is wrong across the part's fields, each as "field: text".
+
+        Rules that read wrong fields are left out; their dotted names begin with the prefix.
+        """
+        texts = [
+            rule.finding(*map(self.value_of, rule.fields))
+            for rule in self.rules
+            if is_known((prefix + name for name in rule.fields), wrong)
+        ]
+        return [text for text in texts if text is not None]
+
+    def value_of(self, name: str) -> Any:  # noqa: ANN401 - of any field
+        """Return the value of a dotted name, or None where there is none."""
+        value = self
+        for word in name.split("."):
+            value = getattr(value, word, None)
+        return value
+
+    def findings_with(self, field: str, value: float) -> list[str]:
+        """Return what is wrong with another value of a field or ratio, other fields aside."""
+        if field in self.ratios:
+            ratio = self.ratios[field]
+            return [] if ratio.allows(value) else [f"got {value}; allowed: {ratio.allowed}"]
+        data = self.model_dump() | {field: value}
+        try:
+            self.__pydantic_validator__.validate_python(data, context=FIELDS_ONLY)
+        except ValidationError as error:
+            lines = report(type(self), error).splitlines()
+            return [line.removeprefix(f"{field}: ") for line in lines]
+        return []
 
     @classmethod
     def of(cls, data: Mapping[str, object]) -> Self:
@@ -52,13 +97,17 @@ def report(model: type[Part], error: ValidationError) -> str:
         place = finding["loc"]
         if finding["type"] == "too_short" and any(p[:-1] == place for p in places if p != place):
             continue  # it is short because its entries were refused, which is reported already
-        where, owner = _locate(model, place)
-        text = _explain(finding, owner)
-        if finding["type"] == "value_error" and where:
-            where, _, text = f"{where}.{text}".partition(": ")
-        # "A number or a range" gives one finding for each alternative; the first one is enough.
-        lines.setdefault(where, text)
-    return "\n".join(f"{where}: {text}" if where else text for where, text in lines.items())
+        names, owner = located(model, place)
+        where, text = dotted_name(names), _explain(finding, owner)
+        if finding["type"] == "value_error":  # of rules, one a line
+            for line in text.splitlines():
+                line = f"{where}.{line}" if where else line  # noqa: PLW2901
+                lines[line] = line
+        # "A number or a range" gives one finding for each alternative; the first one is enough,
+        # unless the second one took it for a range.
+        elif where not in lines or finding["type"] == RANGE:
+            lines[where] = f"{where}: {text}" if where else text
+    return "\n".join(lines.values())
 
 
 def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
@@ -67,7 +116,7 @@ def _explain(finding: ErrorDetails, owner: type[Part] | None) -> str:
         allowed = list(owner.model_fields) if owner else []
         nearest = suggest(str(finding["loc"][-1]), allowed)
         return f"unknown key{nearest}; allowed: {', '.join(allowed)}"
-    if kind == "value_error":
+    if kind in ("value_error", RANGE):
         return str(finding["msg"]).removeprefix("Value error, ")
     if kind == "union_tag_invalid":
         allowed = [tag.strip("' ") for tag in str(context["expected_tags"]).split(",")]
@@ -109,8 +158,10 @@ def _allowed(finding: ErrorDetails) -> str:
     return text.replace("valid ", "")
 
 
-def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, type[Part] | None]:
-    """Return the dotted name of a finding and the part that holds it.
+def located(
+    model: type[Part], location: tuple[int | str, ...]
+) -> tuple[list[str], type[Part] | None]:
+    """Return the names that lead to a finding, and the part that holds it.
 
     pydantic's labels of alternatives are left out: the tag of a kind, and everything behind a field
     that takes a number or a range.
@@ -135,7 +186,7 @@ def _locate(model: type[Part], location: tuple[int | str, ...]) -> tuple[str, ty
             names.append(item)
         else:
             break
-    return dotted_name(names), owner
+    return names, owner
 
 
 def dotted_name(names: Iterable[str]) -> str:

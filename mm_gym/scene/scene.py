@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Annotated, Self, cast
+from typing import TYPE_CHECKING, Annotated, ClassVar, cast
 
-from pydantic import BeforeValidator, Field, JsonValue, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.actuators import Actuation
 from mm_gym.scene.dotted_names import put
+from mm_gym.scene.draft import draft_of, findings_of
 from mm_gym.scene.excitation import (
     FIXED_FIELDS,
     Excitation,
@@ -21,6 +22,7 @@ from mm_gym.scene.excitation import (
 )
 from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Springs, Viscous
 from mm_gym.scene.part import Part, dotted_name, listed
+from mm_gym.scene.rules import Rule, is_known, joint_findings
 from mm_gym.scene.sensors import Sensors
 
 if TYPE_CHECKING:
@@ -119,6 +121,60 @@ class Solver(Part):
     excitation a control step is one sample interval"""
 
 
+WITHIN = ("actuation.stretch.minimum", "actuation.stretch.maximum", "springs.kind")
+"""What the rules read that keep a stretch within its actuator's limits."""
+
+
+def _has_springs(actuator: Part | None, kind: str) -> str | None:
+    if actuator is None or kind != "none":
+        return None
+    return "actuation.stretch: there are no springs to stretch; set springs.kind"
+
+
+def _sees_springs(channels: tuple[str, ...], kind: str) -> str | None:
+    seen = [channel for channel in channels if CHANNELS[channel].scale == "stretch"]
+    if kind != "none" or not seen:
+        return None
+    return f"sensors.channels: {seen[0]!r} needs springs; set springs.kind"
+
+
+def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -> str | None:
+    if initial is None or actuator is not None:
+        return None
+    return "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
+
+
+def _initial_within_limits(
+    initial: NumberOrRange | None, minimum: float | None, maximum: float | None, kind: str
+) -> str | None:
+    if initial is None or minimum is None or maximum is None or kind == "none":
+        return None
+    low, high = bounds(initial)
+    if (minimum <= low and high <= maximum) or minimum >= maximum:
+        return None
+    return (
+        f"initial.stretch: got {initial}; allowed: within actuation.stretch, {minimum} to {maximum}"
+    )
+
+
+def _stretch_within_limits(
+    stretch: float | None,
+    initial: NumberOrRange | None,
+    minimum: float | None,
+    maximum: float | None,
+    kind: str,
+) -> str | None:
+    if initial is not None:  # it counts, and the springs' own stretch does not
+        return None
+    text = _initial_within_limits(stretch, minimum, maximum, kind)
+    return None if text is None else text.replace("initial", "springs", 1)
+
+
+def bounds(value: NumberOrRange) -> tuple[float, float]:
+    """Return (low, high) of a number or a range."""
+    return value if isinstance(value, tuple) else (value, value)
+
+
 class Scene(Part):
     """A carriage and a sphere, their coupling and excitation, and what the agent does and sees.
 
@@ -137,16 +193,33 @@ class Scene(Part):
     objective: Objective = Objective()
     control: Control = Control()
     randomization: dict[str, Range] = Field(default_factory=dict)
-    """dotted name of any numeric field -> [low, high], drawn uniformly for each episode"""
+    """dotted name of any numeric field -> [low, high], drawn uniformly for each episode; also of
+    interface.kinetic_ratio = kinetic_coefficient / static_coefficient, and of low_ratio =
+    low_frequency / high_frequency of noise, from which the first of the two fields then follows"""
     solver: Solver = Solver()
 
-    @model_validator(mode="after")
-    def _rules_across_parts(self) -> Self:
-        problems = [*self._stretch_problems(), *self._range_problems()]
-        problems += self._randomization_problems(known=problems)
-        if problems:
-            raise ValueError("\n".join(problems))
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("actuation.stretch", "springs.kind"), _has_springs),
+        Rule(("sensors.channels", "springs.kind"), _sees_springs),
+        Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
+        Rule(("initial.stretch", *WITHIN), _initial_within_limits),
+        Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
+    )
+
+    def __init__(self, **data: object) -> None:
+        try:
+            super().__init__(**data)
+        except SceneError as error:
+            lines, draft = str(error).splitlines(), draft_of(type(self), data)
+            if draft is not None:
+                lines += findings_of(*draft)
+            raise SceneError("\n".join(dict.fromkeys(lines))) from None
+
+    __init__.__pydantic_base_init__ = True  # pyright: ignore[reportFunctionMemberAccess] - as in Part
+
+    def findings(self, wrong: frozenset[str] = frozenset(), prefix: str = "") -> list[str]:
+        """Return what is wrong across the scene's fields, ranges included."""
+        return [*super().findings(wrong, prefix), *self._randomization_findings(wrong)]
 
     @property
     def digest(self) -> str:
@@ -174,92 +247,76 @@ class Scene(Part):
     def _dump(self) -> dict[str, Data]:
         return self.model_dump(mode="json")
 
-    def _stretch_problems(self) -> list[str]:
-        springs, actuator, initial = self.springs, self.actuation.stretch, self.initial.stretch
-        problems: list[str] = []
-        if springs.kind == "none":
-            if actuator is not None:
-                problems.append(
-                    "actuation.stretch: there are no springs to stretch; set springs.kind"
-                )
-            problems += [
-                f"sensors.channels: {channel!r} needs springs; set springs.kind"
-                for channel in self.sensors.channels
-                if CHANNELS[channel].scale == "stretch"
-            ]
-        if initial is not None and actuator is None:
-            problems.append(
-                "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
-            )
-        if actuator is not None and springs.kind != "none":
-            name, value = (
-                ("initial", initial) if initial is not None else ("springs", springs.stretch)
-            )
-            low, high = bounds(value)
-            if low < actuator.minimum or high > actuator.maximum:
-                allowed = f"within actuation.stretch, {actuator.minimum} to {actuator.maximum}"
-                problems.append(f"{name}.stretch: got {value}; allowed: {allowed}")
-        return problems
+    def range_of(self, name: str, stated: NumberOrRange) -> NumberOrRange:
+        """Return a number or, if it is drawn, its range, by dotted name.
 
-    def _range_problems(self) -> list[str]:
-        ranges = {f"initial.{name}": value for name, value in self.initial.model_dump().items()}
-        ranges |= {
-            dotted_name(("randomization", name)): value
-            for name, value in self.randomization.items()
+        A ratio that is drawn gives the range of the field that follows from it.
+        """
+        for ratio, (field, of) in self.drawn_ratios.items():
+            if field == name:
+                low, high = bounds(self.randomization.get(of, self._number(of)))
+                least, most = self.randomization[ratio]
+                return least * low, most * high
+        return self.randomization.get(name, stated)
+
+    @property
+    def drawn_ratios(self) -> dict[str, tuple[str, str]]:
+        """Dotted name of each ratio drawn -> those of the field it gives and of the other."""
+        return {
+            f"{prefix}.{name}": (f"{prefix}.{ratio.field}", f"{prefix}.{ratio.of}")
+            for prefix, part in self._drawable_parts().items()
+            for name, ratio in part.ratios.items()
+            if f"{prefix}.{name}" in self.randomization
         }
-        return [
-            f"{name}: got [{value[0]}, {value[1]}]; allowed: [low, high] with low <= high"
-            for name, value in ranges.items()
-            if isinstance(value, tuple) and value[0] > value[1]
-        ]
 
-    def _randomization_problems(self, known: list[str]) -> list[str]:
-        problems: list[str] = []
-        names = self._drawable()
+    def _number(self, name: str) -> float:
+        prefix, _, field = name.rpartition(".")
+        return getattr(self._drawable_parts()[prefix], field)
+
+    def _randomization_findings(self, wrong: frozenset[str]) -> list[str]:
+        findings: list[str] = []
+        names, parts = self._drawable(), self._drawable_parts()
+        ranges: dict[str, dict[str, tuple[float, float]]] = {prefix: {} for prefix in parts}
         for name, ends in self.randomization.items():
+            prefix, _, field = name.rpartition(".")
+            if not is_known([name], wrong):
+                continue
             if name not in names:
                 texts = [f"not a number of this scene that can be drawn{suggest(name, names)}"]
             elif name == "springs.stretch" and self.actuation.stretch is not None:
                 texts = ["has no effect with actuation.stretch; set initial.stretch"]
             else:
-                texts = [text for text in self._refusals(name, ends) if text not in known]
+                refused = {end: parts[prefix].findings_with(field, end) for end in ends}
+                texts = [text for end in refused for text in refused[end]]
+                allowed = [end for end in ends if not refused[end]]
+                if allowed:
+                    ranges[prefix][field] = allowed[0], allowed[-1]
             where = dotted_name(("randomization", name))
-            problems += [f"{where}: {text}" for text in texts]
-        return problems
-
-    def _refusals(self, name: str, ends: tuple[float, float]) -> list[str]:
-        """Return the findings for the scene with the field at either end of a range."""
-        texts: list[str] = []
-        for value in dict.fromkeys(ends):
-            trial = self._dump()
-            trial["randomization"] = {}
-            put(trial, name, value)
-            try:
-                Scene.of(trial)
-            except SceneError as error:
-                texts += [line.removeprefix(f"{name}: ") for line in str(error).splitlines()]
-        return texts
+            findings += [f"{where}: {text}" for text in texts]
+        for prefix, part in parts.items():
+            findings += joint_findings(prefix, part, ranges[prefix], wrong)
+        return findings
 
     def _drawable(self) -> list[str]:
-        """Return the dotted names of the numbers that may be randomised.
+        """Return the dotted names of the numbers and ratios that may be randomised.
 
-        Those of `initial` are not among them, because they take ranges themselves.
+        The numbers of `initial` are not among them, because they take ranges themselves.
         """
+        names: list[str] = []
+        for prefix, part in self._drawable_parts().items():
+            numbers = [
+                field
+                for field, value in part
+                if isinstance(value, float) and field not in FIXED_FIELDS
+            ]
+            names += [f"{prefix}.{field}" for field in (*numbers, *part.ratios)]
+        return names
+
+    def _drawable_parts(self) -> dict[str, Part]:
         parts: dict[str, Part] = {
             "carriage": self.carriage,
             "sphere": self.sphere,
             "interface": self.interface,
             "springs": self.springs,
         }
-        parts |= {f"excitation.{index}": part for index, part in enumerate(self.excitation)}
-        return [
-            f"{prefix}.{field}"
-            for prefix, part in parts.items()
-            for field, value in part
-            if isinstance(value, float) and field not in FIXED_FIELDS
-        ]
-
-
-def bounds(value: NumberOrRange) -> tuple[float, float]:
-    """Return (low, high) of a number or a range."""
-    return value if isinstance(value, tuple) else (value, value)
+        return parts | {f"excitation.{index}": part for index, part in enumerate(self.excitation)}

@@ -98,6 +98,7 @@ def _numbers(part: type[Part], prefix: str = "") -> Iterator[str]:
             yield from _numbers(other, f"{prefix}{name}.{index}")
         if not inner and get_origin(annotation) is not dict and _is_number(annotation):
             yield prefix + name
+    yield from (prefix + name for name in part.ratios)
 
 
 def _is_number(annotation: object) -> bool:

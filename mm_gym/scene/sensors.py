@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.excitation import NonNegative
 from mm_gym.scene.part import Part, listed
+from mm_gym.scene.rules import Rule
 
 if TYPE_CHECKING:
     Channel: TypeAlias = str
 else:
     Channel = Literal[*CHANNELS]
     """A name of the table of channels."""
+
+
+def _listed_once(channels: tuple[str, ...]) -> str | None:
+    twice = [channel for channel in channels if channels.count(channel) > 1]
+    return f"channels: {twice[0]!r} is listed more than once" if twice else None
+
+
+def _noise_is_seen(noise: dict[str, float], channels: tuple[str, ...]) -> str | None:
+    idle = [channel for channel in noise if channel not in channels]
+    if not idle:
+        return None
+    return f"noise.{idle[0]}: has no effect; the channel is not among sensors.channels"
 
 
 class Sensors(Part):
@@ -35,14 +48,7 @@ class Sensors(Part):
     history: Annotated[int, Field(ge=1, le=1000)] = 1
     """number of frames observed; a frame holds all channels at one control step"""
 
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        for channel in self.channels:
-            if self.channels.count(channel) > 1:
-                msg = f"channels: {channel!r} is listed more than once"
-                raise ValueError(msg)
-        for channel in self.noise:
-            if channel not in self.channels:
-                msg = f"noise.{channel}: has no effect; the channel is not among sensors.channels"
-                raise ValueError(msg)
-        return self
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("channels",), _listed_once),
+        Rule(("noise", "channels"), _noise_is_seen),
+    )

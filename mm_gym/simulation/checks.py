@@ -28,7 +28,27 @@ def checked_fields(
         If a name is unknown, or a value is not a number within the scene's support.
     """
     rows = {name: support.row_of(name) for name in given}
-    return {row: _checked(name, given[name], row, support, count) for name, row in rows.items()}
+    names = {row: name for name, row in support.names.items()}
+    for followed, ratio, _ in support.products:
+        if followed in rows.values():
+            msg = f"{names[followed]}: follows from {names[ratio]}; set that"
+            raise SceneError(msg)
+    checked = {row: _checked(name, given[name], row, support, count) for name, row in rows.items()}
+    _check_offset(checked, support)
+    return checked
+
+
+def _check_offset(fixed: Mapping[int, NDArray[np.float64]], support: Support) -> None:
+    """Raise `SceneError` for an offset at which a spring of finite stretch has length 0."""
+    # As for a scene: at the least stretch, to which an actuator may go in the first step.
+    furthest = support.low[at.STRETCH] * fixed.get(at.L0, support.low[at.L0])
+    offset = fixed.get(at.X2)
+    if support.high[at.L0] > 0.0 and offset is not None and np.any(abs(offset) >= furthest):
+        msg = (
+            f"initial.sphere_offset: got {offset}; allowed: less than stretch * rest_length = "
+            f"{furthest} m, where a spring of finite stretch has length 0"
+        )
+        raise SceneError(msg)
 
 
 def _checked(

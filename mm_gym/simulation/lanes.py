@@ -191,6 +191,8 @@ class Lanes:
             mask = np.ones(self.count, np.bool_)
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
         self._start(mask, rows, values)
+        for row, ratio, other in plant.support.products:
+            np.multiply(self.values[ratio], self.values[other], out=self.values[row], where=mask)
         if plant.support.sampled:
             self._begin_excitation(mask)
         if seen or plant.task[at.IS_NOISY]:

@@ -155,11 +155,11 @@ FINDINGS = [
         "sensors.channels: 'sphere_offset' is listed more than once",
     ),
     (
-        {"actuation": {"stretch": {"minimum": 2.0, "maximum": 1.5}}},
+        STRETCHED | {"actuation": {"stretch": {"minimum": 2.0, "maximum": 1.5}}},
         "actuation.stretch.minimum: got 2.0; allowed: less than maximum = 1.5",
     ),
     (
-        {"actuation": {"stretch": {"command": "rate"}}},
+        STRETCHED | {"actuation": {"stretch": {"command": "rate"}}},
         "actuation.stretch.rate_limit: missing; command = 'rate' needs it",
     ),
     (
@@ -212,7 +212,7 @@ def test_rules_across_fields_are_reported_together_and_once():
             randomization={"springs.stiffness": [-1.0, 2.0], "sphere.mass": [0.1, 0.2]},
         )
     fields = [line.split(":")[0] for line in str(caught.value).splitlines()]
-    assert fields == ["initial.stretch", "initial.sphere_offset", "randomization.springs.stiffness"]
+    assert fields == ["initial.sphere_offset", "initial.stretch", "randomization.springs.stiffness"]
 
 
 def test_either_end_of_a_drawn_range_is_checked():

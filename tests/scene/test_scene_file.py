@@ -163,7 +163,7 @@ def test_rules_across_fields_have_lines_too(tmp_path):
     places = [
         line.removeprefix(f"{file}:").split(": ")[:2] for line in str(caught.value).split("\n")
     ]
-    assert places == [["2", "initial.stretch"], ["4", "randomization.sphere.mass"]]
+    assert places == [["4", "randomization.sphere.mass"], ["2", "initial.stretch"]]
 
 
 def test_record_is_looked_for_beside_the_scene(tmp_path):

@@ -1,0 +1,124 @@
+"""Drafts: what can be known of a part that has wrong fields."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from pydantic import ValidationError
+
+from mm_gym.scene.part import FIELDS_ONLY, Part, dotted_name, located
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+ROUNDS = 10
+"""Most rounds of mending: a mended kind may show wrong fields that were not looked at before."""
+
+DEEPEST = 5
+"""Levels of data that are copied; a scene has fewer."""
+
+STANDS_IN = {"file": "record.csv", "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
+"""Values in place of wrong ones without a default; all others are 1."""
+
+
+class Draft(NamedTuple):
+    """A part whose wrong fields were replaced by values that are allowed.
+
+    Attributes
+    ----------
+    part
+        The part, whose rules across fields are not checked.
+    wrong
+        Dotted names of what was wrong or missing.
+    """
+
+    part: Part
+    wrong: frozenset[str]
+
+
+def draft_of(model: type[Part], data: Mapping[str, object]) -> Draft | None:
+    """Return the data as a draft, or None if too much of it is wrong."""
+    mended, wrong = cast("dict[str, Any]", _plain(data)), set[str]()
+    for _ in range(ROUNDS):
+        try:
+            part = model.model_validate(mended, context=FIELDS_ONLY)
+        except ValidationError as error:
+            for finding in error.errors():
+                names, owner = located(model, finding["loc"])
+                wrong.add(_mend(mended, names, owner, finding["type"]))
+        else:
+            return Draft(part, frozenset(wrong))
+    return None
+
+
+def findings_of(part: Part, wrong: frozenset[str], prefix: str = "") -> Iterator[str]:
+    """Yield what is wrong across the fields of a part and of all parts in it."""
+    for name, value in part:
+        inner: dict[str, object] = {name: value}
+        if isinstance(value, tuple):
+            inner = {f"{name}.{k}": one for k, one in enumerate(cast("tuple[object, ...]", value))}
+        for place, child in inner.items():
+            if isinstance(child, Part):
+                yield from findings_of(child, wrong, f"{prefix}{place}.")
+    for text in part.findings(wrong, prefix):
+        yield prefix + text
+
+
+def _plain(value: object, depth: int = 0) -> object:
+    """Return a copy of data in which parts are dictionaries, and tuples lists."""
+    if isinstance(value, Part):
+        value = value.model_dump()
+    if depth == DEEPEST:
+        return value
+    if isinstance(value, dict):
+        items = cast("dict[object, object]", value).items()
+        return {key: _plain(entry, depth + 1) for key, entry in items}
+    if isinstance(value, list | tuple):
+        return [_plain(entry, depth + 1) for entry in cast("list[object]", value)]
+    return value
+
+
+def _mend(data: dict[str, Any], names: list[str], owner: type[Part] | None, kind: str) -> str:
+    """Replace what is wrong in the data and return its dotted name."""
+    if names[0] == "randomization" and len(names) > 1:
+        data["randomization"].pop(names[1], None)
+        return dotted_name(names[:2])
+    holder, depth = _holder(data, names)
+    name = names[depth]
+    if kind == "extra_forbidden":
+        holder.pop(name, None)
+        # It may stand for a field whose name is misspelt.
+        nearest = get_close_matches(name, owner.model_fields if owner else (), n=1)
+        return dotted_name([*names[:depth], *(nearest or [name])])
+    if isinstance(holder, list):
+        holder[int(name)] = {
+            field: STANDS_IN[field] for field in ("kind", "amplitude", "frequency")
+        }
+    elif (
+        owner is not None and name in owner.model_fields and owner.model_fields[name].is_required()
+    ):
+        holder[name] = STANDS_IN.get(name, 1.0)
+    else:
+        holder.pop(name, None)
+    return dotted_name(names[: depth + 1])
+
+
+def _holder(data: dict[str, Any], names: list[str]) -> tuple[Any, int]:
+    """Return the deepest table that holds one of the names, or the list of excitation, and which.
+
+    A wrong entry of any other list makes the whole list wrong.
+    """
+    holder, depth = data, 0
+    while depth < len(names) - 1:
+        inner: Any = holder.get(names[depth])
+        if isinstance(inner, list) and names[depth] == "excitation":
+            entries = cast("list[Any]", inner)
+            depth += 1
+            if depth == len(names) - 1:
+                return entries, depth
+            inner = entries[int(names[depth])]
+        if not isinstance(inner, dict):
+            break
+        holder, depth = cast("dict[str, Any]", inner), depth + 1
+    return holder, depth

@@ -1,0 +1,412 @@
+"""Rules across fields hold for every value that can be drawn, and are all reported at once."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mm_gym import (
+    CompileError,
+    MovingMassVectorEnv,
+    Scene,
+    SceneError,
+    compile_scene,
+    load_scene,
+)
+from mm_gym.simulation.lanes import Lanes
+
+DRY = {
+    "kind": "dry_friction",
+    "static_coefficient": 0.5,
+    "kinetic_coefficient": 0.2,
+    "reference_velocity": 0.1,
+}
+NOISE = {"kind": "noise", "rms": 1.0, "low_frequency": 5.0, "high_frequency": 50.0}
+LANES = 32
+
+# Ranges of numbers
+
+
+def pairs(low, high):
+    """Ordered pairs of numbers, often equal ones and ends."""
+    numbers = st.sampled_from([low, high]) | st.floats(low, high)
+    return st.tuples(numbers, numbers).map(sorted)
+
+
+POSITIVE = pairs(0.05, 2.0)
+COEFFICIENTS = pairs(0.1, 1.0)
+STRETCHES = pairs(1.0, 3.0)
+FREQUENCIES = pairs(1.0, 60.0)
+
+FRICTIONS = st.fixed_dictionaries(
+    {
+        "kind": st.just("dry_friction"),
+        "static_coefficient": st.just(0.8),
+        "kinetic_coefficient": st.just(0.3),
+        "reference_velocity": st.just(0.1),
+        "normal_force": st.just(0.4),
+    }
+)
+INTERFACES = st.just({"kind": "none"}) | st.just({"kind": "viscous"}) | FRICTIONS
+SPRINGS = (
+    st.just({"kind": "none"})
+    | st.just({"kind": "small_on_large"})
+    | st.just({"kind": "finite_stretch", "rest_length": 0.05})
+)
+SOURCES = st.sampled_from(
+    [
+        NOISE,
+        NOISE | {"low_frequency": 0.0},
+        {"kind": "kanai_tajimi", "rms": 1.0, "ground_frequency": 50.0},
+        {"kind": "impulse", "size": [-0.1, 0.1], "rate": 2.0},
+        {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0},
+    ]
+)
+RANGES = {
+    "carriage.mass": POSITIVE,
+    "sphere.mass": POSITIVE,
+    "interface.damping": POSITIVE,
+    "interface.static_coefficient": COEFFICIENTS,
+    "interface.kinetic_coefficient": COEFFICIENTS,
+    "interface.kinetic_ratio": pairs(0.01, 1.0),
+    "interface.reference_velocity": POSITIVE,
+    "springs.stiffness": POSITIVE,
+    "springs.stretch": STRETCHES,
+    "springs.rest_length": pairs(0.02, 0.1),
+    "excitation.0.low_frequency": FREQUENCIES,
+    "excitation.0.high_frequency": FREQUENCIES,
+    "excitation.0.low_ratio": pairs(0.0, 0.999),
+    "excitation.0.rate": pairs(0.0, 5.0),
+    "excitation.0.amplitude": pairs(-1.0, 1.0),
+}
+
+
+def belongs(name, data):
+    """Whether a scene has a number or ratio of this name."""
+    part, _, field = name.rpartition(".")
+    if part == "excitation.0":
+        fields = dict.fromkeys(data["excitation"][0] if data["excitation"] else ())
+        return field in fields or (field == "low_ratio" and "low_frequency" in fields)
+    if part == "interface":
+        friction = data["interface"]["kind"] == "dry_friction"
+        return (field == "damping") != friction and data["interface"]["kind"] != "none"
+    if part == "springs":
+        return data["springs"]["kind"] == "finite_stretch" or (
+            data["springs"]["kind"] != "none" and field != "rest_length"
+        )
+    return True
+
+
+@st.composite
+def scenes_with_ranges(draw):
+    data = {
+        "interface": draw(INTERFACES),
+        "springs": draw(SPRINGS),
+        "excitation": draw(st.lists(SOURCES, max_size=1)),
+        "initial": {"sphere_offset": draw(pairs(-0.2, 0.2) | pairs(-0.01, 0.01))},
+        "actuation": {"force": {}},
+    }
+    if data["springs"]["kind"] != "none" and draw(st.booleans()):
+        minimum, maximum = draw(STRETCHES)
+        data["actuation"]["stretch"] = {"minimum": minimum, "maximum": maximum}
+        data["initial"]["stretch"] = draw(STRETCHES)
+    names = [name for name in RANGES if belongs(name, data)]
+    chosen = draw(st.lists(st.sampled_from(names), unique=True, max_size=5))
+    data["randomization"] = {name: draw(RANGES[name]) for name in chosen}
+    return data
+
+
+def lanes_of(plant, seed=0):
+    lanes = Lanes(plant, LANES)
+    lanes.seed(seed)
+    lanes.restart()
+    return lanes
+
+
+def check_lanes(lanes, data):
+    """Assert each rule across fields, in its own words, and that all draws lie in their ranges."""
+    names = lanes.plant.support.names
+    drawn = {name: lanes.values[row] for name, row in names.items()}
+    assert all(np.isfinite(values).all() for values in drawn.values())
+    if "interface.static_coefficient" in drawn and lanes.plant.support.slips:
+        assert (drawn["interface.kinetic_coefficient"] > 0.0).all()
+        assert (
+            drawn["interface.kinetic_coefficient"] <= drawn["interface.static_coefficient"]
+        ).all()
+    if "excitation.0.high_frequency" in drawn:
+        assert (drawn["excitation.0.low_frequency"] < drawn["excitation.0.high_frequency"]).all()
+    if "stretch" in data["actuation"]:
+        limits = data["actuation"]["stretch"]
+        assert (drawn["initial.stretch"] >= limits["minimum"]).all()
+        assert (drawn["initial.stretch"] <= limits["maximum"]).all()
+    if "springs.rest_length" in drawn:
+        stretch = drawn.get("initial.stretch", drawn.get("springs.stretch"))
+        offset = lanes.values[1] - lanes.values[0]
+        assert (abs(offset) < stretch * drawn["springs.rest_length"]).all()
+    for name, (low, high) in data["randomization"].items():
+        assert (drawn[name] >= low).all()
+        assert (drawn[name] <= high).all()
+
+
+def check_scene(data):
+    """Draw from a scene with ranges, or refuse it by name; return whether it was drawn from."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            plant = compile_scene(Scene(**data))
+    except (SceneError, CompileError):
+        return False
+    check_lanes(lanes_of(plant), data)
+    return True
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_no_lane_draws_what_the_rules_forbid(count):
+    drawn = []
+
+    @settings(max_examples=count, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(data=scenes_with_ranges())
+    def check(data):
+        drawn.append(check_scene(data))
+
+    check()
+    assert sum(drawn) > 0.3 * count  # otherwise too little is drawn
+
+
+# Joint ranges
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (
+            {
+                "interface": DRY,
+                "randomization": {
+                    "interface.static_coefficient": [0.3, 0.5],
+                    "interface.kinetic_coefficient": [0.2, 0.4],
+                },
+            },
+            (
+                "randomization.interface.kinetic_coefficient: got 0.4; allowed: at most "
+                "static_coefficient = 0.3, which is drawn too; draw interface.kinetic_ratio in "
+                "place of interface.kinetic_coefficient"
+            ),
+        ),
+        (
+            {
+                "excitation": [NOISE],
+                "randomization": {
+                    "excitation.0.high_frequency": [10.0, 50.0],
+                    "excitation.0.low_frequency": [1.0, 20.0],
+                },
+            },
+            (
+                "randomization.excitation.0.low_frequency: got 20.0; allowed: less than "
+                "high_frequency = 10.0, which is drawn too; draw excitation.0.low_ratio in place "
+                "of excitation.0.low_frequency"
+            ),
+        ),
+        (
+            {"interface": DRY, "randomization": {"interface.kinetic_ratio": [0.5, 1.1]}},
+            "randomization.interface.kinetic_ratio: got 1.1; allowed: greater than 0 and at most 1",
+        ),
+        (
+            {"excitation": [NOISE], "randomization": {"excitation.0.low_ratio": [-0.1, 0.5]}},
+            "randomization.excitation.0.low_ratio: got -0.1; allowed: at least 0 and below 1",
+        ),
+        (
+            {
+                "interface": DRY,
+                "randomization": {
+                    "interface.kinetic_ratio": [0.5, 1.0],
+                    "interface.kinetic_coefficient": [0.2, 0.4],
+                },
+            },
+            (
+                "randomization.interface.kinetic_coefficient: has no effect: it follows from a "
+                "ratio drawn too"
+            ),
+        ),
+        (
+            {"randomization": {"interface.kinetic_ratio": [0.5, 1.0]}},
+            (
+                "randomization.interface.kinetic_ratio: not a number of this scene that can be "
+                "drawn; did you mean 'interface.damping'?"
+            ),
+        ),
+    ],
+)
+def test_ranges_that_break_a_rule_jointly_are_refused_by_name(data, words):
+    with pytest.raises(SceneError) as caught:
+        Scene(**data)
+    assert str(caught.value) == words
+
+
+def test_ranges_that_never_meet_are_allowed():
+    ranges = {
+        "interface.static_coefficient": (0.4, 0.5),
+        "interface.kinetic_coefficient": (0.1, 0.4),
+    }
+    assert Scene(interface=DRY, randomization=ranges).randomization == ranges
+
+
+RATIOS = {
+    "interface": (
+        {"interface": DRY},
+        {"interface.static_coefficient": [0.3, 0.6], "interface.kinetic_ratio": [0.4, 1.0]},
+        "interface.kinetic_coefficient",
+    ),
+    "noise": (
+        {"excitation": [NOISE]},
+        {"excitation.0.high_frequency": [20.0, 60.0], "excitation.0.low_ratio": [0.1, 0.9]},
+        "excitation.0.low_frequency",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RATIOS)
+def test_ratio_that_is_drawn_gives_its_field(name):
+    data, ranges, followed = RATIOS[name]
+    other, ratio = ranges
+    env = MovingMassVectorEnv(Scene(**data, randomization=ranges, actuation={"force": {}}), 500)
+    env.reset(seed=0)
+    for each in ranges:
+        low, high = ranges[each]
+        values = env.drawn(each)
+        assert len(set(values)) > 490  # of 500 draws of 53 bits
+        assert values.min() >= low
+        assert values.max() <= high
+    assert (env.drawn(followed) == env.drawn(ratio) * env.drawn(other)).all()
+    # What is set replaces what is drawn, and the field still follows.
+    env.reset(options={other: ranges[other][0], ratio: np.full(500, 0.5)})
+    assert (env.drawn(followed) == 0.5 * ranges[other][0]).all()
+    with pytest.raises(SceneError, match=f"{followed}: follows from {ratio}; set that"):
+        env.reset(options={followed: 0.5 * ranges[other][1]})
+    with pytest.raises(SceneError, match=rf"{ratio}: got 1\.5; allowed: "):
+        env.reset(options={ratio: 1.5})
+    for _ in range(3):
+        env.step(env.action_space.sample())
+
+
+def test_options_may_not_shorten_a_spring_to_nothing():
+    scene = Scene(
+        springs={"kind": "finite_stretch", "rest_length": 0.05},
+        actuation={"stretch": {"minimum": 1.2, "maximum": 3.0}},
+        initial={"stretch": 2.0, "sphere_offset": [-0.03, 0.03]},
+        randomization={"springs.rest_length": [0.05, 0.1]},
+    )
+    env = MovingMassVectorEnv(scene, 2)
+    env.reset(seed=0, options={"initial.sphere_offset": 0.059})
+    env.reset(options={"initial.sphere_offset": -0.1, "springs.rest_length": 0.1})
+    for offset in (0.061, [0.0, -0.061]):
+        with pytest.raises(SceneError, match=r"initial\.sphere_offset: got .*; allowed: less than"):
+            env.reset(options={"initial.sphere_offset": offset})
+
+
+# Ranges as such
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        ({"initial": {"sphere_offset": [-1.7e308, 1.7e308]}}, "initial.sphere_offset"),
+        (
+            {
+                "excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}],
+                "randomization": {"excitation.0.amplitude": [-1.7e308, 1.7e308]},
+            },
+            "randomization.excitation.0.amplitude",
+        ),
+        (
+            {"excitation": [{"kind": "impulse", "rate": 1.0, "size": [-1e308, 1e308]}]},
+            "excitation.0.size",
+        ),
+    ],
+)
+def test_range_too_wide_to_draw_from_is_refused_by_name(data, name):
+    # Between such ends, low + (high - low) u is infinite for any u.
+    with pytest.raises(SceneError) as caught:
+        Scene(**data)
+    text = str(caught.value)
+    assert text.startswith(f"{name}: got [-1")
+    assert text.endswith("allowed: high - low of at most 1.8e+308, the largest number")
+
+
+def test_widest_range_is_drawn_from_within():
+    scene = Scene(initial={"sphere_offset": [-8e307, 8e307]})
+    offsets = lanes_of(compile_scene(scene)).values[1]
+    assert len(set(offsets)) == LANES
+
+
+# Every finding at once
+
+WRONG = """\
+[carriage]
+mass = -1
+[interface]
+kind = "dry_friction"
+static_coefficient = 0.3
+kinetic_coefficient = 0.4
+reference_velocity = 0
+[[excitation]]
+kind = "noise"
+rms = "loud"
+low_frequency = 20
+high_frequency = 10
+[initial]
+stretch = 2
+[sensors]
+channels = ["stretch"]
+histry = 3
+[randomization]
+"sphere.mass" = [-1, 1]
+"""
+
+
+def test_rules_are_checked_where_other_fields_are_wrong(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(WRONG)
+    with pytest.raises(SceneError) as caught:
+        load_scene(file)
+    lines = [
+        line.removeprefix(f"{file}:").split(": ")[:2] for line in str(caught.value).split("\n")
+    ]
+    assert sorted((int(line), name) for line, name in lines) == [
+        (2, "carriage.mass"),
+        (6, "interface.kinetic_coefficient"),
+        (7, "interface.reference_velocity"),
+        (10, "excitation.0.rms"),
+        (11, "excitation.0.low_frequency"),
+        (14, "initial.stretch"),
+        (16, "sensors.channels"),
+        (17, "sensors.histry"),
+        (19, "randomization.sphere.mass"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"interface": DRY | {"static_coefficient": "x", "kinetic_coefficient": 5.0}},
+        {"interface": DRY | {"static_coeficient": 6.0, "kinetic_coefficient": 5.0}},
+        {"initial": {"stretch": 2.0}, "actuation": {"stretch": 3}},
+        {"initial": {"stretch": 2.0}, "actuatoin": {"stretch": {}}},
+        {"sensors": {"channels": ["carriage_displacement", "s"], "noise": {"stretch": 1.0}}},
+        {"excitation": [{"kind": "nose"}], "randomization": {"excitation.0.rms": [1.0, 2.0]}},
+        {"excitation": [{"kind": "impulse", "size": 1.0, "rat": 1.0}]},
+        {
+            "interface": DRY,
+            "randomization": {
+                "interface.static_coefficient": [0.5, 0.2],
+                "interface.kinetic_coefficient": [0.2, 0.6],
+            },
+        },
+    ],
+)
+def test_rules_are_not_checked_on_values_that_are_not_known(data):
+    with pytest.raises(SceneError) as caught:
+        Scene(**data)
+    assert "\n" not in str(caught.value)
