@@ -15,6 +15,7 @@ from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
+from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.outputs import copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, checked_fields
@@ -191,12 +192,18 @@ class Lanes:
             mask = np.ones(self.count, np.bool_)
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
         self._start(mask, rows, values)
-        for row, ratio, other in plant.support.products:
-            np.multiply(self.values[ratio], self.values[other], out=self.values[row], where=mask)
+        if plant.support.products:
+            self._multiply(mask)
         if plant.support.sampled:
             self._begin_excitation(mask)
         if seen or plant.task[at.IS_NOISY]:
             self._show(mask, paused)
+
+    def _multiply(self, mask: NDArray[np.bool_]) -> None:
+        """Write the fields that follow from a ratio, and the regimes of friction with them."""
+        for row, ratio, other in self.plant.support.products:
+            np.multiply(self.values[ratio], self.values[other], out=self.values[row], where=mask)
+        write_regimes(self._values, 0, self.count)
 
     def _rows_and_values(self, fixed: Mapping[int, Values]) -> tuple[NDArray[np.int64], Values]:
         """Return rows and their values (rows, count), as the kernel reads them."""

@@ -17,7 +17,7 @@ def test_table_has_every_equation():
     rows = [line.split("|")[1] for line in TABLE.splitlines() if line.startswith("| (")]
     found = set()
     for row in rows:
-        for first, last in re.findall(r"\((\d+)\)(?:–\((\d+)\))?", row.partition(";")[0]):
+        for first, last in re.findall(r"\((\d+)\)(?:\u2013\((\d+)\))?", row.partition(";")[0]):
             found |= set(range(int(first), int(last or first) + 1))
     assert found == set(range(1, 22))
 

@@ -15,6 +15,7 @@ from mm_gym import (
     compile_scene,
     load_scene,
 )
+from mm_gym.kernels import layout as at
 from mm_gym.simulation.lanes import Lanes
 
 DRY = {
@@ -410,3 +411,22 @@ def test_rules_are_not_checked_on_values_that_are_not_known(data):
     with pytest.raises(SceneError) as caught:
         Scene(**data)
     assert "\n" not in str(caught.value)
+
+
+def test_friction_that_follows_from_a_ratio_is_the_one_that_acts():
+    scene = Scene(
+        interface={
+            "kind": "dry_friction",
+            "static_coefficient": 0.5,
+            "kinetic_coefficient": 0.25,
+            "reference_velocity": 0.01,
+        },
+        actuation={"force": {}},
+        randomization={"interface.kinetic_ratio": (0.2, 0.8)},
+    )
+    lanes = Lanes(compile_scene(scene), 50)
+    lanes.seed(0)
+    lanes.restart()
+    mu2, normal = lanes.values[at.MU2], lanes.values[at.FN]
+    assert np.unique(mu2).size == 50
+    assert np.array_equal(lanes.values[at.KINETIC_FORCE], mu2 * normal)
