@@ -1,15 +1,14 @@
-"""The decorators of all kernels: compiled without the GIL, cached for the sources as a whole."""
+"""The decorators of all kernels: compiled without the GIL, and kept on disk."""
 
 from __future__ import annotations
 
-import hashlib
 from functools import cache
-from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numba
-from numba.core import caching
+
+from mm_gym.kernels.cache import KernelCache
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,63 +17,6 @@ if TYPE_CHECKING:
 
 COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
-
-
-def sources() -> list[Path]:
-    """Return the files that compiled code is made from."""
-    package = Path(__file__).parents[1]
-    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py", "methods/*/simd.py")
-    return sorted({file for place in places for file in package.glob(place)})
-
-
-def _digest_of_sources() -> str:
-    files = sources()
-    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
-
-
-_DIGEST = _digest_of_sources()
-"""Of the sources as imported: edited later, they are not those that this process runs."""
-
-
-class _StampOfPackage:
-    """Numba watches one file only: a kernel whose helper in another changed would stay stale."""
-
-    def get_source_stamp(self) -> str:
-        return _DIGEST
-
-
-class _Provided(_StampOfPackage, caching.UserProvidedCacheLocator):
-    pass
-
-
-class _InTree(_StampOfPackage, caching.InTreeCacheLocator):
-    pass
-
-
-class _UserWide(_StampOfPackage, caching.UserWideCacheLocator):
-    pass
-
-
-class _Implementation(caching.CompileResultCacheImpl):
-    _locator_classes = (_Provided, _InTree, _UserWide)
-
-
-class _KernelCache(caching.FunctionCache):
-    _impl_class = _Implementation
-
-    def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
-        # Kernels close over other kernels only, and the stamp covers their text: their names
-        # identify the closure.
-        return (sig, codegen.magic_tuple(), _closed_over(self._py_func))
-
-
-def _closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
-    """Return the names of the kernels that a kernel closes over, and that those close over."""
-    kernels = [cell.cell_contents for cell in function.__closure__ or ()]
-    return tuple(
-        (kernel.__module__, kernel.__qualname__, _closed_over(getattr(kernel, "py_func", kernel)))
-        for kernel in kernels
-    )
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -161,5 +103,5 @@ def _compiled(
         parallel=parallel,
     )(function)
     # What numba's own `cache=True` sets.
-    dispatcher._cache = _KernelCache(dispatcher.py_func)  # noqa: SLF001
+    dispatcher._cache = KernelCache(dispatcher.py_func)  # noqa: SLF001
     return dispatcher

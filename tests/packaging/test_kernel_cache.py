@@ -11,7 +11,7 @@ from source_imports import PACKAGE, file_of, imported_by
 from tasks import TASKS
 
 import mm_gym
-from mm_gym.kernels.jit import sources
+from mm_gym.kernels.cache import sources
 
 DECORATORS = ("kernel", "borrowing_kernel", "inlined_kernel", "sharing_kernel")
 

@@ -1,0 +1,151 @@
+"""Compiled kernels on disk: those of the sources as a whole, and never a reason to fail."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numba
+from numba.core import caching
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numba.core.compiler import CompileResult
+
+
+def sources() -> list[Path]:
+    """Return the files that compiled code is made from."""
+    package = Path(__file__).parents[1]
+    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py", "methods/*/simd.py")
+    return sorted({file for place in places for file in package.glob(place)})
+
+
+def _digest_of_sources() -> str:
+    files = sources()
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+
+
+_STAMP = (numba.__version__, _digest_of_sources())
+"""Of the sources as imported: edited later, they are not those that this process runs. Numba would
+stamp with one file only: a kernel whose helper in another changed would stay stale."""
+
+_DIGEST_SIZE = hashlib.sha256().digest_size
+
+_warned: list[str] = []
+"""The warnings of this process: one is enough."""
+
+
+def _warn(message: str) -> None:
+    if not _warned:
+        advice = "set NUMBA_CACHE_DIR to choose another folder"
+        warnings.warn(f"{message}; {advice}", RuntimeWarning, stacklevel=2)
+    _warned.append(message)
+
+
+class _UserWide(caching.UserWideCacheLocator):
+    @classmethod
+    def from_function(cls, py_func: object, py_file: str) -> _UserWide | None:
+        # A user without a home: the folder would be made where the process happens to run.
+        if not Path(cls(py_func, py_file).get_cache_path()).is_absolute():
+            return None
+        return super().from_function(py_func, py_file)
+
+
+class _Unchecked(caching.InTreeCacheLocator):
+    """The package's own folder although it cannot be written to: it may have been filled before."""
+
+    @classmethod
+    def from_function(cls, py_func: object, py_file: str) -> _Unchecked:
+        return cls(py_func, py_file)
+
+
+class _Implementation(caching.CompileResultCacheImpl):
+    _locator_classes = (
+        caching.UserProvidedCacheLocator,
+        caching.InTreeCacheLocator,
+        _UserWide,
+        _Unchecked,
+    )
+
+
+class _Entries(caching.IndexDataCacheFile):
+    """Entries that say what they are of, in files that are used only if they are whole.
+
+    Numba numbers entries, and writes the index first. After a full disk, a kill, or two processes
+    at once, a number in the index may lead to code for other arguments or from older sources.
+    """
+
+    def load(self, key: object) -> object | None:
+        entry = super().load(key)
+        if entry is None or entry[:2] != (self._source_stamp, key):
+            return None
+        return entry[2]
+
+    def save(self, key: object, data: object) -> None:
+        super().save(key, (self._source_stamp, key, data))
+
+    def _load_index(self) -> dict[Any, str]:
+        stamp, names = self._read(self._index_path) or (None, {})
+        return names if stamp == self._source_stamp else {}
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._source_stamp, overloads))
+
+    def _load_data(self, name: str) -> Any | None:  # noqa: ANN401 - what was pickled
+        return self._read(self._data_path(name))
+
+    def _save_data(self, name: str, data: object) -> None:
+        self._write(self._data_path(name), data)
+
+    @staticmethod
+    def _read(path: str) -> Any | None:  # noqa: ANN401 - the same
+        try:
+            content = Path(path).read_bytes()
+        except OSError:  # none yet; if there is more to it, writing fails too and says so
+            return None
+        digest, content = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
+        if hashlib.sha256(content).digest() != digest:
+            _warn(f"compiled again, for the file is damaged: {path}")
+            return None
+        return pickle.loads(content)  # noqa: S301 - ours, as its digest says
+
+    def _write(self, path: str, data: object) -> None:
+        content = self._dump(data)
+        with self._open_for_write(path) as stream:
+            stream.write(hashlib.sha256(content).digest() + content)
+
+
+class KernelCache(caching.FunctionCache):
+    """The compiled code of a kernel on disk; what cannot be written is compiled by each process."""
+
+    _impl_class = _Implementation
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        name = f"{self._impl.filename_base}.whole"  # not the name of files without digests
+        self._cache_file = _Entries(self._cache_path, name, _STAMP)
+
+    def save_overload(self, sig: object, data: CompileResult) -> None:
+        """Save compiled code for a signature."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _warn(f"each process compiles anew, for compiled code cannot be written: {error}")
+
+    def _index_key(self, sig: object, codegen: Any) -> tuple[object, ...]:  # noqa: ANN401 - numba's
+        # Kernels close over other kernels only, and the stamp covers their text: their names
+        # identify the closure.
+        return (sig, codegen.magic_tuple(), _closed_over(self._py_func))
+
+
+def _closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
+    """Return the names of the kernels that a kernel closes over, and that those close over."""
+    kernels = [cell.cell_contents for cell in function.__closure__ or ()]
+    return tuple(
+        (kernel.__module__, kernel.__qualname__, _closed_over(getattr(kernel, "py_func", kernel)))
+        for kernel in kernels
+    )
