@@ -12,7 +12,8 @@ import pytest
 from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain, sources
+from mm_gym.kernels.cache import sources
+from mm_gym.kernels.jit import plain
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 
