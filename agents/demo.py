@@ -5,22 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from agents.evaluate import report_run
+from agents.train import train_and_report
 from agents.training.config import read_settings
-from agents.training.ppo import train
-from agents.training.runs import Run
+from agents.training.runs import numbered
 
 SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
 
 
-def main() -> None:
-    """Train anew, or continue a killed demo."""
-    settings = read_settings(SETTINGS)
-    run = Run(settings.name)
-    if run.finished:
-        run.clear()
-    train(settings, run)
-    report_run(run)
+def main() -> str | int | None:
+    """Train anew, beside earlier demos, or continue an interrupted one."""
+    return train_and_report(numbered(read_settings(SETTINGS)))
 
 
 if __name__ == "__main__":

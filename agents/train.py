@@ -2,29 +2,51 @@
 
 For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
 
-A killed run continues from its last checkpoint; the best model of the validations is kept.
+An interrupted run continues from its last checkpoint when the same command is given again; the best
+model of the validations is kept.
 """
 
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from agents.evaluate import report_run
 from agents.training.config import settings_from_command_line
 from agents.training.ppo import train
 from agents.training.runs import Run, RunError
-from mm_gym import SceneError
+from mm_gym import CompileError, SceneError
+
+if TYPE_CHECKING:
+    from agents.training.config import TrainSettings
+
+INTERRUPTED = 130
+"""Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
 
 
-def main() -> str | None:
+def main() -> str | int | None:
     """Train from the command line, then report."""
     try:
         settings = settings_from_command_line(__doc__ or "")
-        run = Run(settings.name)
+    except SceneError as error:
+        return f"error: {error}"
+    return train_and_report(settings)
+
+
+def train_and_report(settings: TrainSettings) -> str | int | None:
+    """Train and report; return what `sys.exit` takes."""
+    run = Run(settings.name)
+    try:
         train(settings, run)
         report_run(run)
-    except (SceneError, RunError) as error:
+    except (SceneError, CompileError, RunError) as error:
         return f"error: {error}"
+    except KeyboardInterrupt:
+        advice = "give the same command again to continue"
+        if run.finished:
+            advice = f"trained; score it: python -m agents.evaluate {run.folder}"
+        print(f"interrupted: {run.folder}: {advice}", file=sys.stderr)
+        return INTERRUPTED
     return None
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
+import io
+import itertools
 import json
+import os
 import platform
-import shutil
 import sys
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mm_gym.files import write_text
+from mm_gym.files import write_bytes, write_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stable_baselines3.common.base_class import BaseAlgorithm
 
     from agents.training.config import TrainSettings
@@ -31,21 +37,22 @@ PACKAGES = (
 
 
 class RunError(RuntimeError):
-    """A run's folder does not hold what is needed."""
+    """A run's folder does not hold what is needed, or another process is using it."""
 
 
 class Run:
     """The folder ``runs/NAME``.
 
-    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.zip`` the state
-    from which a killed run continues; ``model.zip`` the best model, written when training is over.
+    ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
+    from which an interrupted run continues; ``metrics.csv`` the validations; ``model.zip`` the best
+    model, written when training is over. Each is written whole. Nothing of a run is ever deleted.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
         self.folder = Path(root) / name
         self.record = self.folder / "run.json"
-        self.checkpoint = self.folder / "checkpoint.zip"
-        self.best = self.folder / "best.zip"
+        self.checkpoint = self.folder / "checkpoint.npz"
+        self.metrics = self.folder / "metrics.csv"
         self.model = self.folder / "model.zip"
 
     @property
@@ -53,35 +60,79 @@ class Run:
         """Whether training is over."""
         return self.model.exists()
 
-    def clear(self) -> None:
-        """Delete the files of an earlier run of this name."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from training in this folder, which is made if need be.
+
+        The lock ends with the process, however it ends.
+
+        Raises
+        ------
+        RunError
+            If another process holds the lock, or the folder cannot be written to.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            stream = (self.folder / ".lock").open("a+", encoding="utf-8")
+        except OSError as error:
+            msg = f"{self.folder}: cannot be the folder of a run: {error}"
+            raise RunError(msg) from error
+        with stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RunError(self._refusal(stream.name, error)) from None
+            stream.truncate(0)
+            stream.write(f"process {os.getpid()} on {platform.node()}")
+            stream.flush()
+            self._delete_partial_files()
+            yield
+
+    def _refusal(self, lock: str, error: OSError) -> str:
+        if not isinstance(error, BlockingIOError):
+            return f"{self.folder}: cannot be locked: {error}"
+        holder = Path(lock).read_text(encoding="utf-8") or "another process"
+        return (
+            f"{self.folder}: {holder} is training this run; "
+            "wait for its end, or choose another name with --name"
+        )
+
+    def _delete_partial_files(self) -> None:
+        """Delete the temporary files of a process that was killed while it wrote."""
+        for file in (self.record, self.checkpoint, self.metrics, self.model):
+            for partial in self.folder.glob(f".{file.name}.*"):
+                partial.unlink()
 
     def open(self, settings: TrainSettings) -> None:
-        """Begin the run, or continue a killed one of the same settings.
+        """Begin the run, or continue an interrupted one of the same settings.
 
         Raise `RunError` if the folder holds a run of other settings or another scene.
         """
-        scene = settings.load_scene()
+        if not self.fits(settings):
+            msg = f"{self.folder}: holds a run with other settings; choose another name with --name"
+            raise RunError(msg)
+        if self.record.exists():
+            return
         contents = {
-            "settings": json.loads(settings.model_dump_json()),
-            "scene": json.loads(scene.model_dump_json()),
-            "scene_digest": scene.digest,
+            **_identity(settings),
+            "scene": json.loads(settings.load_scene().model_dump_json()),
             "versions": {name: version(name) for name in PACKAGES},
             "python": platform.python_version(),
             "machine": platform.machine(),
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         }
-        if self.record.exists():
-            earlier = json.loads(self.record.read_text(encoding="utf-8"))
-            if any(earlier[key] != contents[key] for key in ("settings", "scene_digest")):
-                msg = (
-                    f"{self.folder}: holds a run with other settings; "
-                    "choose another name or delete it"
-                )
-                raise RunError(msg)
-            return
         write_text(self.record, json.dumps(contents, indent=2) + "\n")
+
+    def fits(self, settings: TrainSettings) -> bool:
+        """Tell whether the folder holds no run, or one of these settings and this scene."""
+        if not self.record.exists():
+            return True
+        record, identity = self.read(), _identity(settings)
+        return all(record.get(key) == identity[key] for key in identity)
+
+    def takes(self, settings: TrainSettings) -> bool:
+        """Tell whether training with these settings can begin or continue in the folder."""
+        return not self.finished and self.fits(settings)
 
     def read(self) -> dict[str, object]:
         """Return the record; raise `RunError` if there is none."""
@@ -91,8 +142,27 @@ class Run:
         return json.loads(self.record.read_text(encoding="utf-8"))
 
 
-def save_whole(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model beside its path, then rename: a kill leaves the old file or the new one."""
-    temporary = path.with_name(f".{path.stem}.partial.zip")
-    model.save(temporary)
-    temporary.replace(path)
+def _identity(settings: TrainSettings) -> dict[str, object]:
+    """Return what two runs must have in common for one to continue the other."""
+    return {
+        "settings": json.loads(settings.model_dump_json()),
+        "scene_digest": settings.load_scene().digest,
+    }
+
+
+def numbered(settings: TrainSettings, root: str | Path = "runs") -> TrainSettings:
+    """Return the settings with a name under which training can begin or continue.
+
+    The name is numbered, as in ``first-2``, while its run is finished or has other settings.
+    """
+    numbers = (f"{settings.name}-{number}" for number in itertools.count(2))
+    names = itertools.chain([settings.name], numbers)
+    candidates = (settings.model_copy(update={"name": name}) for name in names)
+    return next(candidate for candidate in candidates if Run(candidate.name, root).takes(candidate))
+
+
+def save_model(model: BaseAlgorithm, path: Path) -> None:
+    """Save a model whole: a kill leaves the old file or the new one."""
+    content = io.BytesIO()
+    model.save(content)
+    write_bytes(path, content.getvalue())

@@ -1,0 +1,134 @@
+"""The file from which a training continues, in one npz archive: reading it runs no code.
+
+It holds the policy, the optimiser, the random numbers' generators, the lanes with their streams,
+the best policy so far and the validations. On the same machine and versions a continued training
+ends as one that was never interrupted, bitwise. What differs: times, the progress bar, and
+tensorboard's log, which shows steps twice that a killed process made after its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import torch
+
+from agents.training.runs import RunError
+from mm_gym.files import write_bytes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+    from stable_baselines3 import PPO
+
+    from agents.training.lanes import TrainingLanes
+
+    Arrays = dict[str, NDArray[np.generic]]
+
+
+def save_checkpoint(path: Path, arrays: Arrays) -> None:
+    """Write a checkpoint whole."""
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, **arrays)
+    write_bytes(path, content.getvalue())
+
+
+def load_checkpoint(path: Path) -> Arrays:
+    """Read a checkpoint; raise `RunError` if the file is not one."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(archive)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        msg = f"{path}: not a checkpoint of a training: {error}; choose another name"
+        raise RunError(msg) from error
+
+
+def state_of(model: PPO) -> Arrays:
+    """Return copies of all that the next steps depend on, between two rollouts."""
+    optimiser = model.policy.optimizer.state_dict()["state"]
+    moments = {
+        f"{i}/{name}": tensor.numpy(force=True).copy()
+        for i, tensors in optimiser.items()
+        for name, tensor in tensors.items()
+    }
+    parts = {
+        "policy": policy_of(model),
+        "optimiser": moments,
+        "lanes": _lanes(model).get_state(),
+        "model": {
+            "steps": np.asarray(model.num_timesteps),
+            "updates": np.asarray(model._n_updates),  # noqa: SLF001 - SB3 keeps them to itself
+            "observations": np.array(model._last_obs),  # noqa: SLF001
+            "starts": np.array(model._last_episode_starts),  # noqa: SLF001
+        },
+        "random": _generators(),
+    }
+    return {f"{part}/{name}": array for part in parts for name, array in parts[part].items()}
+
+
+def restore(model: PPO, arrays: Arrays) -> None:
+    """Restore what `state_of` returned."""
+    restore_policy(model, part_of(arrays, "policy"))
+    moments: dict[int, dict[str, torch.Tensor]] = {}
+    for key, array in part_of(arrays, "optimiser").items():
+        number, name = key.split("/")
+        moments.setdefault(int(number), {})[name] = torch.from_numpy(array.copy())
+    optimiser = model.policy.optimizer
+    optimiser.load_state_dict(optimiser.state_dict() | {"state": moments})
+    _lanes(model).set_state(part_of(arrays, "lanes"))
+    own = part_of(arrays, "model")
+    model.num_timesteps = int(own["steps"])
+    model._n_updates = int(own["updates"])  # noqa: SLF001
+    model._last_obs = own["observations"]  # noqa: SLF001
+    model._last_episode_starts = own["starts"]  # noqa: SLF001
+    _restore_generators(part_of(arrays, "random"))
+
+
+def policy_of(model: PPO) -> Arrays:
+    """Return copies of the policy's parameters."""
+    parameters = model.policy.state_dict()
+    return {name: tensor.numpy(force=True).copy() for name, tensor in parameters.items()}
+
+
+def restore_policy(model: PPO, parameters: Arrays) -> None:
+    """Restore what `policy_of` returned."""
+    model.policy.load_state_dict(
+        {name: torch.from_numpy(array.copy()) for name, array in parameters.items()}
+    )
+
+
+def part_of(arrays: Arrays, part: str) -> Arrays:
+    """Return the arrays whose names begin with a part's name, without it."""
+    begin = f"{part}/"
+    return {key.removeprefix(begin): arrays[key] for key in arrays if key.startswith(begin)}
+
+
+def _lanes(model: PPO) -> TrainingLanes:
+    return cast("TrainingLanes", model.get_env())
+
+
+def _generators() -> Arrays:
+    """Return the states of the generators from which PPO draws actions and batches."""
+    state = np.random.get_state(legacy=False)  # noqa: NPY002 - the generator that SB3 uses
+    return {
+        "torch": torch.get_rng_state().numpy().copy(),
+        "numpy": state["state"]["key"].copy(),
+        "position": np.asarray(state["state"]["pos"]),
+        "has_normal": np.asarray(state["has_gauss"]),
+        "normal": np.asarray(state["gauss"]),
+    }
+
+
+def _restore_generators(arrays: Arrays) -> None:
+    torch.set_rng_state(torch.from_numpy(arrays["torch"].copy()))
+    np.random.set_state(  # noqa: NPY002
+        {
+            "bit_generator": "MT19937",
+            "state": {"key": arrays["numpy"], "pos": int(arrays["position"])},
+            "has_gauss": int(arrays["has_normal"]),
+            "gauss": float(arrays["normal"]),
+        }
+    )

@@ -1,0 +1,74 @@
+"""The lanes in which a policy is trained: their seeds and their state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import TransformReward
+
+from mm_gym.sb3 import VectorEnvAdapter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from agents.training.config import TrainSettings
+    from mm_gym import Scene
+
+TRAINING = 1 << 63
+"""The bit that seeds of training lanes have; those of validation and held-out episodes do not."""
+
+SEED_BITS, LANE_BITS = 32, 31
+
+
+def training_seeds(seed: int, count: int) -> list[int]:
+    """Return the seeds of a training's lanes, which no other training and no evaluation uses.
+
+    The training's seed, of 32 bits, stands above the lane's number, of 31. With the environment's
+    own rule, lane i = seed + i, trainings of neighbouring seeds would have all lanes but one in
+    common.
+    """
+    return [TRAINING | seed << LANE_BITS | lane for lane in range(count)]
+
+
+class TrainingLanes(VectorEnvAdapter):
+    """The lanes of one training."""
+
+    def seed(self, seed: int | None = None) -> list[int]:
+        """Seed the lanes at the next reset, see `training_seeds`."""
+        if seed is None:
+            seed = int(np.random.default_rng().integers(1 << SEED_BITS))
+        self._seeds = training_seeds(seed, self.num_envs)
+        return self._seeds
+
+    def get_state(self) -> dict[str, NDArray[np.generic]]:
+        """Return the exact state of all lanes as arrays, random streams included."""
+        (state, *_) = self.env_method("get_state")
+        arrays = {name: np.asarray(value) for name, value in state.items()}
+        return arrays | {"returns": self._returns.copy(), "lengths": self._lengths.copy()}
+
+    def set_state(self, state: Mapping[str, NDArray[np.generic]]) -> None:
+        """Continue from what `get_state` returned."""
+        arrays = dict(state)
+        self._returns[:], self._lengths[:] = arrays.pop("returns"), arrays.pop("lengths")
+        # The scene's digest and flags are no arrays in the environment.
+        self.env_method(
+            "set_state",
+            {name: array if array.ndim else array.item() for name, array in arrays.items()},
+        )
+
+
+def make_lanes(settings: TrainSettings, scene: Scene) -> TrainingLanes:
+    """Return the lanes of a training, with scaled rewards."""
+    lanes = gymnasium.make_vec(
+        settings.task,
+        num_envs=settings.lanes,
+        vectorization_mode="vector_entry_point",
+        scene=scene,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    return TrainingLanes(TransformReward(lanes, lambda reward: settings.ppo.reward_scale * reward))

@@ -1,0 +1,63 @@
+"""Progress of a training: its validations, its best policy and the time used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.training.checkpoint import part_of
+from mm_gym.files import write_csv
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.training.checkpoint import Arrays
+    from agents.training.runs import Run
+
+
+class Progress:
+    """The validations so far, the best policy, and the time used.
+
+    Attributes
+    ----------
+    rows
+        Of ``metrics.csv``: steps [-], time [s] and cost [-] of each validation.
+    best
+        The parameters of the policy of least cost, empty before the first validation.
+    seconds
+        Time of training, without interruptions [s].
+    """
+
+    HEADER = ("steps [-]", "time [s]", "cost [-]")
+
+    def __init__(self) -> None:
+        self.rows: NDArray[np.float64] = np.empty((0, len(self.HEADER)))
+        self.best: Arrays = {}
+        self.seconds = 0.0
+
+    @classmethod
+    def of(cls, arrays: Arrays) -> Progress:
+        """Restore what `arrays` returned."""
+        progress, own = cls(), part_of(arrays, "progress")
+        progress.rows, progress.seconds = own["rows"], float(own["seconds"])
+        progress.best = part_of(arrays, "best")
+        return progress
+
+    def arrays(self) -> Arrays:
+        """Return the arrays to keep in a checkpoint."""
+        best = {f"best/{name}": array for name, array in self.best.items()}
+        return best | {"progress/rows": self.rows, "progress/seconds": np.asarray(self.seconds)}
+
+    @property
+    def least_cost(self) -> float:
+        """The least cost so far [-]."""
+        return float(min(self.rows[:, 2], default=np.inf))
+
+    def add(self, steps: int, cost: float) -> None:
+        """Append a row."""
+        self.rows = np.vstack([self.rows, (steps, self.seconds, cost)])
+
+    def write_metrics(self, run: Run) -> None:
+        """Write ``metrics.csv`` whole."""
+        write_csv(run.metrics, self.HEADER, list(self.rows.T))

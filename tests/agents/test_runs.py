@@ -1,0 +1,285 @@
+"""Is nothing lost and nothing mixed up, whatever happens to a run?"""
+
+import json
+import os
+import platform
+import signal
+import time
+
+import kills
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+
+from agents import demo
+from agents import train as command
+from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
+from agents.training.checkpoint import load_checkpoint
+from agents.training.config import TrainSettings
+from agents.training.lanes import make_lanes, training_seeds
+from agents.training.ppo import Validation, train
+from agents.training.runs import Run, RunError, numbered
+from mm_gym import MovingMassVectorEnv, SceneError
+
+TINY = TrainSettings(
+    task="mm_gym/CarriageForce-v0",
+    name="tiny",
+    lanes=4,
+    steps=1600,
+    evaluations=4,
+    ppo={"rollout": 50, "batch_size": 100, "epochs": 2, "reward_scale": 10.0, "hidden": (8,)},
+)
+
+
+def changed(**fields):
+    return TrainSettings(**(TINY.model_dump() | fields))
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    run = Run("tiny", tmp_path_factory.mktemp("runs"))
+    train(TINY, run)
+    return run
+
+
+def outcome(run):
+    """Return all that a run found out: validations without their times, and the model."""
+    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 2))
+    parameters = PPO.load(run.model, device="cpu").policy.state_dict()
+    return [metrics, *(tensor.numpy() for tensor in parameters.values())]
+
+
+def assert_same_outcome(run, other):
+    for own, others in zip(outcome(run), outcome(other), strict=True):
+        np.testing.assert_array_equal(own, others)
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def wait_for(path):
+    for _ in range(600):
+        if path.exists():
+            return
+        time.sleep(0.1)
+    message = f"{path} was not written within a minute"
+    raise TimeoutError(message)
+
+
+def measured(folder):
+    """Return how long a training takes in a process of its own [s]."""
+    kills.begin_training(TINY, folder / "imports", touches=0).join()
+    begun = time.perf_counter()
+    kills.begin_training(TINY, folder / "whole").join()
+    return time.perf_counter() - begun
+
+
+class TestKills:
+    @pytest.mark.parametrize("kills_wanted", [3, pytest.param(100, marks=pytest.mark.slow)])
+    def test_runs_killed_at_random_instants_end_as_if_uninterrupted(
+        self, uninterrupted, tmp_path, kills_wanted
+    ):
+        draw, killed, finished = np.random.default_rng(kills_wanted), 0, 0
+        seconds = measured(tmp_path)
+        while killed < kills_wanted:
+            root = tmp_path / str(finished)
+            # Half of them die just before they touch a file, where most could go wrong.
+            touches = int(draw.integers(50)) if killed % 2 else None
+            process = kills.begin_training(TINY, root, touches)
+            process.join(None if touches is not None else draw.uniform(0.0, seconds))
+            process.kill()
+            process.join()
+            if process.exitcode == -signal.SIGKILL:
+                killed += 1
+            else:
+                assert process.exitcode == 0
+                assert_same_outcome(Run("tiny", root), uninterrupted)
+                finished += 1
+        train(TINY, Run("tiny", root))
+        assert_same_outcome(Run("tiny", root), uninterrupted)
+        left = {path.name for path in (root / "tiny").iterdir()}
+        assert left == {".lock", "tensorboard", *(p.name for p in written(uninterrupted))}
+
+    @pytest.mark.slow
+    def test_run_killed_before_each_touch_of_a_file_ends_as_if_uninterrupted(
+        self, uninterrupted, tmp_path
+    ):
+        for touches in range(200):
+            root = tmp_path / str(touches)
+            process = kills.begin_training(TINY, root, touches)
+            process.join()
+            if process.exitcode == 0:
+                break
+            train(TINY, Run("tiny", root))
+            assert_same_outcome(Run("tiny", root), uninterrupted)
+        assert 20 < touches < 199
+
+
+def written(run):
+    return run.record, run.checkpoint, run.metrics, run.model
+
+
+class TestInterrupts:
+    def test_run_interrupted_within_any_rollout_ends_as_if_uninterrupted(
+        self, uninterrupted, tmp_path, monkeypatch
+    ):
+        run, step = Run("tiny", tmp_path), Validation._on_step
+        left = 0
+
+        def interrupt(validation):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+            return step(validation)
+
+        monkeypatch.setattr(Validation, "_on_step", interrupt)
+        reached = []
+        for left in (3, 120, 60, 170, 0):
+            if left == 0:
+                train(TINY, run)
+                break
+            with pytest.raises(KeyboardInterrupt):
+                train(TINY, run)
+            reached.append(int(load_checkpoint(run.checkpoint)["model/steps"]))
+        # A rollout is 200 steps of all lanes, 50 of each; what is interrupted begins again.
+        assert reached == [0, 400, 600, 1200]
+        assert_same_outcome(run, uninterrupted)
+
+    def test_ctrl_c_saves_and_says_in_one_line_how_to_continue(self, tmp_path):
+        file = tmp_path / "tiny.toml"
+        file.write_text(
+            'task = "mm_gym/CarriageForce-v0"\nname = "tiny"\nlanes = 4\nevaluations = 1000\n'
+            "[ppo]\nrollout = 50\nbatch_size = 100\nhidden = [8]\n"
+        )
+        process = kills.begin_command([str(file)], tmp_path)
+        run = Run("tiny", tmp_path / "runs")
+        wait_for(run.checkpoint)
+        os.kill(process.pid, signal.SIGINT)
+        process.join()
+        assert process.exitcode == 130
+        *_, line = (tmp_path / "errors").read_text().splitlines()
+        assert line == "interrupted: runs/tiny: give the same command again to continue"
+        assert "Traceback" not in (tmp_path / "errors").read_text()
+        assert load_checkpoint(run.checkpoint)["model/steps"] > 0
+
+    def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch, capsys):
+        def interrupt(*_):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(command, "report_run", interrupt)
+        monkeypatch.chdir(uninterrupted.folder.parent)
+        monkeypatch.setattr(command, "Run", lambda name: Run(name, "."))
+        assert command.train_and_report(TINY) == 130
+        assert capsys.readouterr().err == (
+            "interrupted: tiny: trained; score it: python -m agents.evaluate tiny\n"
+        )
+
+    def test_time_of_a_continued_run_counts_on(self, tmp_path):
+        run, settings = Run("tiny", tmp_path), changed(steps=10**8, time_budget=1.0)
+        train(settings, run)
+        run.model.rename(tmp_path / "model.zip")  # as if killed just before it was written
+        before = run.metrics.read_text()
+        train(settings, run)
+        assert run.metrics.read_text() == before
+
+
+class TestTwoTrainingsOfOneName:
+    def test_second_training_is_refused_and_touches_nothing(self, uninterrupted, tmp_path):
+        process = kills.begin_training(TINY, tmp_path)
+        run = Run("tiny", tmp_path)
+        wait_for(run.record)
+        os.kill(process.pid, signal.SIGSTOP)
+        before = contents(run.folder)
+        try:
+            holder = f"tiny: process {process.pid} on {platform.node()} is training this run"
+            with pytest.raises(RunError, match=holder):
+                train(TINY, run)
+            with pytest.raises(RunError, match="choose another name with --name"):
+                train(changed(seed=1), run)
+            assert contents(run.folder) == before
+        finally:
+            os.kill(process.pid, signal.SIGCONT)
+        process.join()
+        assert_same_outcome(run, uninterrupted)
+
+    def test_file_in_the_place_of_the_folder_is_refused_and_kept(self, tmp_path):
+        (tmp_path / "tiny").write_text("mine")
+        with pytest.raises(RunError, match="tiny: cannot be the folder of a run"):
+            train(TINY, Run("tiny", tmp_path))
+        assert (tmp_path / "tiny").read_text() == "mine"
+
+    def test_broken_checkpoint_is_named_and_kept(self, tmp_path):
+        run = Run("tiny", tmp_path)
+        run.folder.mkdir()
+        run.checkpoint.write_text("nonsense")
+        with pytest.raises(RunError, match=r"checkpoint\.npz: not a checkpoint"):
+            train(TINY, run)
+        assert run.checkpoint.read_text() == "nonsense"
+
+
+class TestNames:
+    def test_demo_keeps_finished_runs_and_numbers_new_ones(self, tmp_path, monkeypatch):
+        file = tmp_path / "demo.toml"
+        file.write_text('name = "show"\nsteps = 200\n')
+        monkeypatch.setattr(demo, "SETTINGS", file)
+        monkeypatch.setattr(command, "report_run", lambda _: None)
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(
+            demo, "read_settings", lambda _: changed(name="show", steps=200, evaluations=1)
+        )
+        demo.main()
+        before = contents(tmp_path / "runs" / "show")
+        demo.main()
+        demo.main()
+        runs = sorted(path.name for path in (tmp_path / "runs").iterdir())
+        assert runs == ["show", "show-2", "show-3"]
+        assert contents(tmp_path / "runs" / "show") == before
+        record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())
+        assert record["settings"]["name"] == "show-2"
+
+    def test_interrupted_run_keeps_its_name_and_other_settings_get_another(self, tmp_path):
+        Run("tiny", tmp_path).folder.mkdir()
+        Run("tiny", tmp_path).open(TINY)
+        assert numbered(TINY, tmp_path) == TINY
+        assert numbered(changed(seed=4), tmp_path).name == "tiny-2"
+
+
+class TestStreams:
+    SEEDS = (0, 1, 2, 999_999, 1_000_000, 2_000_000, 2**31, 2**32 - 1)
+
+    def test_no_two_trainings_and_no_evaluation_have_a_seed_in_common(self):
+        drawn = [seed for key in self.SEEDS for seed in training_seeds(key, 4096)]
+        assert len(set(drawn)) == len(drawn)
+        # An evaluation's seeds count up from its first, and lack the bit of all training seeds.
+        assert min(drawn) >= 2**63 > VALIDATION_SEED + 10**9
+        assert max(drawn) < 2**64
+
+    def test_no_lane_of_a_training_draws_the_episodes_of_another_or_of_an_evaluation(self):
+        scene = changed(task="mm_gym/PreStretch-v0").load_scene()
+        keys = []
+        for seed in self.SEEDS:
+            lanes = make_lanes(changed(task="mm_gym/PreStretch-v0", lanes=128), scene)
+            lanes.seed(seed)
+            lanes.reset()
+            keys += list(lanes.get_state()["streams"][0])
+        for seed in (HELD_OUT_SEED, VALIDATION_SEED):
+            env = MovingMassVectorEnv(scene, 1000)
+            env.reset(seed=seed)
+            keys += list(env.get_state()["streams"][0])
+        assert len(set(keys)) == len(keys)
+
+    def test_largest_seed_trains(self, tmp_path):
+        run = Run("tiny", tmp_path)
+        train(changed(seed=2**32 - 1, steps=200, evaluations=1), run)
+        assert run.finished
+
+
+class TestRefusals:
+    def test_scene_without_an_actuator_is_refused_before_a_folder_is_made(self, tmp_path):
+        scene = tmp_path / "scene.toml"
+        scene.write_text("[carriage]\nmass = 0.1\nstiffness = 400.0\n")
+        with pytest.raises(SceneError, match="needs an actuator"):
+            train(changed(scene=str(scene)), Run("tiny", tmp_path / "runs"))
+        assert not (tmp_path / "runs").exists()

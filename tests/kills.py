@@ -1,0 +1,64 @@
+"""Trainings in processes of their own, to be killed, stopped and interrupted."""
+
+import multiprocessing
+import os
+import signal
+import sys
+from pathlib import Path
+from unittest import mock
+
+from agents import train as command
+from agents.training.config import TrainSettings
+from agents.training.ppo import train
+from agents.training.runs import Run
+
+FORKING = multiprocessing.get_context("forkserver")
+"""Processes fork from one that has imported torch already, which takes seconds."""
+
+FORKING.set_forkserver_preload([__name__])
+
+# What Python reports before it touches a file, and which of the event's arguments is the path.
+TOUCHES = {"open": 0, "os.rename": 1, "os.remove": 0, "os.chmod": 0, "os.mkdir": 0}
+
+
+def begin_training(settings: TrainSettings, root: Path, touches: int | None = None):
+    """Train in a new process, which kills itself before it touches so many files of the run."""
+    return _begin(_train, settings, Run(settings.name, root), touches)
+
+
+def begin_command(arguments: list[str], folder: Path):
+    """Run ``python -m agents.train`` in a new process and a folder, where it writes ``errors``."""
+    return _begin(_command, arguments, folder)
+
+
+def _begin(target, *arguments):
+    process = FORKING.Process(target=target, args=arguments)
+    # The process that others fork from does not take over the import path by itself.
+    with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(sys.path)):
+        process.start()
+    return process
+
+
+def _train(settings: TrainSettings, run: Run, touches: int | None) -> None:
+    left = touches
+
+    def count(event, arguments):
+        nonlocal left
+        if left is not None and event in TOUCHES:
+            if str(run.folder) in str(arguments[TOUCHES[event]]):
+                left -= 1
+            if left < 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(count)
+    train(settings, run)
+
+
+def _command(arguments: list[str], folder: Path) -> None:
+    # A process in the background may have inherited that Ctrl-C is ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.chdir(folder)
+    sys.argv = ["agents.train", *arguments]
+    with Path("errors").open("w", encoding="utf-8", buffering=1) as sys.stderr:
+        status = command.main()
+    sys.exit(status)
