@@ -5,16 +5,25 @@ from __future__ import annotations
 import sys
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 import tyro
-from pydantic import Field, Strict
+from pydantic import Field, Strict, model_validator
 
+from agents.training.lanes import LANE_BITS, SEED_BITS
 from mm_gym import Scene, SceneError, load_scene
+from mm_gym.files import read_bytes
 from mm_gym.scene import Part
+from mm_gym.task_files import path_of
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+
+MOST_BYTES = 2**16
+"""Largest file of settings; one takes some hundred bytes."""
+
+LONGEST_NAME = 200
+"""Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
 
 class PPOSettings(Part):
@@ -24,7 +33,7 @@ class PPOSettings(Part):
     """at the start; it falls linearly to zero"""
     rollout: Count = 100
     """control steps per lane between updates"""
-    batch_size: Count = 3200
+    batch_size: Annotated[int, Field(ge=2)] = 3200
     """samples of one gradient step"""
     epochs: Count = 8
     """passes over each rollout"""
@@ -49,35 +58,62 @@ class TrainSettings(Part):
     """path of a scene file to use instead of the task's own"""
     name: str = "run"
     """folder under `runs`"""
-    seed: Annotated[int, Field(ge=0)] = 0
-    """of the training; held-out episodes use other seeds"""
-    lanes: Count = 128
+    seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
+    """of the training; no two seeds have an episode in common, nor one with the evaluations"""
+    lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
     """environments side by side"""
     steps: Count = 1_000_000
     """control steps of all lanes together"""
     time_budget: Positive = 3600.0
-    """[s] after which training stops, even if steps are left"""
+    """[s] of training, without interruptions, after which it stops even if steps are left"""
     evaluations: Count = 10
     """validations during training; the best model is kept"""
     threads: Count = 1
     """of the gradient computation; more hardly help networks of this size"""
     ppo: PPOSettings = PPOSettings()
 
+    @model_validator(mode="after")
+    def _can_be_trained(self) -> Self:
+        path_of(self.task)
+        if not _is_plain(self.name):
+            allowed = "a printable file name without separators, which begins with no dot"
+            msg = f"name: got {self.name!r}; allowed: {allowed}"
+            raise ValueError(msg)
+        if self.lanes * self.ppo.rollout == 1:
+            msg = "lanes: got 1 with ppo.rollout = 1; allowed: two samples between updates, or more"
+            raise ValueError(msg)
+        return self
+
     def load_scene(self) -> Scene:
-        """Return the scene to train on; raise `SceneError` if file or task has none."""
+        """Return the scene to train on; raise `SceneError` if its file cannot be read."""
         return load_scene(self.task if self.scene is None else self.scene)
+
+
+def _is_plain(name: str) -> bool:
+    """Tell whether a text can name a folder, on any system and in any terminal."""
+    return (
+        name == name.strip()
+        and name.isprintable()
+        and not name.startswith(".")
+        and not set(name) & {"/", "\\"}
+        and 0 < len(name.encode()) <= LONGEST_NAME
+    )
 
 
 def read_settings(path: str | Path) -> TrainSettings:
     """Read settings from a TOML file; raise `SceneError` with every finding."""
     file = Path(path)
+    content = read_bytes(file, most=MOST_BYTES)
     try:
-        return TrainSettings(**tomllib.loads(file.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"{file}: {error}"
-        raise SceneError(msg) from error
+        return TrainSettings(**tomllib.loads(content.decode("utf-8-sig")))
     except SceneError as error:
         msg = "\n".join(f"{file}: {line}" for line in str(error).splitlines())
+        raise SceneError(msg) from None
+    except ValueError as error:  # not UTF-8, not TOML, or more digits than Python reads
+        msg = f"{file}: not valid TOML: {error}"
+        raise SceneError(msg) from error
+    except RecursionError:
+        msg = f"{file}: not valid TOML: nested too deeply"
         raise SceneError(msg) from None
 
 

@@ -1,0 +1,128 @@
+"""Are wrong settings of a training refused by name, before anything is written?"""
+
+import os
+
+import kills
+import pytest
+
+from agents.training.config import TrainSettings, read_settings
+from mm_gym import SceneError
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        ".",
+        "..",
+        "../../x",
+        "a/b",
+        "a\\b",
+        "/x",
+        ".hidden",
+        "a\nb",
+        "a\0",
+        " a",
+        "x" * 201,
+    ],
+)
+def test_name_that_is_no_plain_file_name_is_refused(name):
+    with pytest.raises(SceneError, match=r"name: got .* allowed: a printable file name"):
+        TrainSettings(name=name)
+
+
+@pytest.mark.parametrize("name", ["first", "pre_stretch-2", "größer", "a b", "x..y"])
+def test_plain_name_is_taken(name):
+    assert TrainSettings(name=name).name == name
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 2**64])
+def test_seed_that_the_generators_do_not_take_is_refused(seed):
+    with pytest.raises(SceneError, match=f"seed: got {seed}"):
+        TrainSettings(seed=seed)
+
+
+def test_task_of_another_package_is_refused_before_a_folder_is_made(tmp_path):
+    with pytest.raises(SceneError, match="'CartPole-v1' is not a task of mm_gym"):
+        TrainSettings(task="CartPole-v1", scene=str(tmp_path / "scene.toml"))
+
+
+def test_single_sample_between_updates_is_refused():
+    with pytest.raises(SceneError, match=r"lanes: got 1 with ppo\.rollout = 1"):
+        TrainSettings(lanes=1, ppo={"rollout": 1})
+
+
+def pipe(file):
+    os.mkfifo(file)
+
+
+def endless(file):
+    file.symlink_to("/dev/zero")
+
+
+def large(file):
+    file.write_text("# " + "x" * 1000 + "\n" * 2**16)
+
+
+def deep(file):
+    file.write_text("a = " + "[" * 5000)
+
+
+def nested(file):
+    file.write_text("a = " + "[" * 400 + "]" * 400)
+
+
+def foreign(file):
+    file.write_bytes(b'name = "\xff"')
+
+
+def digits(file):
+    file.write_text("steps = " + "9" * 5000)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (pipe, "cannot be read: not a file"),
+        (endless, "cannot be read: not a file"),
+        (large, "cannot be read: .* bytes; allowed: at most"),
+        (deep, "not valid TOML: nested too deeply"),
+        (nested, "a: unknown key|nested too deeply"),
+        (foreign, "0xff"),
+        (digits, "not valid TOML|longer|digits"),
+    ],
+)
+def test_file_that_holds_no_settings_is_named(tmp_path, make, message):
+    file = tmp_path / "agent.toml"
+    make(file)
+    with pytest.raises(SceneError, match=message) as caught:
+        read_settings(file)
+    assert str(file) in str(caught.value)
+
+
+def test_misspelt_keys_are_named_with_the_nearest(tmp_path):
+    file = tmp_path / "agent.toml"
+    file.write_text("taks = 1\n[ppo]\nlerning_rate = 0.1\n")
+    with pytest.raises(SceneError) as caught:
+        read_settings(file)
+    assert "taks: unknown key; did you mean 'task'?" in str(caught.value)
+    assert "ppo.lerning_rate: unknown key; did you mean 'learning_rate'?" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--task", "CartPole-v1", "--scene", "x.toml"], "CartPole-v1"),
+        (["--name", "../x"], "'../x'"),
+        (["--seed", "4294967296"], "4294967296"),
+        (["--taks", "x"], "--task"),
+    ],
+)
+def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
+    process = kills.begin_command(flags, tmp_path)
+    process.join()
+    assert process.exitcode == 2
+    errors = (tmp_path / "errors").read_text()
+    assert words in errors
+    assert "Traceback" not in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["errors"]
