@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import columns
 from agents.controllers.matching_stretch import FREQUENCY
 from mm_gym import MovingMassVectorEnv
 
@@ -32,14 +33,15 @@ class Evaluation:
     name
         The controller's name.
     penalties
-        (episodes,) mean of -reward over the steps of each [-].
+        (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
+        [-]; see `evaluate`.
     returns
         (episodes,) sum of the rewards of each [-].
     frequency
         (episodes,) [rad/s] of the first excitation, or None where its field is not randomised.
     time, displacement, applied
         (steps,) [s]; (steps, episodes) x1 / objective.displacement_scale; (steps, episodes, k) what
-        the actuators reached.
+        the actuators reached. After an early end they keep their last values.
     """
 
     name: str
@@ -52,9 +54,9 @@ class Evaluation:
 
     @property
     def cost(self) -> float:
-        """Root of the mean of -reward over all steps of all episodes [-]: what the task asks for.
+        """Root of the mean of `penalties` [-]: what the task asks for.
 
-        Where only the displacement is rewarded, it is the same as `rms`.
+        Where only the displacement is rewarded and no episode ends early, it is the same as `rms`.
         """
         return float(np.sqrt(np.mean(self.penalties)))
 
@@ -74,13 +76,39 @@ class Evaluation:
         return np.sqrt(np.mean(self.displacement**2, axis=0))
 
 
+def limit_penalty(scene: Scene) -> float:
+    """Return -reward [-] at the edge of what an episode allows.
+
+    Displacement and offset are at their limits, the action is full. A term of the objective without
+    a limit, as the velocity's always is, is at its scale.
+    """
+    objective = scene.objective
+    terms = (
+        (objective.displacement_weight, objective.displacement_limit, objective.displacement_scale),
+        (objective.velocity_weight, None, objective.velocity_scale),
+        (objective.stroke_weight, objective.rail_half_length, objective.stroke_scale),
+    )
+    motion = sum(
+        weight if limit is None else weight * (limit / scale) ** 2 for weight, limit, scale in terms
+    )
+    return motion + objective.effort_weight * len(columns(scene))
+
+
 def evaluate(
     scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED, episodes: int = 200
 ) -> Evaluation:
     """Run a controller through one episode a lane.
 
-    An unknown frequency is spread evenly over its band. An episode that terminates early counts as
-    if its last step were repeated, so that nothing is gained by ending; its return is what it got.
+    An unknown frequency is spread evenly over its band.
+
+    The penalty of an episode is the mean of -reward over its horizon of N steps. One that
+    terminates after n < N steps has no reward for the rest and pays a terminal cost. With L, the
+    larger of `limit_penalty` and the largest -reward of the n steps::
+
+        penalty = (sum of -reward over the n steps + (N - n) L) / N + L
+
+    So no early end is better than an episode that lasts with a -reward of L at most, and of two
+    ends of equal L the later is the better. The return is the sum of the rewards that were got.
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     band = scene.randomization.get(FREQUENCY)
@@ -88,11 +116,12 @@ def evaluate(
     observation, info = env.reset(seed=seed, options=options)
     controller.reset(env)
     steps = scene.control.steps
-    displacement, rewards = np.empty((steps, episodes)), np.empty((steps, episodes))
+    displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
     applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
-    returns, alive = np.zeros(episodes), np.ones(episodes, np.bool_)
+    alive, lived = np.ones(episodes, np.bool_), np.zeros(episodes, np.int64)
+    early = np.zeros(episodes, np.bool_)
     for step in range(steps):
-        for record in (displacement, rewards, applied):
+        for record in (displacement, applied):
             record[step] = record[step - 1]
         observation, reward, terminated, truncated, info = env.step(
             controller.act(observation, info)
@@ -100,19 +129,21 @@ def evaluate(
         displacement[step, alive] = info["state"][alive, 0]
         rewards[step, alive] = reward[alive]
         applied[step, alive] = info["applied"][alive]
-        returns[alive] += reward[alive]
+        lived += alive
+        early |= terminated & alive
         ended = terminated | truncated
         alive &= ~ended
         if not alive.any():
-            for record in (displacement, rewards, applied):
+            for record in (displacement, applied):
                 record[step + 1 :] = record[step]
             break
         if ended.any():
             env.reset(options={"reset_mask": ended})
+    limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
     return Evaluation(
         name=controller.name,
-        penalties=-rewards.mean(axis=0),
-        returns=returns,
+        penalties=-rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit,
+        returns=rewards.sum(axis=0),
         frequency=None if band is None else options[FREQUENCY],
         time=scene.control.time_step * np.arange(1, steps + 1),
         displacement=displacement / scene.objective.displacement_scale,

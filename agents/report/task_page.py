@@ -34,6 +34,14 @@ percentiles over episodes. The best constant is the best in hindsight, on these 
 are tuned on others. The planner knows the disturbance to come, and improves on the best law in each
 episode by the cross-entropy method. Its cost is reachable if the future is known; better may exist.
 **Headroom** is 1 - cost / cost of the best constant.
+
+An episode that terminates early, in a scene with `objective.displacement_limit` or
+`objective.rail_half_length`, pays a **terminal cost**. With N the steps of the horizon, n those
+before the end, and L the larger of -reward at the limits (full action; a term without a limit at
+its scale) and the largest -reward of the n steps, its mean of -reward is
+(sum over the n steps + (N - n) L) / N + L. So an early end is worse than every episode that lasts
+with a -reward of L at most, and of two ends of equal L the later is the better. Tuning, validation
+and evaluation use this one definition. No task below has a limit.
 """
 
 

@@ -1,12 +1,22 @@
 """Are all controllers scored on the same episodes, by what the task asks for?"""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
-from agents.controllers.constant import ConstantStretch, no_control
+from agents.controllers.constant import ConstantForce, ConstantStretch, no_control
 from agents.controllers.lqr import LQR
-from agents.evaluation.episodes import evaluate
+from agents.evaluation.episodes import HELD_OUT_SEED, evaluate, limit_penalty
+from mm_gym import MovingMassVectorEnv
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import Scene
 
 LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
 
@@ -46,8 +56,81 @@ def test_ending_an_episode_early_does_not_lower_its_cost() -> None:
     ended = np.abs(limited.displacement[-1]) * 0.01 > 0.004
     assert ended.any()
     assert not ended.all()
-    # An ended episode gets no more rewards, but counts as if it stayed beyond the limit; the free
-    # one decays.
+    # An ended episode gets no more rewards; the free one decays.
     assert np.all(limited.returns[ended] > free.returns[ended])
     assert np.all(limited.penalties[ended] > free.penalties[ended])
     np.testing.assert_array_equal(limited.penalties[~ended], free.penalties[~ended])
+
+
+class LateCrash:
+    """A good regulator that pushes with full force from some step on."""
+
+    def __init__(self, scene: Scene, step: int) -> None:
+        self.name, self.step, self.law = f"crash from step {step}", step, LQR(scene)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        self.count = 0
+        self.law.reset(env)
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+        self.count += 1
+        action = self.law.act(observation, info)
+        return action if self.count <= self.step else np.ones_like(action)
+
+
+CRASHES = (20, 40, 60, 80, 95)
+"""From rest 4 N over 400 N/m overshoot 12 mm within four steps of 0.01 s."""
+
+
+def test_no_early_end_is_better_than_an_episode_within_the_limits() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.012})
+    # 2.8 N: 7 mm for good, which costs much more than to regulate and to crash at last.
+    laws = [no_control(scene), LQR(scene), ConstantForce(scene, 2.8), ConstantForce(scene, 2.0)]
+    results = [
+        evaluate(scene, law, episodes=40)
+        for law in [*laws, *(LateCrash(scene, step) for step in CRASHES)]
+    ]
+    crashed = [np.abs(result.displacement[-1]) * 0.01 > 0.012 for result in results]
+    assert all(ended.all() for ended in crashed[len(laws) :])
+    pairs = list(zip(results, crashed, strict=True))
+    worst = max(one.penalties[~ended].max() for one, ended in pairs if not ended.all())
+    assert worst > 0.3  # some survive in a poor way
+    assert min(one.penalties[ended].min() for one, ended in pairs if ended.any()) > worst
+
+
+def test_the_later_an_end_the_better() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.012})
+    costs = [evaluate(scene, LateCrash(scene, step), episodes=40).cost for step in CRASHES]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] < 0.8 * costs[0]
+
+
+def test_leaving_the_rail_costs_as_much_as_the_limits_allow() -> None:
+    scene = CARRIAGE_FORCE.replace(
+        **{"objective.rail_half_length": 0.02, "objective.stroke_weight": 0.0}
+    )
+    # Without a price of the stroke the last step before the sphere leaves the rail costs nearly
+    # nothing. A unit of displacement and 0.1 units of velocity at their scales, 0.01 of the action:
+    assert limit_penalty(scene) == pytest.approx(1.11, rel=1e-15)
+    result = evaluate(scene, ConstantForce(scene, 0.4), episodes=100)
+    ended = result.returns > -scene.control.steps * result.penalties + 1e-9
+    assert ended.any()
+    assert result.penalties[ended].min() > limit_penalty(scene)
+
+
+def test_the_penalty_of_an_early_end_is_that_of_its_definition() -> None:
+    law = ConstantForce(LIMITED, 4.0)
+    result = evaluate(LIMITED, law, episodes=3)
+    limit = (0.004 / 0.01) ** 2 + 0.1 + 0.01
+    for lane in range(3):
+        env = MovingMassVectorEnv(LIMITED, 3)
+        env.reset(seed=HELD_OUT_SEED)
+        paid, terminated = [], np.zeros(3, np.bool_)
+        while not terminated[lane]:
+            _, reward, terminated, _, _ = env.step(np.ones((3, 1)))
+            paid.append(-reward[lane])
+        worst, steps = max(limit, *paid), LIMITED.control.steps
+        penalty = (sum(paid) + (steps - len(paid)) * worst) / steps + worst
+        # Sums of a hundred numbers in two orders.
+        assert result.penalties[lane] == pytest.approx(penalty, rel=1e-13)
+        assert result.returns[lane] == pytest.approx(-sum(paid), rel=1e-13)
