@@ -4,26 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
-    from stable_baselines3.common.base_class import BaseAlgorithm
 
+    from agents.policies import Policy
     from mm_gym import MovingMassVectorEnv
 
 
 class Learned:
-    """The mean action of a Stable-Baselines3 policy."""
+    """The mean action of a trained policy."""
 
-    def __init__(self, model: BaseAlgorithm, name: str = "learned") -> None:
-        self.model = model
+    def __init__(self, policy: Policy, name: str = "learned") -> None:
+        self.policy = policy
         self.name = name
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Nothing to prepare."""
+        """Refuse a policy for other observations or actions: raise `PolicyError`."""
+        self.policy.check(env.single_observation_space.shape[0], env.single_action_space.shape[0])
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
         """Return the policy's mean action."""
-        action, _ = self.model.predict(observation, deterministic=True)
-        return np.asarray(action, np.float64)
+        return self.policy.act(observation)

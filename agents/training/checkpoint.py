@@ -55,7 +55,7 @@ def state_of(model: PPO) -> Arrays:
         for name, tensor in tensors.items()
     }
     parts = {
-        "policy": policy_of(model),
+        "policy": weights_of(model),
         "optimiser": moments,
         "lanes": _lanes(model).get_state(),
         "model": {
@@ -71,7 +71,7 @@ def state_of(model: PPO) -> Arrays:
 
 def restore(model: PPO, arrays: Arrays) -> None:
     """Restore what `state_of` returned."""
-    restore_policy(model, part_of(arrays, "policy"))
+    restore_weights(model, part_of(arrays, "policy"))
     moments: dict[int, dict[str, torch.Tensor]] = {}
     for key, array in part_of(arrays, "optimiser").items():
         number, name = key.split("/")
@@ -87,14 +87,14 @@ def restore(model: PPO, arrays: Arrays) -> None:
     _restore_generators(part_of(arrays, "random"))
 
 
-def policy_of(model: PPO) -> Arrays:
+def weights_of(model: PPO) -> Arrays:
     """Return copies of the policy's parameters."""
     parameters = model.policy.state_dict()
     return {name: tensor.numpy(force=True).copy() for name, tensor in parameters.items()}
 
 
-def restore_policy(model: PPO, parameters: Arrays) -> None:
-    """Restore what `policy_of` returned."""
+def restore_weights(model: PPO, parameters: Arrays) -> None:
+    """Restore what `weights_of` returned."""
     model.policy.load_state_dict(
         {name: torch.from_numpy(array.copy()) for name, array in parameters.items()}
     )

@@ -14,17 +14,17 @@ from tqdm import TqdmExperimentalWarning
 
 from agents.controllers.learned import Learned
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.training.archive import policy_of
 from agents.training.checkpoint import (
     load_checkpoint,
-    policy_of,
     restore,
-    restore_policy,
+    restore_weights,
     save_checkpoint,
     state_of,
+    weights_of,
 )
 from agents.training.lanes import make_lanes
 from agents.training.progress import Progress
-from agents.training.runs import save_model
 
 if TYPE_CHECKING:
     from agents.training.checkpoint import Arrays
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def train(settings: TrainSettings, run: Run) -> None:
-    """Train until steps or time are used up, and write the best model to the run's folder.
+    """Train until steps or time are used up, and write the best policy to the run's folder.
 
     An interrupted run continues from its last checkpoint; Ctrl-C writes one.
 
@@ -56,7 +56,7 @@ def train(settings: TrainSettings, run: Run) -> None:
 
 
 def train_in_lanes(settings: TrainSettings, scene: Scene, run: Run, lanes: TrainingLanes) -> None:
-    """Train, and write the best model; the run's lock is held."""
+    """Train, and write the best policy; the run's lock is held."""
     torch.set_num_threads(settings.threads)
     model = make_model(settings, run, lanes)
     progress = Progress()
@@ -69,8 +69,8 @@ def train_in_lanes(settings: TrainSettings, scene: Scene, run: Run, lanes: Train
             model, settings.steps - model.num_timesteps, Validation(settings, scene, run, progress)
         )
     progress.write_metrics(run)
-    restore_policy(model, progress.best or policy_of(model))
-    save_model(model, run.model)
+    restore_weights(model, progress.best or weights_of(model))
+    policy_of(model).save(run.policy)
 
 
 def make_model(settings: TrainSettings, run: Run, lanes: TrainingLanes) -> PPO:
@@ -147,10 +147,11 @@ class Validation(BaseCallback):
         self.save()
 
     def _validate(self) -> None:
-        cost = evaluate(self.scene, Learned(self.model), seed=VALIDATION_SEED, episodes=100).cost
+        policy = policy_of(self.model)
+        cost = evaluate(self.scene, Learned(policy), seed=VALIDATION_SEED, episodes=100).cost
         self.logger.record("validation/cost", cost)
         if cost < self.progress.least_cost:
-            self.progress.best = policy_of(self.model)
+            self.progress.best = weights_of(self.model)
         self.progress.seconds = time.perf_counter() - self.began
         self.progress.add(self.num_timesteps, cost)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import io
 import itertools
 import json
 import os
@@ -14,12 +13,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mm_gym.files import write_bytes, write_text
+from mm_gym.files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from stable_baselines3.common.base_class import BaseAlgorithm
 
     from agents.training.config import TrainSettings
 
@@ -44,8 +41,9 @@ class Run:
     """The folder ``runs/NAME``.
 
     ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
-    from which an interrupted run continues; ``metrics.csv`` the validations; ``model.zip`` the best
-    model, written when training is over. Each is written whole. Nothing of a run is ever deleted.
+    from which an interrupted run continues; ``metrics.csv`` the validations; ``policy.npz`` the
+    best policy, written when training is over. Each is written whole. Nothing of
+    a run is ever deleted.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
@@ -53,12 +51,12 @@ class Run:
         self.record = self.folder / "run.json"
         self.checkpoint = self.folder / "checkpoint.npz"
         self.metrics = self.folder / "metrics.csv"
-        self.model = self.folder / "model.zip"
+        self.policy = self.folder / "policy.npz"
 
     @property
     def finished(self) -> bool:
         """Whether training is over."""
-        return self.model.exists()
+        return self.policy.exists()
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -99,7 +97,7 @@ class Run:
 
     def _delete_partial_files(self) -> None:
         """Delete the temporary files of a process that was killed while it wrote."""
-        for file in (self.record, self.checkpoint, self.metrics, self.model):
+        for file in (self.record, self.checkpoint, self.metrics, self.policy):
             for partial in self.folder.glob(f".{file.name}.*"):
                 partial.unlink()
 
@@ -159,10 +157,3 @@ def numbered(settings: TrainSettings, root: str | Path = "runs") -> TrainSetting
     names = itertools.chain([settings.name], numbers)
     candidates = (settings.model_copy(update={"name": name}) for name in names)
     return next(candidate for candidate in candidates if Run(candidate.name, root).takes(candidate))
-
-
-def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model whole: a kill leaves the old file or the new one."""
-    content = io.BytesIO()
-    model.save(content)
-    write_bytes(path, content.getvalue())

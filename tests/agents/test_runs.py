@@ -9,11 +9,11 @@ import time
 import kills
 import numpy as np
 import pytest
-from stable_baselines3 import PPO
 
 from agents import demo
 from agents import train as command
 from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
+from agents.policies import load_policy
 from agents.training.checkpoint import load_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes, training_seeds
@@ -45,8 +45,8 @@ def uninterrupted(tmp_path_factory):
 def outcome(run):
     """Return all that a run found out: validations without their times, and the model."""
     metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 2))
-    parameters = PPO.load(run.model, device="cpu").policy.state_dict()
-    return [metrics, *(tensor.numpy() for tensor in parameters.values())]
+    policy = load_policy(run.policy)
+    return [metrics, *policy.weights, *policy.biases]
 
 
 def assert_same_outcome(run, other):
@@ -117,7 +117,7 @@ class TestKills:
 
 
 def written(run):
-    return run.record, run.checkpoint, run.metrics, run.model
+    return run.record, run.checkpoint, run.metrics, run.policy
 
 
 class TestInterrupts:
@@ -179,7 +179,7 @@ class TestInterrupts:
     def test_time_of_a_continued_run_counts_on(self, tmp_path):
         run, settings = Run("tiny", tmp_path), changed(steps=10**8, time_budget=1.0)
         train(settings, run)
-        run.model.rename(tmp_path / "model.zip")  # as if killed just before it was written
+        run.policy.rename(tmp_path / "policy.npz")  # as if killed just before it was written
         before = run.metrics.read_text()
         train(settings, run)
         assert run.metrics.read_text() == before

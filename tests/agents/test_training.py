@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stable_baselines3 import PPO
 
 from agents.controllers.constant import no_control
 from agents.controllers.learned import Learned
 from agents.evaluate import report_run
-from agents.evaluation.episodes import evaluate
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty
+from agents.policies import load_policy
 from agents.training.checkpoint import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
 from agents.training.ppo import train
@@ -38,10 +38,8 @@ def changed(ppo: dict[str, object] | None = None, **fields: object) -> TrainSett
 
 
 def weights(run: Run) -> list[np.ndarray]:
-    return [
-        parameter.detach().numpy()
-        for parameter in PPO.load(run.model, device="cpu").policy.parameters()
-    ]
+    policy = load_policy(run.policy)
+    return [*policy.weights, *policy.biases]
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +61,7 @@ def test_training_learns_to_still_the_carriage(tmp_path: Path) -> None:
     run = Run("longer", tmp_path)
     train(settings, run)
     scene = settings.load_scene()
-    learned = evaluate(scene, Learned(PPO.load(run.model, device="cpu")), episodes=100)
+    learned = evaluate(scene, Learned(load_policy(run.policy)), episodes=100)
     nothing = evaluate(scene, no_control(scene), episodes=100)
     # No control costs 0.105 and the optimal regulator 0.048: half way is learning, not luck.
     assert learned.returns.mean() > 0.6 * nothing.returns.mean()
@@ -212,3 +210,18 @@ def test_command_line_names_a_bad_flag(tmp_path: Path) -> None:
     )
     assert done.returncode != 0
     assert "--seed" in done.stderr
+
+
+def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path) -> None:
+    file = tmp_path / "limited.toml"
+    text = (ROOT / "configs" / "scenes" / "carriage_force.toml").read_text()
+    limited = text.replace("velocity_weight", "displacement_limit = 0.004\nvelocity_weight")
+    file.write_text(limited)
+    run = Run("limited", tmp_path)
+    settings = changed(steps=800, evaluations=1, scene=str(file))
+    train(settings, run)
+    cost = float((run.folder / "metrics.csv").read_text().splitlines()[1].split(",")[2])
+    learned, scene = Learned(load_policy(run.policy)), settings.load_scene()
+    assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
+    # Most episodes begin beyond the limit, so the cost is above that of the limit itself.
+    assert cost**2 > limit_penalty(scene)

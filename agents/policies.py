@@ -1,0 +1,177 @@
+"""Policies as files of numbers: nothing in them can run code.
+
+A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
+the bias of each layer, and ``description``, a JSON text of the rest. It takes NumPy alone to act.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mm_gym import SceneError
+from mm_gym.files import read_bytes, write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
+
+FORMAT = 1
+"""Number of the format; it changes when older files can no longer be read."""
+
+LARGEST = 64 * 2**20
+"""Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
+
+
+DAMAGE = (
+    ValueError,
+    KeyError,
+    TypeError,
+    OSError,
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    RecursionError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What NumPy, zipfile and json raise for files that are not what they should be."""
+
+
+def _relu(values: Values) -> Values:
+    return np.maximum(values, 0.0)
+
+
+ACTIVATIONS: dict[str, Callable[[Values], Values]] = {"tanh": np.tanh, "relu": _relu}
+
+
+class PolicyError(RuntimeError):
+    """A policy cannot be read, or does not suit the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A network of dense layers, whose output is clipped: the mean action of a trained agent.
+
+    Attributes
+    ----------
+    weights, biases
+        Of each layer (outputs, inputs) and (outputs,).
+    activation
+        A name of `ACTIVATIONS`; it follows all layers but the last.
+    low, high
+        (k,) bounds of the action [-].
+    """
+
+    weights: tuple[NDArray[np.float32], ...]
+    biases: tuple[NDArray[np.float32], ...]
+    activation: str
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+    @property
+    def sizes(self) -> list[int]:
+        """Numbers of an observation, of the units of each hidden layer, and of an action."""
+        return [self.weights[0].shape[1], *(len(bias) for bias in self.biases)]
+
+    def check(self, observation: int, action: int) -> None:
+        """Raise `PolicyError` unless observation and action have so many numbers."""
+        own = self.sizes[0], self.sizes[-1]
+        if own != (observation, action):
+            msg = (
+                f"policy: got {own[0]} observed numbers and {own[1]} actions; "
+                f"the scene has {observation} and {action}"
+            )
+            raise PolicyError(msg)
+
+    def act(self, observation: NDArray[np.float32]) -> Values:
+        """Return the actions (lanes, k) for observations (lanes, n) as the environment has them."""
+        values = np.asarray(observation, np.float64)
+        activate = ACTIVATIONS[self.activation]
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            values = (values if layer == 0 else activate(values)) @ weight.T + bias
+        return np.clip(values, self.low, self.high)
+
+    def save(self, path: str | Path) -> None:
+        """Write the policy whole: a kill leaves the old file or the new one."""
+        description = {
+            "format": FORMAT,
+            "activation": self.activation,
+            "sizes": self.sizes,
+            "low": self.low.tolist(),
+            "high": self.high.tolist(),
+        }
+        arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
+        for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            arrays |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        write_bytes(path, content.getvalue())
+
+
+def load_policy(path: str | Path) -> Policy:
+    """Read a policy that `Policy.save` wrote; nothing in the file is run.
+
+    Raises
+    ------
+    PolicyError
+        If the file is missing, too large, damaged, or no policy.
+    """
+    try:
+        return _policy(_arrays(read_bytes(path, most=LARGEST)))
+    except SceneError as error:
+        raise PolicyError(str(error)) from None
+    except DAMAGE as error:
+        msg = f"{path}: not a policy that agents.train wrote: {error}"
+        raise PolicyError(msg) from None
+
+
+def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > LARGEST:
+        msg = f"it unpacks to {size} bytes; allowed: at most {LARGEST}"
+        raise ValueError(msg)
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
+    """Return the policy in arrays; raise an error of `DAMAGE` where they are wrong."""
+    description = json.loads(str(arrays["description"]))
+    if description["format"] != FORMAT:
+        msg = f"format: got {description['format']!r}; allowed: {FORMAT}"
+        raise ValueError(msg)
+    if description["activation"] not in ACTIVATIONS:
+        msg = f"activation: got {description['activation']!r}; allowed: {', '.join(ACTIVATIONS)}"
+        raise ValueError(msg)
+    sizes = description["sizes"]
+    if not (isinstance(sizes, list) and len(sizes) > 1):
+        msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
+        raise ValueError(msg)
+    layers = range(len(sizes) - 1)
+    return Policy(
+        weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], sizes[i])) for i in layers),
+        biases=tuple(_array(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),
+        activation=description["activation"],
+        low=_array(description, "low", (sizes[-1],)),
+        high=_array(description, "high", (sizes[-1],)),
+    )
+
+
+def _array(source: dict[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    array = np.asarray(source[name], np.float32)
+    if array.shape != shape or not np.isfinite(array).all():
+        msg = f"{name}: got shape {array.shape}; allowed: finite numbers of shape {shape}"
+        raise ValueError(msg)
+    return array
