@@ -63,7 +63,7 @@ def report_run(
     results = [*others, learned]
     write_scores(results, folder / "scores.csv")
     write_episodes(results, folder / "episodes.csv")
-    draw_costs(results, folder / "costs.png")
+    draw_costs(results, scene, folder / "costs.png")
     draw_response(results[0], results[-1], scene, folder / "response.png")
     print_ranking(results, scene)
     print(f"written: {folder}/")

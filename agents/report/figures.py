@@ -26,12 +26,13 @@ IN_A_BIN = 10
 """Colours: black is the learned controller's, the last of all results."""
 
 
-def draw_costs(results: Sequence[Evaluation], path: Path) -> None:
+def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
     """Draw the cost of each controller against frequency, or from easy to hard episodes.
 
-    A line goes through bins of ten episodes; the dots are single episodes of the last controller.
+    The frequency is that of the first harmonic, where the scene draws it. A line goes through bins
+    of ten episodes; the dots are single episodes of the last controller.
     """
-    position, label = _abscissa(results[0])
+    position, label = _abscissa(results[0], scene)
     bins = np.array_split(np.argsort(position), max(position.size // IN_A_BIN, 1))
     centres = [position[members].mean() for members in bins]
     with style():
@@ -48,7 +49,8 @@ def draw_costs(results: Sequence[Evaluation], path: Path) -> None:
             )
         look = {"color": LEARNED, "markersize": 4.0, "alpha": 0.4, "markeredgewidth": 0.0}
         axes.plot(position, results[-1].episode_costs, ".", **look)
-        _logarithmic(axes)
+        if any(result.penalties.any() for result in results):
+            _logarithmic(axes)
         axes.margins(x=0.01)
         axes.set(xlabel=label, ylabel="cost: root of the mean of -reward [-]")
         axes.set_title(
@@ -59,12 +61,17 @@ def draw_costs(results: Sequence[Evaluation], path: Path) -> None:
         save(figure, path)
 
 
-def _abscissa(reference: Evaluation) -> tuple[NDArray[np.float64], str]:
+def _abscissa(reference: Evaluation, scene: Scene) -> tuple[NDArray[np.float64], str]:
     """Return where each episode lies on the axis, and the axis's label."""
     if reference.frequency is not None:
-        return reference.frequency, "frequency of the force [rad/s]"
+        return reference.frequency, f"frequency of the harmonic {_excited(scene)} [rad/s]"
     rank = np.argsort(np.argsort(reference.penalties)) + 1.0
     return rank, f"rank of the episode by the cost of {reference.name}"
+
+
+def _excited(scene: Scene) -> str:
+    """Return what the first harmonic excites."""
+    return "ground motion" if scene.excitation[0].target == "ground" else "force"
 
 
 def _logarithmic(axes: Axes) -> None:
@@ -99,9 +106,10 @@ def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path
             panel.set_ylabel(ACTUATORS[name])
         axes[0].set_ylabel("carriage $x_1$ [mm]")
         axes[-1].set(xlabel="time [s]", xlim=(0.0, reference.time[-1]))
-        known = reference.frequency is not None
-        where = f", {reference.frequency[episode]:.1f} rad/s" if known else ""
-        axes[0].set_title(f"Held-out episode of median cost for {reference.name}{where}")
+        where = f"Held-out episode {episode}, of median cost for {reference.name}"
+        if reference.frequency is not None:
+            where += f": harmonic {_excited(scene)} at {reference.frequency[episode]:.1f} rad/s"
+        axes[0].set_title(where)
         figure.align_ylabels(axes)
         legend_below(figure, axes[0], 2)
         save(figure, path)

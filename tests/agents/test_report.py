@@ -1,15 +1,23 @@
 """Does the report rank controllers by what the task asks for, in plain words?"""
 
+from __future__ import annotations
+
 import csv
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tasks import CARRIAGE_FORCE, HYBRID
+from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
-from agents.evaluation.episodes import Evaluation
+from agents.controllers.constant import ConstantAction, no_control
+from agents.evaluation.episodes import Evaluation, evaluate
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import percent, print_ranking, write_episodes, write_scores
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
 
 STEPS, EPISODES = 50, 30
 
@@ -76,10 +84,84 @@ def test_a_comma_in_a_name_does_not_split_it(tmp_path) -> None:
 
 def test_figures_are_drawn_without_a_frequency_and_with_two_actuators(tmp_path) -> None:
     still, best = (evaluation(name, 0.2, 0.1, columns=2) for name in ("still", "best"))
-    draw_costs([still, best], tmp_path / "costs.png")
+    draw_costs([still, best], HYBRID, tmp_path / "costs.png")
     draw_response(still, best, HYBRID, tmp_path / "response.png")
     for name in ("costs.png", "response.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+
+
+HARMONIC = {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}
+SWEEP = {"amplitude": 1.0, "start_frequency": 40.0, "end_frequency": 80.0, "duration": 0.5}
+DRAWN = {"excitation.0.frequency": (44.0, 71.0)}
+SCENES = {
+    "sweep": ([SWEEP | {"kind": "sweep"}], {}),
+    "sweep of a drawn end": (
+        [SWEEP | {"kind": "sweep"}],
+        {"excitation.0.end_frequency": (70.0, 80.0)},
+    ),
+    "noise": ([{"kind": "noise", "rms": 1.0, "high_frequency": 100.0}], {}),
+    "earthquake": (
+        [
+            {
+                "kind": "kanai_tajimi",
+                "target": "ground",
+                "rms": 1.0,
+                "ground_frequency": 15.0,
+                "ground_damping": 0.6,
+            }
+        ],
+        {"excitation.0.ground_frequency": (10.0, 20.0)},
+    ),
+    "nothing": ([], {}),
+    "known harmonic": ([HARMONIC], {}),
+    "noise before a drawn harmonic": (
+        [{"kind": "noise", "rms": 1.0, "high_frequency": 100.0}, HARMONIC],
+        {"excitation.1.frequency": (44.0, 71.0)},
+    ),
+    "drawn harmonic": ([HARMONIC], DRAWN),
+    "drawn harmonic of the ground": ([HARMONIC | {"target": "ground"}], DRAWN),
+}
+"""Excitation and randomisation."""
+
+OF = {
+    "drawn harmonic": "harmonic force",
+    "drawn harmonic of the ground": "harmonic ground motion",
+}
+"""What the frequency is of, where one is drawn for each episode."""
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_figures_and_files_name_a_frequency_only_where_one_is_drawn(
+    name, tmp_path, monkeypatch
+) -> None:
+    excitation, randomization = SCENES[name]
+    scene = PRE_STRETCH.replace(
+        excitation=excitation, randomization=randomization, **{"control.steps": 20}
+    )
+    drawn: list[Figure] = []
+    monkeypatch.setattr("agents.report.figures.save", lambda figure, _: drawn.append(figure))
+    results = [
+        evaluate(scene, law, episodes=30) for law in (no_control(scene), ConstantAction(scene, 0.5))
+    ]
+    draw_costs(results, scene, tmp_path / "costs.png")
+    draw_response(*results, scene, tmp_path / "response.png")
+    write_episodes(results, tmp_path / "episodes.csv")
+    label, title = drawn[0].axes[0].get_xlabel(), drawn[1].axes[0].get_title()
+    rows = rows_of(tmp_path / "episodes.csv")
+    first = [float(next(iter(row.values()))) for row in rows]
+    median = int(np.argsort(results[0].penalties)[15])
+    assert title.startswith(f"Held-out episode {median}, of median cost for no control")
+    if name in OF:
+        assert label == f"frequency of the {OF[name]} [rad/s]"
+        frequency = np.linspace(44.0, 71.0, 30)
+        assert title.endswith(f": {OF[name]} at {frequency[median]:.1f} rad/s")
+        assert next(iter(rows[0])) == "frequency [rad/s]"
+        assert first == pytest.approx(list(frequency), rel=1e-15)
+    else:
+        assert label == "rank of the episode by the cost of no control"
+        assert "rad/s" not in title
+        assert next(iter(rows[0])) == "episode"
+        assert first == list(range(30))
 
 
 @pytest.mark.parametrize(
