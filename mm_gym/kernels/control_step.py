@@ -116,7 +116,7 @@ def build(
                 status = propagate(model, lanes, 0, 1)
                 if status > at.ENDED:
                     return status
-                rotate(model, lanes, 0, 1)
+                rotate(model, lanes, interval, 0, 1)
                 for row in range(4):
                     states[k, row] = lanes[row, 0]
             lanes[at.NOW, 0] += 1.0
@@ -137,7 +137,7 @@ def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
             if excited(model):
                 excite(model, lanes, streams, interval, first, last)
             status = max(status, propagate(model, lanes, first, last))
-            rotate(model, lanes, first, last)
+            rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, first, last))
 
     @borrowing_kernel

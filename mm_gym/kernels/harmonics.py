@@ -1,19 +1,41 @@
-"""Harmonics: each is turned by its exact rotation in every sample interval."""
+"""Harmonics: each is turned by its exact rotation in every sample interval.
+
+The rotation's rounding turns the phase a little in the same direction every time, so from time to
+time the phase is computed anew from the number of sample intervals since the episode began.
+"""
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import span
 
+REFRESH = 1024.0
+"""Sample intervals after which a phase is computed anew: until then it drifts by 2e-13 at most."""
+
 
 @borrowing_kernel
-def rotate(model, lanes, first, last):
-    """Turn every harmonic by one sample interval."""
-    for j in range(int(model[at.HARMONIC_COUNT])):
+def rotate(model, lanes, interval, first, last):
+    """Turn every harmonic by one sample interval.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    lanes
+        (rows, lanes) float64; the cosine and the sine of each harmonic are written.
+    interval
+        Index of the sample interval within the control step.
+    first, last
+        The lanes first .. last - 1, of one block.
+    """
+    harmonics = int(model[at.HARMONIC_COUNT])
+    for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         for i in span(first, last):
             c, s = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
@@ -25,14 +47,66 @@ def rotate(model, lanes, first, last):
                 cosine * norm,
                 sine * norm,
             )
+    if harmonics > 0:
+        made = lanes[at.NOW, first] * model[at.INTERVALS] + interval + 1.0
+        if _some_due(lanes, made, model[at.INTERVALS], first, last):
+            _refresh(model, lanes, made, first, last)
+
+
+@borrowing_kernel
+def _some_due(lanes, made, per_step, first, last):
+    """Tell whether the phase of a lane is due to be computed anew."""
+    due = False
+    for i in span(first, last):
+        due |= _is_due(made - per_step * lanes[at.BEGAN, i])
+    return due
+
+
+@borrowing_kernel
+def _is_due(count):
+    """Tell whether a phase is computed anew after a number of sample intervals."""
+    refreshes = count * (1.0 / REFRESH)
+    return np.floor(refreshes) == refreshes
+
+
+@borrowing_kernel
+def _refresh(model, lanes, made, first, last):
+    """Compute the phases anew in the lanes where they are due."""
+    for i in range(first, last):
+        count = made - model[at.INTERVALS] * lanes[at.BEGAN, i]
+        if _is_due(count):
+            for j in range(int(model[at.HARMONIC_COUNT])):
+                harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+                _write_phase(lanes, harmonic, model[at.SAMPLE_INTERVAL], count, i)
+
+
+@borrowing_kernel
+def _write_phase(lanes, harmonic, step, count, i):
+    """Write cosine and sine of phase + frequency * step * count, in twice a double's digits."""
+    frequency, phase = lanes[harmonic + at.FREQUENCY, i], lanes[harmonic + at.PHASE, i]
+    turn = frequency * step
+    turned = turn * count
+    rest = fma(turn, count, -turned) + fma(frequency, step, -turn) * count
+    angle = turned + phase
+    added = angle - turned
+    rest += (turned - (angle - added)) + (phase - added)  # what the sum lost (Knuth, 1969)
+    if not abs(rest) < np.inf:
+        return  # beyond the doubles
+    c, s, small_c, small_s = math.cos(angle), math.sin(angle), math.cos(rest), math.sin(rest)
+    lanes[harmonic + at.COSINE, i] = c * small_c - s * small_s
+    lanes[harmonic + at.SINE, i] = s * small_c + c * small_s
 
 
 @borrowing_kernel
 def begin_harmonic(lanes, harmonic, time_step, first, last):
     """Write cosine and sine of a harmonic's phase, and of its turn in one sample interval."""
     for i in span(first, last):
-        phase, turn = lanes[harmonic + at.PHASE, i], lanes[harmonic + at.FREQUENCY, i] * time_step
+        phase, frequency = lanes[harmonic + at.PHASE, i], lanes[harmonic + at.FREQUENCY, i]
+        turn = frequency * time_step
+        # What rounding takes off a turn of many radians would add up; less is below round-off.
+        rest = fma(frequency, time_step, -turn) if abs(turn) > 1.0 else 0.0
+        c, s, small = math.cos(turn), math.sin(turn), 1.0 - 0.5 * rest * rest
         lanes[harmonic + at.COSINE, i] = math.cos(phase)
         lanes[harmonic + at.SINE, i] = math.sin(phase)
-        lanes[harmonic + at.ROTATE_COSINE, i] = math.cos(turn)
-        lanes[harmonic + at.ROTATE_SINE, i] = math.sin(turn)
+        lanes[harmonic + at.ROTATE_COSINE, i] = c * small - s * rest
+        lanes[harmonic + at.ROTATE_SINE, i] = s * small + c * rest

@@ -1,5 +1,6 @@
 """Harmonic excitation against the closed form: complex dynamic stiffness plus free motion."""
 
+import mpmath as mp
 import numpy as np
 import pytest
 from oracle import System, error, scale_of
@@ -115,3 +116,21 @@ def test_several_harmonics_add_up():
     together = simulate(Scene(excitation=harmonics)).state
     apart = sum(simulate(Scene(excitation=[harmonic])).state for harmonic in harmonics)
     assert error(together, apart) <= BOUND
+
+
+@pytest.mark.parametrize("frequency", [57.0, 1e5])
+def test_phase_does_not_drift_over_a_million_steps(frequency):
+    # Phases are computed anew every 1024 sample intervals; in between, the rotation's rounding
+    # turns them by up to 1.4e-16 each, and the state's round-off comes on top.
+    steps = 1_000_000
+    harmonic = {"kind": "harmonic", "amplitude": 1.5, "frequency": frequency, "phase": PHASE}
+    scene = scene_of(SPRUNG).replace(initial={"sphere_offset": 0.0}, excitation=[harmonic])
+    state = simulate(scene, duration=0.01 * steps).state[[steps - 600, steps]]
+    with mp.workdps(40):
+        steady = SPRUNG.steady_state(frequency, PHASE, amplitude=1.5)
+        times = [mp.mpf(0.01) * n for n in (steps - 600, steps)]
+        expected = np.array([[float(v) for v in steady(t)] for t in times])
+    scale = scale_of(expected)
+    # A position is the sum of velocities times steps: at 1e5 rad/s a thousand times its own size.
+    scale[:2] = np.maximum(scale[:2], 0.01 * scale[2:])
+    assert error(state, expected, scale) <= 1024 * 1.4e-16 + BOUND
