@@ -118,6 +118,7 @@ def advance_filter(lanes, row, streams, time, i):
 def prepare_filter(lanes, row, passes_velocity, step, i):
     """Write the matrices of a filter over a sample interval, for an output of variance 1.
 
+    The output is linear between its samples, and its variance is the average over time (E15).
     The low-pass (E9) drives, if its frequency is not 0, the high-pass (E11). The covariances follow
     from that of a short time by doubling (E14); after many doublings the covariance is the
     stationary one, the solution of Lyapunov's equation.
@@ -162,10 +163,14 @@ def prepare_filter(lanes, row, passes_velocity, step, i):
     for _ in range(80):  # 2^80 sample intervals: the first state has decayed for any damping
         transition, covariance = _doubled(transition, covariance)
     _write_root(covariance, lanes, row + START_SPREAD, i)
-    variance = 0.0
+    present = following = 0.0  # covariances of a sample with itself and with the next
     for k in range(ORDER):
         for j in range(ORDER):
-            variance += out[k] * covariance[k, j] * out[j]
+            present += out[k] * covariance[k, j] * out[j]
+            for m in range(ORDER):
+                reached = lanes[row + TRANSITION + ORDER * k + m, i]
+                following += out[k] * reached * covariance[m, j] * out[j]
+    variance = (2.0 * present + following) / 3.0  # (E15)
     for k in range(ORDER):
         lanes[row + OUTPUT + k, i] = out[k] / math.sqrt(variance)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 from math import inf, sqrt
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -34,7 +35,11 @@ SWEEP_PHASE = 0.5
 """Longest sample interval of a sweep, times its highest frequency."""
 
 NOISE_PHASE = 0.25
-"""Default sample time of filtered noise, times its highest frequency."""
+"""Longest default sample time of filtered noise, times its highest frequency."""
+
+SHORTFALL = 0.01
+"""Most that the standard deviation half-way between two samples of noise is below theirs, unless
+`sample_time` is set."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +156,48 @@ def _record_slots(placed: Placed[Recorded]) -> Slots:
     return placed.data, len(placed.samples), placed.step
 
 
+def _noise_phase(lane: Array, *, passes_velocity: bool) -> float:
+    """Return the longest sample interval [s] that keeps to `SHORTFALL` and `NOISE_PHASE`.
+
+    The lane (rows, 1) has the rows of one filter, whose highest frequency is 1 rad/s.
+    """
+
+    def falls_short(interval: float) -> bool:
+        noise.prepare_filter(lane, 0, passes_velocity, interval, 0)
+        root = np.zeros((noise.ORDER, noise.ORDER))
+        root[np.tril_indices(noise.ORDER)] = lane[noise.START_SPREAD : noise.OUTPUT, 0]
+        spread = lane[noise.OUTPUT : noise.FILTER_ROWS, 0] @ root
+        # The covariance of two neighbours is 3 - 2 variance, by (E15).
+        variance = spread @ spread
+        return bool(0.5 * (3.0 - variance) < (1.0 - SHORTFALL) ** 2 * variance)
+
+    low, high = NOISE_PHASE, NOISE_PHASE
+    while falls_short(low):
+        low, high = 0.5 * low, low
+    for _ in range(20 if low < high else 0):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if falls_short(middle) else (middle, high)
+    return low
+
+
 def _filtered(
     fields: dict[str, int], *, passes_velocity: bool, constants: dict[int, float] | None = None
 ) -> Kind[FilteredNoise]:
     """Return a kind of filtered noise, see `mm_gym.kernels.noise.prepare_filter`."""
     filters = {name: row for name, row in fields.items() if row in noise.FILTER}
-    frequencies = [name for name in filters if filters[name] in {noise.LOW_PASS, noise.HIGH_PASS}]
+    frequencies = {noise.LOW_PASS, noise.HIGH_PASS}
+
+    def interval(placed: Placed[FilteredNoise]) -> float:
+        highest = max(placed.highest(name) for name in filters if filters[name] in frequencies)
+        shortest = NOISE_PHASE
+        for corner in product(*({placed.lowest(name), placed.highest(name)} for name in filters)):
+            lane = np.zeros((noise.FILTER_ROWS, 1))
+            rows = placed.kind.constants | dict(zip(filters.values(), corner, strict=True))
+            for row, value in rows.items():
+                lane[row] = value / highest if row in frequencies else value
+            phase = _noise_phase(lane, passes_velocity=passes_velocity)
+            shortest = min(shortest, phase)
+        return shortest / highest
 
     def is_drawn(placed: Placed[FilteredNoise]) -> bool:
         return any(placed.lowest(name) != placed.highest(name) for name in filters)
@@ -180,7 +221,7 @@ def _filtered(
         code=kernels.FILTER,
         terms=2,
         constants=constants or {},
-        interval=_fraction_of(NOISE_PHASE, *frequencies),
+        interval=interval,
         slots=slots,
         prepare=prepare,
     )

@@ -69,13 +69,16 @@ class Sampled(Part):
 class FilteredNoise(Sampled):
     """White noise through a linear filter, times an envelope.
 
-    The samples have exactly the distribution of the filter's continuous output. The envelope is
-    (t / rise)^2, then 1 for `plateau` seconds, then exp(-decay (t - rise - plateau)). By default
-    `sample_time` is 0.25 / the filter's highest frequency.
+    The samples have exactly the distribution of the filter's continuous output, up to a factor: a
+    line between two samples varies less than they do, so both are scaled until the average over
+    time is `rms`. The envelope is (t / rise)^2, then 1 for `plateau` seconds, then
+    exp(-decay (t - rise - plateau)). By default `sample_time` is short enough that the standard
+    deviation half-way between two samples is at most 1 % below theirs, and at most 0.25 / the
+    filter's highest frequency.
     """
 
     rms: NonNegative
-    """[N] or [m/s^2]: standard deviation while the envelope is 1"""
+    """[N] or [m/s^2]: root mean square over time while the envelope is 1"""
     rise: NonNegative = 0.0
     """[s]"""
     plateau: NonNegative | None = None

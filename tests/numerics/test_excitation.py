@@ -185,17 +185,69 @@ def test_noise_has_its_density_and_variance(part):
     segments = len(values) // 4096
     frequency, estimate = signal.welch(values, 1.0 / step, nperseg=4096, noverlap=0)
     w = 2.0 * np.pi * frequency
+    samples = _scale_of_samples(part, step) * part["rms"] ** 2
     # What lies beyond half the sampling rate is folded back, as for any sampled process.
     folds = 2.0 * np.pi / step * np.arange(1, 200)
     folded = density(part, w) + sum(density(part, f - w) + density(part, f + w) for f in folds)
-    expected = 2.0 * np.pi * part["rms"] ** 2 * folded / total
+    expected = 2.0 * np.pi * samples * folded / total
     band = slice(3, int(200.0 * 4096 * step / (2.0 * np.pi)))
     low, high = chi2.ppf([0.0005, 0.9995], 2 * segments) / (2 * segments)
     ratio = estimate[band] / expected[band]
     assert np.mean((ratio > low) & (ratio < high)) > 0.99
     assert abs(np.mean(ratio) - 1.0) < 0.01
     # The record holds thousands of independent stretches, so the estimate is good to 1 %.
-    assert abs(np.var(values) / part["rms"] ** 2 - 1.0) < 0.01
+    assert abs(np.var(values) / samples - 1.0) < 0.01
+
+
+def _scale_of_samples(part, step):
+    """Return the variance of the samples of a noise whose interpolant has variance 1 on average."""
+    f, g, out = _scaled_filter(part)
+    covariance = solve_continuous_lyapunov(f, -g @ g.T)
+    present, following = out @ covariance @ out, out @ expm(f * step) @ covariance @ out
+    return 3.0 * present / (2.0 * present + following)
+
+
+@pytest.mark.parametrize("sample_time", [0.001, 0.012])
+@pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
+def test_noise_has_its_rms_on_average_between_the_samples_too(part, sample_time):
+    part = part | {"target": "force", "sample_time": sample_time}
+    scene = Scene(excitation=[part], control={"time_step": 0.012})
+    start, change = simulate(scene, duration=4000.0, seed=1).recording.jets[:, :2].T
+    mean_square = np.mean(start**2 + start * change + change**2 / 3.0)
+    # Thousands of independent stretches: good to 1 %. Unscaled, 0.012 s would miss 15 %.
+    assert abs(mean_square / part["rms"] ** 2 - 1.0) < 0.02
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        NOISE,
+        NOISE | {"low_frequency": 0.0},
+        NOISE | {"low_frequency": 79.9},
+        SOIL,
+        SOIL | {"ground_damping": 3.0},
+        HIGH_PASSED,
+        HIGH_PASSED | {"filter_frequency": 200.0},
+    ],
+)
+def test_noise_half_way_between_samples_is_within_one_percent_by_default(part):
+    scene = Scene(excitation=[part], control={"time_step": 0.05})
+    step = compile_scene(scene).support.sample_interval
+    samples = _scale_of_samples(part, step)
+    half_way = 0.5 * (3.0 - samples)  # from 2 R(0) + R(h) = 3
+    assert 0.99 < np.sqrt(half_way / samples) < 1.0
+    assert 0.99 < np.sqrt(half_way) < np.sqrt(samples) < 1.01
+
+
+@pytest.mark.parametrize(
+    "fields", [{"ground_frequency": (30.0, 60.0)}, {"ground_damping": (0.3, 0.9)}]
+)
+def test_default_sample_time_is_that_of_the_worst_corner_of_ranges(fields):
+    ((name, limits),) = fields.items()
+    plain = Scene(excitation=[SOIL | {name: limits[1]}], control={"time_step": 0.05})
+    drawn = plain.replace(randomization={f"excitation.0.{name}": limits})
+    steps = [compile_scene(s).support.intervals_per_step for s in (plain, drawn)]
+    assert steps[0] == steps[1] > 1
 
 
 @pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
@@ -259,8 +311,9 @@ def test_law_of_the_samples_is_lyapunovs(part):
     grown = stationary - transition @ stationary @ transition.T
     assert np.abs(step @ step.T - grown).max() < 1e-12 * scale
     weights = rows[first + noise.OUTPUT :][:order]
-    assert weights @ stationary @ weights == pytest.approx(1.0, abs=1e-12)
-    assert weights == pytest.approx(out / np.sqrt(out @ stationary @ out), abs=1e-12)
+    average = (2.0 * stationary + transition @ stationary) / 3.0
+    assert weights @ average @ weights == pytest.approx(1.0, abs=1e-12)
+    assert weights == pytest.approx(out / np.sqrt(out @ average @ out), abs=1e-12)
 
 
 def _root(packed):
