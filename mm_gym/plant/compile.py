@@ -64,6 +64,9 @@ FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
 
 FIXED = "every parameter has one value"
 
+ACCELERATION_ERROR = 1e-6
+"""Largest round-off of an observed acceleration of the carriage, relative to those of the motion."""
+
 
 def compile_scene(scene: Scene) -> Plant:
     """Choose the simplest model that covers the scene's whole support, and prepare it.
@@ -246,6 +249,8 @@ def _refuse_unsupported(scene: Scene, support: Support) -> None:
     if low[at.M1] == 0.0:
         _refuse_massless(support)
         _refuse_infinite(scene)
+    elif "carriage_acceleration" in scene.sensors.channels:
+        _refuse_cancellation(support)
     furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
     if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
         msg = (
@@ -274,6 +279,27 @@ def _refuse_infinite(scene: Scene) -> None:
     shown = ["sensors.channels"] if "carriage_acceleration" in scene.sensors.channels else []
     for name in (*impulses, *shown):
         msg = f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"
+        raise CompileError(msg)
+
+
+def _refuse_cancellation(support: Support) -> None:
+    """Raise `CompileError` if the carriage's acceleration is but the round-off of its forces.
+
+    At a velocity v the forces of dampers and springs are (c + d) v and (k1 + k2) v / w, each rounded
+    to 2^-52 of itself; the slow motion of both masses on k1, of frequency w, accelerates by w v.
+    """
+    low, high = support.low, support.high
+    slow = np.sqrt(low[at.K1] / (high[at.M1] + high[at.M2]))
+    stick = high[at.MU1] * high[at.FN] / low[at.VR] if support.slips else 0.0
+    resistance = high[at.D] + max(high[at.C], stick)
+    resistance += (high[at.K1] * high[at.ALPHA] + support.stiffest) / slow
+    lightest = 2.0**-52 * resistance / (slow * ACCELERATION_ERROR)
+    if low[at.M1] < lightest:
+        msg = (
+            "sensors.channels: carriage_acceleration is the difference of forces that cancel, and "
+            f"round-off leaves less than 6 digits of it at carriage.mass = {low[at.M1]:g} kg; "
+            f"allowed: a carriage.mass of at least {lightest:.2g} kg"
+        )
         raise CompileError(msg)
 
 

@@ -4,8 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import mpmath as mp
 import numpy as np
 import pytest
+from oracle import System
 
 import mm_gym
 from mm_gym import (
@@ -17,6 +19,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
+from mm_gym.kernels import layout as at
 from mm_gym.kernels.channels import CHANNELS
 from mm_gym.simulation.lanes import Lanes
 
@@ -266,3 +269,44 @@ def test_one_row_of_the_table_makes_a_channel():
         [sys.executable, "-c", NEW_CHANNEL, package], capture_output=True, check=False, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+LIGHT = Scene(
+    initial={"carriage_displacement": 0.01},
+    sensors={"channels": ["carriage_acceleration"]},
+    control={"time_step": 0.01, "steps": 50},
+)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"carriage.mass": 1e-80},
+        {"carriage.mass": 1e-11},
+        {"interface.damping": 1e12},
+    ],
+)
+def test_acceleration_that_cancellation_leaves_no_digits_of_is_refused(changes):
+    with pytest.raises(CompileError, match=r"sensors\.channels: carriage_acceleration") as caught:
+        compile_scene(LIGHT.replace(**changes))
+    assert "carriage.mass of at least" in str(caught.value)
+    compile_scene(LIGHT.replace(**changes, **{"sensors.channels": ["sphere_acceleration"]}))
+
+
+@pytest.mark.parametrize(
+    ("mass", "damping"), [(2e-11, 1.0), (1e-8, 1.0), (0.1, 1e10), (0.1, 1e8), (0.1, 1.0)]
+)
+def test_acceleration_that_is_not_refused_is_right(mass, damping):
+    scene = LIGHT.replace(**{"carriage.mass": mass, "interface.damping": damping})
+    lanes = Lanes(compile_scene(scene), 1)
+    lanes.seed(0)
+    lanes.restart()
+    system = System(m1=mass, c=damping)
+    got, expected = [], []
+    for n in range(1, 31):
+        lanes.advance(np.zeros(0, np.float32))
+        got.append(lanes.values[at.CARRIAGE_ACCELERATION, 0])
+        with mp.workdps(60):
+            free = system.sampled(0.01 * n)[:, :4] * mp.matrix([0.01, 0.01, 0, 0])
+            expected.append(float((system.matrix() * free)[2]))
+    assert np.abs(np.subtract(got, expected)).max() <= 1e-6 * np.abs(expected).max()
