@@ -39,7 +39,7 @@ DATA, LENGTH, DATA_STEP = OWN, OWN + 1, OWN + 2  # of a record; DATA is a slot o
 
 # Rows of each kind; those of filtered noise are in `mm_gym.kernels.noise`. Behind a sweep's cosines
 # stand as many sines: scratch of its series.
-IMPULSE_SIZE, RATE, TIME, CHANCE = 0, 1, 2, 3
+IMPULSE_SIZE, RATE, TIME, NEXT = 0, 1, 2, 3  # NEXT: when the next random impulse comes [s]
 IMPULSE_ROWS = 4
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
 RECORD_SCALE, TIME_SCALE, RECORD_START, RECORD_VALUE = 0, 1, 2, 3
@@ -84,7 +84,7 @@ def begin_excitation(model, lanes, streams, mask, first, last):
             slot = base + FIRST + SIZE * k
             kind = int(model[slot + KIND])
             if kind == IMPULSE:
-                _begin_impulses(model, slot, lanes, i)
+                _begin_impulses(model, slot, lanes, streams, i)
             elif kind == SWEEP:
                 _begin_sweep(model, slot, lanes, i)
             elif kind == FILTER:
@@ -143,15 +143,25 @@ def _intervals_since(clock, began):
 
 
 @borrowing_kernel
-def _begin_impulses(model, slot, lanes, i):
-    """Write the probability that a sample interval has a random impulse."""
+def _begin_impulses(model, slot, lanes, streams, i):
+    """Draw when the first random impulse comes."""
     row = int(model[slot + ROW])
-    lanes[row + CHANCE, i] = -math.expm1(-lanes[row + RATE, i] * model[at.SAMPLE_INTERVAL])
+    lanes[row + NEXT, i] = math.inf
+    if lanes[row + RATE, i] > 0.0:
+        lanes[row + NEXT, i] = _wait(streams, lanes[row + RATE, i], i)
+
+
+@borrowing_kernel
+def _wait(streams, rate, i):
+    """Return the time [s] from one random impulse to the next: that of a Poisson process."""
+    return -math.log(1.0 - uniform(streams, i)) / rate
 
 
 @borrowing_kernel
 def _apply_impulses(model, slot, lanes, streams, clock, first, last):
-    """Apply the impulses of a sample interval.
+    """Apply all impulses of a sample interval at its start.
+
+    One at a given time is applied at the nearest start of a sample interval.
 
     Parameters
     ----------
@@ -174,13 +184,12 @@ def _apply_impulses(model, slot, lanes, streams, clock, first, last):
     for i in range(first, last):
         count, size = _intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
         total = 0.0
-        if 0.0 <= lanes[row + TIME, i] / step + 1e-9 - count < 1.0:
+        if -0.5 <= lanes[row + TIME, i] / step - count < 0.5:
             total += low + (high - low) * uniform(streams, i) if is_range else size
-        if lanes[row + RATE, i] > 0.0:
-            # Both numbers are drawn in any case: later ones do not depend on what happens here.
-            happens, drawn = uniform(streams, i) < lanes[row + CHANCE, i], uniform(streams, i)
-            if happens:
-                total += low + (high - low) * drawn if is_range else size
+        end = (count + 1.0) * step
+        while lanes[row + NEXT, i] < end:
+            total += low + (high - low) * uniform(streams, i) if is_range else size
+            lanes[row + NEXT, i] += _wait(streams, lanes[row + RATE, i], i)
         if ground:
             lanes[at.V1, i] -= total  # (E4)
             lanes[at.V2, i] -= total

@@ -65,7 +65,7 @@ FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
 FIXED = "every parameter has one value"
 
 ACCELERATION_ERROR = 1e-6
-"""Largest round-off of an observed acceleration of the carriage, relative to those of the motion."""
+"""Largest round-off of an observed acceleration of the carriage, relative to the motion's."""
 
 
 def compile_scene(scene: Scene) -> Plant:
@@ -285,8 +285,9 @@ def _refuse_infinite(scene: Scene) -> None:
 def _refuse_cancellation(support: Support) -> None:
     """Raise `CompileError` if the carriage's acceleration is but the round-off of its forces.
 
-    At a velocity v the forces of dampers and springs are (c + d) v and (k1 + k2) v / w, each rounded
-    to 2^-52 of itself; the slow motion of both masses on k1, of frequency w, accelerates by w v.
+    At a velocity v the forces of dampers and springs are (c + d) v and (k1 + k2) v / w, each
+    rounded to 2^-52 of itself; the slow motion of both masses on k1, of frequency w, accelerates by
+    w v.
     """
     low, high = support.low, support.high
     slow = np.sqrt(low[at.K1] / (high[at.M1] + high[at.M2]))

@@ -37,6 +37,12 @@ SWEEP_PHASE = 0.5
 NOISE_PHASE = 0.25
 """Longest default sample time of filtered noise, times its highest frequency."""
 
+IMPULSE_PERIODS = 1.0 / 16.0
+"""Default sample time of random impulses, in periods of the carriage."""
+
+MOST_IMPULSES = 16.0
+"""Random impulses that fall into a sample interval on average, at most."""
+
 SHORTFALL = 0.01
 """Most that the standard deviation half-way between two samples of noise is below theirs, unless
 `sample_time` is set."""
@@ -93,6 +99,8 @@ class Placed(Generic[P]):
         Field -> value, or range of values.
     samples, step, data
         What `Kind.samples` returned, and the slot of the description at which they begin.
+    period
+        Shortest period [s] of the carriage on its spring, or, if it has no mass, of the sphere.
     """
 
     kind: Kind[P]
@@ -103,6 +111,7 @@ class Placed(Generic[P]):
     samples: Array
     step: float
     data: int
+    period: float
 
     def lowest(self, name: str) -> float:
         """Return the least value of a field."""
@@ -133,6 +142,13 @@ def _fraction_of(phase: float, *frequencies: str) -> Callable[[Placed[Any]], flo
 
 def _sweep_slots(placed: Placed[Sweep]) -> Slots:
     return float(placed.part.spacing == "logarithmic"), 0.0, 0.0
+
+
+def _impulse_interval(placed: Placed[Impulse]) -> float:
+    asked, rate = placed.part.sample_time, placed.highest("rate")
+    if rate == 0.0:
+        return inf if asked is None else asked
+    return min(placed.period * IMPULSE_PERIODS if asked is None else asked, MOST_IMPULSES / rate)
 
 
 def _impulse_slots(placed: Placed[Impulse]) -> Slots:
@@ -261,6 +277,7 @@ KINDS: dict[str, Kind[Any]] = {
         fields={"size": kernels.IMPULSE_SIZE, "rate": kernels.RATE, "time": kernels.TIME},
         rows=kernels.IMPULSE_ROWS,
         code=kernels.IMPULSE,
+        interval=_impulse_interval,
         slots=_impulse_slots,
     ),
     "record": Kind(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, inf
+from math import ceil, inf, pi, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from mm_gym.kernels import excitation as kernels
 from mm_gym.kernels import layout as at
 from mm_gym.plant.excitation import HARMONIC, KINDS, Placed
 from mm_gym.scene.excitation import Sampled
+from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +87,8 @@ def lay_out(scene: Scene) -> Layout:
         part, is_harmonic = scene.excitation[k], kind.code == HARMONIC
         samples, step = kind.samples(part)
         name, first = f"excitation.{k}", free[is_harmonic]
-        parts.append(Placed(kind, part, name, first, _values(scene, k), samples, step, data))
+        values, period = _values(scene, k), _period(scene)
+        parts.append(Placed(kind, part, name, first, values, samples, step, data, period))
         free[is_harmonic] += kind.rows
         data += len(samples)
     return Layout(
@@ -102,6 +104,15 @@ def lay_out(scene: Scene) -> Layout:
         size=free[False],
         intervals_per_step=_intervals_per_step(scene, parts),
     )
+
+
+def _period(scene: Scene) -> float:
+    """Return the shortest period [s] of the carriage, or, if it has no mass, of the sphere."""
+    names = ("carriage.mass", "sphere.mass", "carriage.stiffness")
+    stated = (scene.carriage.mass, scene.sphere.mass, scene.carriage.stiffness)
+    drawn = [scene.randomization.get(*field) for field in zip(names, stated, strict=True)]
+    m1, m2 = (bounds(value)[0] for value in drawn[:2])
+    return 2.0 * pi * sqrt((m1 or m2) / bounds(drawn[2])[1])
 
 
 def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
