@@ -218,5 +218,5 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
-        self._lanes.restore(state)
+        self._lanes.restore(state, np.array([not running]))
         self._running, self._seeded = running, seeded

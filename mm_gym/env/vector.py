@@ -279,7 +279,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         finished = flags_of(state, "finished", self.num_envs)
         seeded = flag_of(state, "seeded")
-        self._lanes.restore(state)
+        self._lanes.restore(state, finished)
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = seeded

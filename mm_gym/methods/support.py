@@ -56,6 +56,8 @@ class Support:
         What one propagation advances by [s]; a control step, unless excitation is sampled.
     intervals_per_step
         Sample intervals of a control step.
+    parameters
+        Rows that stay between `low` and `high`: all but the state and what follows from other rows.
     products
         (row, row of the ratio, row of the other field) of each field that follows from a ratio.
     jets, terms, excitation
@@ -71,6 +73,7 @@ class Support:
     ground: tuple[bool, ...]
     sample_interval: float
     intervals_per_step: int
+    parameters: tuple[int, ...]
     products: tuple[tuple[int, int, int], ...]
     jets: int
     terms: int

@@ -39,6 +39,9 @@ ROWS: dict[str, int] = {
 }
 """Field -> its row of a lane; `mm_gym.plant.excitation` has those of the excitation."""
 
+CONSTANT = (at.FORCE, at.STRETCH, *range(at.M1, at.L0 + 1))
+"""Rows of what the actuators apply, and of the physical parameters."""
+
 
 def support_of(scene: Scene) -> Support:
     """Collect the values that randomisation, initial ranges and actuation can reach.
@@ -84,6 +87,7 @@ def support_of(scene: Scene) -> Support:
         ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
+        parameters=(*CONSTANT, *layout.values, *ratios.values()),
         products=tuple(
             (rows[field], ratios[name], rows[of])
             for name, (field, of) in scene.drawn_ratios.items()

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from mm_gym.methods.support import Support
 
+    Mask = NDArray[np.bool_]
+
 
 def checked_fields(
     given: Mapping[str, ArrayLike], support: Support, count: int
@@ -84,6 +86,77 @@ def check_snapshot(
         if not is_array(array) or (array.shape, array.dtype) != (own.shape, own.dtype):
             msg = f"state.{name}: allowed: an array of shape {own.shape} and type {own.dtype}"
             raise SceneError(msg)
+
+
+def check_values(
+    values: NDArray[np.float64], frames: NDArray[np.float32], support: Support, idle: Mask
+) -> None:
+    """Raise `SceneError` for values of a snapshot that lanes cannot have.
+
+    The kernels rely on them: a record is read where its start and the lane's clock point to.
+
+    Parameters
+    ----------
+    values, frames
+        Of the snapshot.
+    support
+        That of the plant.
+    idle
+        (count,) bool: lanes whose episodes are over. Their states may be anything, because an
+        episode also ends where its state is lost.
+    """
+    low, high = _bounds(support)
+    least, most = values.min(axis=1), values.max(axis=1)
+    for row in np.flatnonzero(~((least >= low) & (most <= high))):
+        wrong = ~((values[row] >= low[row]) & (values[row] <= high[row]))
+        if row in ENDING:
+            wrong &= ~idle
+        if wrong.any():
+            lane = int(np.flatnonzero(wrong)[0])
+            names = [name for name, own in support.names.items() if own == row]
+            where = f"row {row}" + (f" ({names[-1]})" if names else "")
+            msg = (
+                f"state.values: {where} of lane {lane}: got {values[row, lane]:g}; "
+                f"allowed: {low[row]:g} to {high[row]:g}"
+            )
+            raise SceneError(msg)
+    if not np.all(abs(frames[:, ~idle]) <= at.OBSERVATION_BOUND):
+        msg = f"state.frames: allowed: numbers of magnitude at most {at.OBSERVATION_BOUND:g}"
+        raise SceneError(msg)
+    age = values[at.NOW] - values[at.BEGAN]
+    if np.any(age < 0.0) or np.any(age % 1.0 > 0.0):
+        msg = f"state.values: rows {at.BEGAN} and {at.NOW}: allowed: whole numbers, in order"
+        raise SceneError(msg)
+    for row, ratio, other in support.products:
+        if np.any(values[row] != values[ratio] * values[other]):
+            msg = f"state.values: row {row}: allowed: the product of rows {ratio} and {other}"
+            raise SceneError(msg)
+
+
+def _bounds(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and largest values (rows,) that a snapshot may have."""
+    largest = np.finfo(np.float64).max
+    low, high = np.full_like(support.low, -largest), np.full_like(support.high, largest)
+    # What is prepared once for all lanes has the same value everywhere.
+    rows = np.flatnonzero((support.low == support.high) & (support.low != 0.0))
+    rows = np.concatenate([rows[rows >= at.M1], np.array(support.parameters, np.int64)])
+    low[rows], high[rows] = support.low[rows], support.high[rows]
+    for clock in (at.BEGAN, at.NOW):
+        low[clock], high[clock] = 0.0, LAST
+    for j in range(len(support.ground)):
+        turn = at.HARMONICS + at.HARMONIC_ROWS * j + at.COSINE
+        low[turn : turn + 4], high[turn : turn + 4] = -ROUNDED_ONE, ROUNDED_ONE
+    return low, high
+
+
+LAST = 2.0**52
+"""Latest control step of a lane's clock, far below the integers that doubles round."""
+
+ROUNDED_ONE = 1.0 + 1e-9
+"""Bound of cosines and sines, with more than their round-off."""
+
+ENDING = {at.X1, at.X2, at.V1, at.V2, at.REWARD, *at.DERIVED}
+"""Rows of a state that may be lost, which ends its episode."""
 
 
 def array_of(value: ArrayLike, name: str) -> NDArray[Any]:

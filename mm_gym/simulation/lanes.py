@@ -18,7 +18,7 @@ from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.outputs import copy_outputs
 from mm_gym.kernels.random import seed_streams
-from mm_gym.simulation.checks import check_snapshot, checked_fields
+from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.memory import rows_of
 from mm_gym.simulation.threads import Threads
 
@@ -225,22 +225,49 @@ class Lanes:
         return self.values[row]
 
     def snapshot(self) -> dict[str, object]:
-        """Return the state of all lanes, as copies, for `restore`."""
+        """Return the state of all lanes, as copies, for `restore`.
+
+        Each column is complete: repeated or in another order, columns make a snapshot too. A lane's
+        clock, of which the kernels keep one a block, counts from its episode's start.
+        """
         arrays = {name: array.copy() for name, array in self._state().items()}
+        values = arrays["values"]
+        values[at.NOW] = self._blocks(values[at.NOW]) - values[at.BEGAN]
+        values[[at.BEGAN, at.DUE]] = 0.0
         return {"scene": self.plant.digest, **arrays}
 
-    def restore(self, snapshot: Mapping[str, Any]) -> None:
+    def restore(self, snapshot: Mapping[str, Any], idle: NDArray[np.bool_] | None = None) -> None:
         """Restore a snapshot of the same scene and number of lanes.
+
+        Parameters
+        ----------
+        snapshot
+            What `snapshot` returned.
+        idle
+            (count,) bool: the lanes whose episodes are over; by default none.
 
         Raises
         ------
         SceneError
-            If it belongs to another scene, or an array is missing or has another shape or dtype.
+            If it belongs to another scene, an array is missing or has another shape or dtype, or
+            lanes cannot have one of its values.
         """
         check_snapshot(snapshot, self.plant.digest, self._state())
+        if idle is None:
+            idle = np.zeros(self.count, np.bool_)
+        check_values(snapshot["values"], snapshot["frames"], self.plant.support, idle)
         for name, array in self._state().items():
             array[...] = snapshot[name]
+        age = self.values[at.NOW] - self.values[at.BEGAN]
+        now = np.maximum.reduceat(age, np.arange(0, self.count, at.BLOCK))
+        self.values[at.NOW, :: at.BLOCK] = now
+        self.values[at.BEGAN] = self._blocks(self.values[at.NOW]) - age
+        self.values[at.DUE] = 0.0  # the next step finds it
         self._ends[at.MARKED] = True
+
+    def _blocks(self, clock: Values) -> Values:
+        """Return each lane's clock, from the first lanes of the blocks."""
+        return np.repeat(clock[:: at.BLOCK], at.BLOCK)[: self.count]
 
     def _state(self) -> dict[str, NDArray[Any]]:
         return {name: getattr(self, name) for name in STATE_ARRAYS}

@@ -2,6 +2,10 @@
 
 import copy
 import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +22,7 @@ from mm_gym import (
 )
 
 LANES = 4
+MOTION = Path(__file__).parents[1] / "data" / "motion.csv"
 
 
 @pytest.fixture(params=["single", "vector"])
@@ -181,6 +186,134 @@ def test_state_of_another_scene_or_lane_count_is_refused(make):
     more.reset(seed=0)
     with pytest.raises(SceneError):
         env.set_state(more.get_state())
+
+
+def picked(state, columns):
+    """The state of some lanes of a state, in any order and number."""
+    return {
+        name: value[..., columns] if isinstance(value, np.ndarray) else value
+        for name, value in state.items()
+    }
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_lanes_of_a_state_may_be_repeated_and_permuted(ending_scene, mode):
+    few = MovingMassVectorEnv(ending_scene, 7, autoreset_mode=mode)
+    few.reset(seed=3)
+    rollout(few, random_actions(few, 17))
+    few.reset(seed=4, options={"reset_mask": np.arange(7) % 3 == 0})  # lanes of several ages
+    rollout(few, random_actions(few, 5))
+    state = few.get_state()
+    columns = np.concatenate(
+        [np.repeat(np.arange(7), 200), np.random.default_rng(0).integers(7, size=600)]
+    )
+    many = MovingMassVectorEnv(ending_scene, len(columns), autoreset_mode=mode)
+    many.set_state(picked(state, columns))
+    for action in random_actions(few, 70):  # some episodes more
+        one, other = few.step(action), many.step(action[columns])
+        for short, long in zip(one[:4], other[:4], strict=True):
+            assert np.ascontiguousarray(short[columns]).tobytes() == long.tobytes("C")
+    again = MovingMassVectorEnv(ending_scene, 7, autoreset_mode=mode)
+    again.set_state(picked(many.get_state(), np.arange(7) * 200))
+    for short, long in zip(few.step(action)[:4], again.step(action)[:4], strict=True):
+        assert short.tobytes() == long.tobytes()
+
+
+FUZZ = """
+import sys
+from pathlib import Path
+sys.path[:0] = {paths}
+import numpy as np
+from conftest import ENDING
+from tasks import TASKS
+from mm_gym import MovingMassEnv, Scene, SceneError, SimulationError
+switched = Scene(
+    interface={{
+        "kind": "dry_friction",
+        "static_coefficient": 0.5,
+        "kinetic_coefficient": 0.4,
+        "reference_velocity": 0.01,
+    }},
+    springs={{"kind": "finite_stretch", "rest_length": 0.1}},
+    actuation={{"force": {{}}, "stretch": {{}}}},
+    randomization={{"interface.kinetic_ratio": [0.5, 1.0]}},
+)
+refused = lost = moved = 0
+for scene in [*TASKS.values(), ENDING["everything"], switched]:
+    env = MovingMassEnv(scene)
+    env.reset(seed=0)
+    action = np.full(env.action_space.shape, 0.5, np.float32)
+    for _ in range(3):
+        env.step(action)
+    saved = env.get_state()
+    for row in range(len(saved["values"])):
+        for value in [np.nan, np.inf, -np.inf, 1.7e308, -1.7e308, -1e7, 1e7, 0.5, 5e-324]:
+            spoilt = saved | {{"values": saved["values"].copy()}}
+            spoilt["values"][row] = value
+            try:
+                env.set_state(spoilt)
+                for _ in range(2):
+                    observation, reward, terminated, truncated, info = env.step(action)
+                    assert np.isfinite(observation).all(), (row, value)
+                    assert np.isfinite(reward), (row, value)
+                    assert np.isfinite(info["state"]).all(), (row, value)
+                    if terminated or truncated:
+                        env.reset()
+            except SceneError:
+                refused += 1
+            except SimulationError:
+                lost += 1
+            else:
+                moved += 1
+print("end", refused, lost, moved)
+"""
+
+
+def test_no_value_of_a_state_crashes_or_hangs_the_kernels():
+    here = Path(__file__).parent
+    code = FUZZ.format(paths=[str(here), str(here.parent)])
+    # In a process of its own, which a read outside the memory would end.
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    refused, lost, moved = map(int, re.findall(r"\d+", done.stdout))
+    assert refused > lost + moved  # of parameters, all are checked
+    assert moved > 0
+
+
+def test_state_of_a_record_that_starts_before_it_is_refused(assert_same):
+    scene = Scene(
+        excitation=[{"kind": "record", "file": str(MOTION)}],
+        randomization={"excitation.0.start": [0.0, 0.2]},
+        actuation={"force": {}},
+    )
+    env = MovingMassVectorEnv(scene, 2)
+    env.reset(seed=0)
+    saved = env.get_state()
+    row = env.plant.support.names["excitation.0.start"]
+    spoilt = saved | {"values": saved["values"].copy()}
+    spoilt["values"][row, 1] = -1e7
+    with pytest.raises(SceneError) as caught:
+        env.set_state(spoilt)
+    assert str(caught.value) == (
+        f"state.values: row {row} (excitation.0.start) of lane 1: got -1e+07; allowed: 0 to 0.2"
+    )
+    assert_same(saved, env.get_state())
+
+
+@pytest.mark.parametrize("copied", COPIED)
+def test_a_copy_of_a_lost_episode_is_made_and_may_be_reset(make, copied):
+    scene = CARRIAGE_FORCE.replace(
+        **{"carriage.cubic_coefficient": 1e15, "solver": {"method": "rk4", "substeps": 1}}
+    )
+    env = make(scene)
+    env.reset(seed=0)
+    with pytest.raises(SimulationError):
+        rollout(env, [np.ones(env.action_space.shape, np.float32)] * 100)
+    twin = copied(env)
+    observation, _ = twin.reset(seed=1)
+    assert np.isfinite(observation).all()
 
 
 class Stubborn:
