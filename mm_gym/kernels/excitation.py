@@ -45,6 +45,8 @@ SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES 
 RECORD_SCALE, TIME_SCALE, RECORD_START, RECORD_VALUE = 0, 1, 2, 3
 RECORD_ROWS = 4
 
+HALF = 0.5  # of a sample interval
+
 SWEEP_TERMS = 14
 """Terms of a sweep's series; a sample interval spans half a radian: 0.5**14 / 14! is 7e-16."""
 
@@ -184,7 +186,7 @@ def _apply_impulses(model, slot, lanes, streams, clock, first, last):
     for i in range(first, last):
         count, size = _intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
         total = 0.0
-        if -0.5 <= lanes[row + TIME, i] / step - count < 0.5:
+        if -HALF <= lanes[row + TIME, i] / step - count < HALF:  # the nearest start
             total += low + (high - low) * uniform(streams, i) if is_range else size
         end = (count + 1.0) * step
         while lanes[row + NEXT, i] < end:
