@@ -12,13 +12,18 @@ from typing import TYPE_CHECKING
 from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
+from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import load_scene
 from mm_gym.simulation.simulate import simulate
+from mm_gym.task_files import is_id, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from mm_gym.scene.scene import Scene
 
 FAILED = 2
 """Exit status after an error, that of argparse too."""
@@ -115,7 +120,10 @@ def _explain(options: argparse.Namespace) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    trajectory = simulate(load_scene(options.scene), duration=options.duration, seed=options.seed)
+    scene = load_scene(options.scene)
+    outputs = [path for path in (options.csv, options.plot) if path is not None]
+    check_outputs(outputs, _inputs(options.scene, scene))
+    trajectory = simulate(scene, duration=options.duration, seed=options.seed)
     work = trajectory.work
     rows = [
         ("time", trajectory.time[-1], "s"),
@@ -124,21 +132,25 @@ def _simulate(options: argparse.Namespace) -> None:
         *((name, getattr(work, name)[-1], "J") for name in ("disturbance", "dissipated")),
     ]
     print("\n".join(f"{name:12}{value: .9e} {unit}" for name, value, unit in rows))
-    if options.csv:
+    if options.csv is not None:
         trajectory.to_csv(options.csv)
-    if options.plot:
+    if options.plot is not None:
         trajectory.plot(options.plot)
 
 
 def _work_precision(options: argparse.Namespace) -> None:
     from mm_gym.precision import work_precision  # noqa: PLC0415 - it imports SciPy's integrators
 
-    result = work_precision(load_scene(options.scene), seed=options.seed)
+    scene = load_scene(options.scene)
+    outputs: list[Path] = []
+    if options.out is not None:
+        outputs = _in_folder(options.out, ["work_precision.csv", "work_precision.png"])
+        check_outputs(outputs, _inputs(options.scene, scene))
+    result = work_precision(scene, seed=options.seed)
     print(f"{result.table()}\n\n{result.recommendations()}")
-    if options.out:
-        folder = Path(options.out)
-        result.to_csv(folder / "work_precision.csv")
-        result.plot(folder / "work_precision.png")
+    if outputs:
+        result.to_csv(outputs[0])
+        result.plot(outputs[1])
 
 
 def _paper(options: argparse.Namespace) -> None:
@@ -149,15 +161,30 @@ def _paper(options: argparse.Namespace) -> None:
         nearest = suggest(options.figure, FIGURES)
         msg = f"--figure: got {options.figure!r}{nearest}; allowed: {', '.join(FIGURES)}"
         raise SceneError(msg)
-    folder = Path(options.out)
-    for name in FIGURES if options.figure is None else (options.figure,):
-        draw(name, folder / f"{name}.png")
-        print(folder / f"{name}.png")
+    names = list(FIGURES) if options.figure is None else [options.figure]
+    *figures, table = _in_folder(options.out, [*(f"{name}.png" for name in names), "numbers.csv"])
+    check_outputs([*figures, table])
+    for name, figure in zip(names, figures, strict=True):
+        draw(name, figure)
+        print(figure)
     if options.figure is None:
         numbers = rows()
-        write_table(folder / "numbers.csv", numbers)
-        print(folder / "numbers.csv")
+        write_table(table, numbers)
+        print(table)
         print(printed(numbers))
+
+
+def _inputs(path: str, scene: Scene) -> list[str | Path]:
+    """Return the files that a command reads: a scene's own, and its records'."""
+    records = [source.file for source in scene.excitation if isinstance(source, Recorded)]
+    return [path_of(path) if is_id(path) else path, *records]
+
+
+def _in_folder(folder: str, names: Sequence[str]) -> list[Path]:
+    if not folder:
+        msg = "--out: got ''; allowed: the path of a folder"
+        raise SceneError(msg)
+    return [Path(folder) / name for name in names]
 
 
 if __name__ == "__main__":

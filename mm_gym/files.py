@@ -6,12 +6,15 @@ A killed run leaves the old file or the new one, never a part of one.
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import os
 import re
+import secrets
 import stat
-import tempfile
+import sys
 import tomllib
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +23,7 @@ import numpy as np
 from mm_gym.errors import SceneError, suggest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Generator, Sequence
     from os import PathLike
 
     from numpy.typing import ArrayLike
@@ -119,23 +122,181 @@ def parse_toml(path: str | PathLike[str], text: str) -> dict[str, object]:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write text to a temporary file and rename it to the path; missing folders are created."""
+    """Write text in UTF-8 as `write_bytes` does bytes."""
     write_bytes(path, text.encode())
 
 
 def write_bytes(path: str | PathLike[str], content: bytes) -> None:
-    """Write bytes as `write_text` does text."""
-    file = Path(path)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+    """Write a file whole, or write to a device or pipe.
+
+    A file is written beside its path and renamed, with the mode and owner of the one that it
+    replaces; missing folders are created. A link stays, and what it leads to is written.
+
+    Raises
+    ------
+    SceneError
+        If the path is empty, or of a folder, a socket or a block device.
+    OSError
+        If the path cannot be written to; a file that was there is then unchanged.
+    """
+    target = _target(path)
+    with _named(path):
+        if isinstance(target, Path) and (not target.exists() or target.is_file()):
+            _replace(target, content)
+        else:
+            _write_through(target, content)
+
+
+def check_outputs(
+    outputs: Sequence[str | PathLike[str]], inputs: Sequence[str | PathLike[str]] = ()
+) -> None:
+    """Raise, before anything is computed, if an output could not be written or would do harm.
+
+    Raises
+    ------
+    SceneError
+        If an output is also an input or another output, or what `write_bytes` refuses.
+    OSError
+        If an output cannot be written to.
+    """
+    targets = [_target(output) for output in outputs]
+    for output, target in zip(outputs, targets, strict=True):
+        if any(_same(target, Path(file)) for file in inputs):
+            msg = f"{output}: cannot be written: it is an input of this command"
+            raise SceneError(msg)
+        once = isinstance(target, int) or (target.exists() and not target.is_file())
+        if not once and targets.count(target) > 1:
+            msg = f"{output}: cannot be written: it is named for two outputs"
+            raise SceneError(msg)
+
+
+def _target(path: str | PathLike[str]) -> Path | int:
+    """Return the path that links lead to, or the number of an open file, such as standard output.
+
+    Raise if it cannot be written to.
+    """
+    if not os.fspath(path):
+        msg = "cannot be written: the path is empty; allowed: the path of a file"
+        raise SceneError(msg)
+    with _named(path):
+        target = _followed(Path(path))
+        status = os.fstat(target) if isinstance(target, int) else _status(target)
+    kind = stat.S_IFMT(status.st_mode) if status else stat.S_IFREG
+    if isinstance(target, int):
+        return target
+    if kind in _REFUSED or os.fspath(path).endswith("/"):
+        msg = f"{path}: cannot be written: it is {_REFUSED.get(kind, 'the path of a folder')}"
+        raise SceneError(msg)
+    with _named(path):
+        _check_permission(target, kind)
+    return target
+
+
+_REFUSED = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFBLK: "a block device",
+}
+"""Kinds of files that nobody means to write a table or a figure to."""
+
+_DESCRIPTORS = re.compile(r"/dev/fd|/proc/(\d+)(/task/\d+)?/fd")
+"""Folders of open files. To open one anew would write from its beginning, over what it holds."""
+
+_MOST_LINKS = 40
+"""As in Linux."""
+
+
+def _followed(path: Path) -> Path | int:
+    for _ in range(_MOST_LINKS):
+        path = Path(os.path.realpath(path.parent)) / path.name
+        place = _DESCRIPTORS.fullmatch(str(path.parent))
+        if place and place[1] in {None, str(os.getpid())} and path.name.isdecimal():
+            return int(path.name)
+        if not path.is_symlink():
+            return path
+        path = path.parent / path.readlink()
+    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+
+
+def _status(path: Path) -> os.stat_result | None:
+    try:
+        return path.lstat()
+    except FileNotFoundError:
+        return None
+
+
+def _check_permission(target: Path, kind: int) -> None:
+    """Raise if what exists of a path, a file or the folders above it, cannot be written to."""
+    folder = target.parent
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+    places = [target] if target.exists() else []
+    if kind == stat.S_IFREG:
+        places.append(folder)
+    if not all(os.access(place, os.W_OK) for place in places):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _same(target: Path | int, file: Path) -> bool:
+    try:
+        return os.path.samestat(os.stat(target), file.stat())  # noqa: PTH116 - numbers too
+    except (OSError, ValueError):  # one of them does not exist
+        return False
+
+
+@contextmanager
+def _named(path: str | PathLike[str]) -> Generator[None]:
+    """Let the system's errors name the path that was asked for."""
+    try:
+        yield
+    except OSError as error:
+        msg = f"{path}: cannot be written: {error.strerror or error}"
+        raise type(error)(msg) from error
+    except ValueError as error:  # a zero byte in the path
+        msg = f"{path!r}: cannot be written: {error}"
+        raise SceneError(msg) from error
+
+
+def _replace(target: Path, content: bytes) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    old = _status(target)
+    mode = stat.S_IMODE(old.st_mode) if old else 0o666  # less the umask
+    temporary = target.with_name(f".{target.name[:50]}.{secrets.token_hex(8)}")
+    handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, mode & 0o777)
     try:
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(file)
+            stream.flush()
+            os.fsync(handle)
+        if old:
+            _take_after(old, temporary)
+        temporary.replace(target)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
+
+
+_BINARY = getattr(os, "O_BINARY", 0)
+"""Where the system would else rewrite the ends of lines."""
+
+
+def _take_after(old: os.stat_result, file: Path) -> None:
+    new = file.stat()
+    if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
+        with suppress(OSError):  # only root gives files away
+            os.chown(file, old.st_uid, old.st_gid)
+    file.chmod(stat.S_IMODE(old.st_mode))
+
+
+def _write_through(target: Path | int, content: bytes) -> None:
+    for printed in (sys.stdout, sys.stderr):
+        printed.flush()  # what was printed before comes before
+    number = isinstance(target, int)
+    handle = os.dup(target) if number else os.open(target, os.O_WRONLY | _BINARY)
+    with os.fdopen(handle, "wb") as stream:
+        stream.write(content)
 
 
 def write_csv(

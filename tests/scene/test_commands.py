@@ -1,12 +1,14 @@
 """The commands about scene files: what they print, write and return."""
 
 import csv
+from pathlib import Path
 
 import pytest
 from tasks import TASKS
 
 from mm_gym import simulate
 from mm_gym.__main__ import main
+from mm_gym.task_files import path_of
 
 SCENE = "[initial]\ncarriage_displacement = [0.005, 0.01]\n"
 WRONG = "[carriage]\nmass = -1\nmas = 2\n"
@@ -84,12 +86,66 @@ def test_wrong_scene_is_one_message_without_a_traceback(write, capsys, command):
         (["--duration", "-1"], "duration: got -1.0; allowed: a number greater than 0 s"),
         (["--duration", "nan"], "duration: got NaN"),
         (["--duration", "1e300"], "control steps; allowed"),
-        (["--csv", "."], "error: "),
+        (["--csv", "."], "error: .: cannot be written: it is a folder"),
+        (["--csv", ""], "error: cannot be written: the path is empty"),
+        (["--plot", ""], "error: cannot be written: the path is empty"),
+        (["--csv", "/dev/null/x"], "error: /dev/null/x: cannot be written: Not a directory"),
     ],
 )
 def test_wrong_option_is_one_message(write, capsys, options, words):
     assert main(["simulate", write("a.toml", SCENE), *options]) == 2
     assert words in capsys.readouterr().err
+
+
+RECORDED = """
+[[excitation]]
+kind = "record"
+target = "force"
+file = "record.csv"
+"""
+
+
+@pytest.mark.parametrize("option", ["--csv", "--plot"])
+@pytest.mark.parametrize("name", ["a.toml", "record.csv", "link"])
+def test_command_never_writes_over_what_it_reads(write, capsys, monkeypatch, option, name):
+    write("record.csv", "0,0\n0.1,1\n")
+    scene = Path(write("a.toml", SCENE + RECORDED))
+    scene.with_name("link").symlink_to(scene)
+    output = scene.with_name(name)
+    before = output.read_text()
+    monkeypatch.setattr("mm_gym.__main__.simulate", None)  # nothing is computed
+    assert main(["simulate", str(scene), option, str(output)]) == 2
+    assert "it is an input of this command" in capsys.readouterr().err
+    assert output.read_text() == before
+
+
+def test_file_of_a_task_that_is_simulated_is_not_written_over(capsys):
+    path = str(path_of("mm_gym/CarriageForce-v0"))
+    assert main(["simulate", "mm_gym/CarriageForce-v0", "--csv", path]) == 2
+    assert "it is an input of this command" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["simulate", "a.toml", "--csv", "new", "--plot", "new"], "named for two outputs"),
+        (["work-precision", "a.toml", "--out", ""], "--out: got ''"),
+        (["work-precision", "a.toml", "--out", "a.toml"], "Not a directory"),
+        (["paper", "--out", ""], "--out: got ''"),
+        (["paper", "--out", "a.toml"], "Not a directory"),
+    ],
+)
+def test_output_that_cannot_be_written_is_refused_before_anything_is_computed(
+    tmp_path, capsys, monkeypatch, command, words
+):
+    (tmp_path / "a.toml").write_text(SCENE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mm_gym.__main__.simulate", None)
+    monkeypatch.setattr("mm_gym.precision.work_precision", None)
+    monkeypatch.setattr("mm_gym.paper.figures.draw", None)
+    assert main(command) == 2
+    assert words in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.toml"]
 
 
 @pytest.mark.parametrize("seed", ["-1", "x", "1.5"])
