@@ -13,10 +13,10 @@ from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
 from mm_gym.files import check_outputs
-from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.compile import compile_findings, compile_scene
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
-from mm_gym.scene.toml_file import load_scene
+from mm_gym.scene.toml_file import check_scene, load_scene
 from mm_gym.simulation.simulate import simulate
 from mm_gym.task_files import is_id, path_of
 
@@ -101,7 +101,7 @@ def _validate(options: argparse.Namespace) -> None:
     problems: list[str] = []
     for scene in options.scene:
         try:
-            compile_scene(load_scene(scene))
+            compile_scene(check_scene(scene, compile_findings))
             print(f"{scene}: valid")
         except SceneError as error:
             problems.append(str(error))

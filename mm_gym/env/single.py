@@ -94,8 +94,9 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Continuation
     ------------
-    `get_state` and `set_state` save and restore an episode exactly. Copies and pickles of the
-    environment continue from its current state, and have memory of their own.
+    `get_state` and `set_state` save and restore an episode exactly; values that the scene cannot
+    reach are refused. Copies and pickles of the environment continue from its current state, and
+    have memory of their own.
 
     Arguments
     ---------

@@ -271,7 +271,11 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
 
     def get_state(self) -> dict[str, object]:
-        """Return the exact state of all lanes, random streams included, for `set_state`."""
+        """Return the exact state of all lanes, random streams included, for `set_state`.
+
+        The last axis of every array has the lanes, which may be repeated, permuted or left out to
+        make the state of another number of lanes.
+        """
         flags = {"finished": self._finished.copy(), "seeded": self._seeded}
         return self._lanes.snapshot() | flags
 

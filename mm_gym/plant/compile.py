@@ -42,17 +42,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym import methods
-from mm_gym.errors import CompileError
+from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
 from mm_gym.methods.support import MASSLESS
+from mm_gym.plant.excitation import KINDS
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
 from mm_gym.plant.task import observed, task_array
-from mm_gym.scene.scene import Solver
+from mm_gym.scene.rules import is_whole
+from mm_gym.scene.scene import Solver, bounds
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from mm_gym.methods import Method
@@ -61,6 +65,12 @@ if TYPE_CHECKING:
 
 FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
 """Rows of the parameters of dry friction."""
+
+MECHANICAL = (
+    *("carriage", "sphere", "interface", "springs", "excitation", "initial"),
+    *("actuation", "control", "randomization", "solver"),
+)
+"""What the choice of a method depends on: all parts of a scene but sensors and objective."""
 
 FIXED = "every parameter has one value"
 
@@ -75,6 +85,7 @@ def compile_scene(scene: Scene) -> Plant:
     ------
     CompileError
         If no plant covers the scene within its bound, or the method asked for does not apply to it.
+        The message lists every finding.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a rate that overflows is refused later
         return _compiled(scene)
@@ -82,7 +93,13 @@ def compile_scene(scene: Scene) -> Plant:
 
 def _compiled(scene: Scene) -> Plant:
     support, idle = _without_idle_friction(scene, support_of(scene))
-    _refuse_unsupported(scene, support)
+    findings = [
+        *_scene_findings(scene, frozenset()),
+        *_support_findings(support),
+        *_cancellation_findings(scene, support),
+    ]
+    if findings:
+        raise CompileError("\n".join([*findings, *_method_findings(scene, support)]))
     method, reasons = _choose(scene.solver.method, support)
     _check_solver(scene, method, support)
     settings = methods.Settings(scene.solver.tolerance, scene.solver.substeps or 1)
@@ -232,45 +249,53 @@ def _digest(scene: Scene, support: Support) -> str:
     return hashlib.sha256(scene.digest.encode() + support.excitation.tobytes()).hexdigest()[:16]
 
 
-def _refuse_unsupported(scene: Scene, support: Support) -> None:
-    """Raise `CompileError` for a scene that no plant covers."""
-    low, high = support.low, support.high
-    interface = scene.interface
+def compile_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> list[str]:
+    """Return why a scene cannot be compiled, each finding as "field: text".
+
+    Parameters
+    ----------
+    scene
+        A scene, or a draft whose wrong fields were replaced.
+    wrong
+        Dotted names of what was wrong; what depends on it is left out.
+    """
+    lines = [*_record_findings(scene, wrong), *_scene_findings(scene, wrong)]
+    if lines or not is_whole(MECHANICAL, wrong):
+        return lines
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            support, _ = _without_idle_friction(scene, support_of(scene))
+            findings = [*_support_findings(support), *_cancellation_findings(scene, support)]
+            return [*findings, *_method_findings(scene, support)]
+    except CompileError as error:
+        return [str(error)]
+
+
+def _record_findings(scene: Scene, wrong: frozenset[str]) -> Iterator[str]:
+    for k, part in enumerate(scene.excitation):
+        if is_whole([f"excitation.{k}"], wrong):
+            try:
+                KINDS[part.kind].samples(part)
+            except SceneError as error:
+                yield f"excitation.{k}.file: {error}"
+
+
+def _scene_findings(scene: Scene, wrong: frozenset[str]) -> Iterator[str]:
+    """Yield what no plant covers, as far as the scene itself shows it."""
+    interface, drawn = scene.interface, scene.randomization
     if (
         interface.kind == "dry_friction"
         and interface.normal_force is None
-        and "sphere.mass" in scene.randomization
+        and "sphere.mass" in drawn
+        and is_whole(["interface.kind", "interface.normal_force"], wrong)
     ):
-        msg = (
+        yield (
             "interface.normal_force: missing; by default it is the sphere's weight, but "
             "sphere.mass is randomised. State a number, or randomise it too"
         )
-        raise CompileError(msg)
-    if low[at.M1] == 0.0:
-        _refuse_massless(support)
-        _refuse_infinite(scene)
-    elif "carriage_acceleration" in scene.sensors.channels:
-        _refuse_cancellation(support)
-    furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
-    if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
-        msg = (
-            f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than "
-            f"stretch * rest_length = {low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite "
-            "stretch has length 0"
-        )
-        raise CompileError(msg)
-
-
-def _refuse_massless(support: Support) -> None:
-    """Raise `CompileError` unless a method propagates this carriage without mass."""
-    obstacles = [method.obstacle(support) for method in methods.METHODS if MASSLESS in method.kinds]
-    if None not in obstacles:
-        msg = f"carriage.mass: 0 {obstacles[0]}; a small mass has no such limit"
-        raise CompileError(msg)
-
-
-def _refuse_infinite(scene: Scene) -> None:
-    """Raise `CompileError` if a carriage without mass would need an infinite acceleration."""
+    mass = bounds(scene.range_of("carriage.mass", scene.carriage.mass))
+    if mass[0] > 0.0 or not is_whole(["carriage.mass", "randomization.carriage.mass"], wrong):
+        return
     impulses = [
         f"excitation.{k}"
         for k, part in enumerate(scene.excitation)
@@ -278,30 +303,54 @@ def _refuse_infinite(scene: Scene) -> None:
     ]
     shown = ["sensors.channels"] if "carriage_acceleration" in scene.sensors.channels else []
     for name in (*impulses, *shown):
-        msg = f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"
-        raise CompileError(msg)
+        if is_whole([name], wrong):
+            yield f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"
 
 
-def _refuse_cancellation(support: Support) -> None:
-    """Raise `CompileError` if the carriage's acceleration is but the round-off of its forces.
+def _support_findings(support: Support) -> Iterator[str]:
+    """Yield what no plant covers in a scene's support."""
+    low, high = support.low, support.high
+    obstacles = [method.obstacle(support) for method in methods.METHODS if MASSLESS in method.kinds]
+    if low[at.M1] == 0.0 and None not in obstacles:
+        yield f"carriage.mass: 0 {obstacles[0]}; a small mass has no such limit"
+    furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
+    if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
+        yield (
+            f"initial.sphere_offset: got up to {furthest:g} m; allowed: less than "
+            f"stretch * rest_length = {low[at.STRETCH] * low[at.L0]:g} m, where a spring of finite "
+            "stretch has length 0"
+        )
+
+
+def _method_findings(scene: Scene, support: Support) -> Iterator[str]:
+    """Yield why the method asked for does not apply, if there is one that does."""
+    if any(method.obstacle(support) is None for method in methods.METHODS):
+        try:
+            _choose(scene.solver.method, support)
+        except CompileError as error:
+            yield str(error)
+
+
+def _cancellation_findings(scene: Scene, support: Support) -> Iterator[str]:
+    """Yield that the carriage's acceleration is shown, but is only the round-off of its forces.
 
     At a velocity v the forces of dampers and springs are (c + d) v and (k1 + k2) v / w, each
     rounded to 2^-52 of itself; the slow motion of both masses on k1, of frequency w, accelerates by
     w v.
     """
     low, high = support.low, support.high
+    if low[at.M1] == 0.0 or "carriage_acceleration" not in scene.sensors.channels:
+        return
     slow = np.sqrt(low[at.K1] / (high[at.M1] + high[at.M2]))
-    stick = high[at.MU1] * high[at.FN] / low[at.VR] if support.slips else 0.0
-    resistance = high[at.D] + max(high[at.C], stick)
-    resistance += (high[at.K1] * high[at.ALPHA] + support.stiffest) / slow
+    stiffness = high[at.K1] * high[at.ALPHA] + support.stiffest
+    resistance = high[at.D] + support.steepest + stiffness / slow
     lightest = 2.0**-52 * resistance / (slow * ACCELERATION_ERROR)
     if low[at.M1] < lightest:
-        msg = (
+        yield (
             "sensors.channels: carriage_acceleration is the difference of forces that cancel, and "
             f"round-off leaves less than 6 digits of it at carriage.mass = {low[at.M1]:g} kg; "
             f"allowed: a carriage.mass of at least {lightest:.2g} kg"
         )
-        raise CompileError(msg)
 
 
 def _check_solver(scene: Scene, method: Method, support: Support) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, cast
 
 from pydantic import ValidationError
 
@@ -11,6 +11,8 @@ from mm_gym.scene.part import FIELDS_ONLY, Part, dotted_name, located
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+P = TypeVar("P", bound=Part)
 
 ROUNDS = 10
 """Most rounds of mending: a mended kind may show wrong fields that were not looked at before."""
@@ -22,7 +24,7 @@ STANDS_IN = {"file": "record.csv", "kind": "harmonic", "amplitude": 1.0, "freque
 """Values in place of wrong ones without a default; all others are 1."""
 
 
-class Draft(NamedTuple):
+class Draft(NamedTuple, Generic[P]):
     """A part whose wrong fields were replaced by values that are allowed.
 
     Attributes
@@ -33,11 +35,11 @@ class Draft(NamedTuple):
         Dotted names of what was wrong or missing.
     """
 
-    part: Part
+    part: P
     wrong: frozenset[str]
 
 
-def draft_of(model: type[Part], data: Mapping[str, object]) -> Draft | None:
+def draft_of(model: type[P], data: Mapping[str, object]) -> Draft[P] | None:
     """Return the data as a draft, or None if too much of it is wrong."""
     mended, wrong = cast("dict[str, Any]", _plain(data)), set[str]()
     for _ in range(ROUNDS):

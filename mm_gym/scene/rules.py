@@ -73,6 +73,12 @@ def is_known(names: Iterable[str], wrong: frozenset[str]) -> bool:
     )
 
 
+def is_whole(names: Iterable[str], wrong: frozenset[str]) -> bool:
+    """Tell whether some dotted names are known, and so is everything that belongs to them."""
+    names = tuple(names)
+    return is_known(names, wrong) and is_known(wrong, frozenset(names))
+
+
 def joint_findings(
     name: str,
     part: Part,

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, cast
 
 from mm_gym.errors import SceneError
 from mm_gym.files import parse_toml, read_text
+from mm_gym.scene.draft import draft_of
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_lines import lines_of
 from mm_gym.task_files import is_id, path_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from os import PathLike
 
 
@@ -31,13 +33,41 @@ def load_scene(path: str | PathLike[str]) -> Scene:
         something that is not allowed. The message lists every finding, each with the path and,
         where it is known, the line.
     """
+    return check_scene(path, _nothing_further)
+
+
+def _nothing_further(_scene: Scene, _wrong: frozenset[str]) -> list[str]:
+    return []
+
+
+def check_scene(
+    path: str | PathLike[str], further: Callable[[Scene, frozenset[str]], list[str]]
+) -> Scene:
+    """Read a scene as `load_scene` does, and raise further findings together with its own.
+
+    Parameters
+    ----------
+    path
+        As for `load_scene`.
+    further
+        Returns findings, each as "field: text", of a scene, and of a draft of one together with the
+        dotted names of what is wrong in it.
+    """
     file = path_of(path) if isinstance(path, str) and is_id(path) else Path(path)
     text = read_text(file)
-    data = parse_toml(file, text)
+    data = _rooted(parse_toml(file, text), file.parent)
     try:
-        return Scene.of(_rooted(data, file.parent))
+        scene, wrong, lines = Scene.of(data), frozenset[str](), list[str]()
     except SceneError as error:
-        raise SceneError(_with_lines(file, text, str(error))) from None
+        lines, draft = str(error).splitlines(), draft_of(Scene, data)
+        if draft is None:
+            raise SceneError(_with_lines(file, text, lines)) from None
+        scene, wrong = draft
+        wrong |= {line.partition(": ")[0] for line in lines}
+    lines += further(scene, wrong)
+    if lines:
+        raise SceneError(_with_lines(file, text, lines)) from None
+    return scene
 
 
 def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
@@ -51,12 +81,10 @@ def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
     return data
 
 
-def _with_lines(file: Path, text: str, findings: str) -> str:
+def _with_lines(file: Path, text: str, findings: list[str]) -> str:
     """Put file and line before each finding."""
     lines = lines_of(text)
-    return "\n".join(
-        f"{file}{_place(finding, lines)}: {finding}" for finding in findings.splitlines()
-    )
+    return "\n".join(f"{file}{_place(finding, lines)}: {finding}" for finding in findings)
 
 
 def _place(finding: str, lines: dict[str, int]) -> str:

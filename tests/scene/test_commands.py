@@ -33,10 +33,66 @@ def test_validate_checks_all_files(write, capsys):
     assert [line.split(": ")[0] for line in lines] == [
         f"{files[1]}:2",
         f"{files[1]}:3",
-        files[2],
+        f"{files[2]}:4",
         files[0] + "x",
     ]
     assert "did you mean 'a.toml'?" in lines[-1]
+
+
+MANY = """\
+[carriage]
+mass = 0
+[interface]
+kind = "dry_friction"
+static_coefficient = 0.3
+kinetic_coefficient = 0.4
+reference_velocity = 0.1
+[[excitation]]
+kind = "impulse"
+size = 1.0
+time = 0.1
+[[excitation]]
+kind = "record"
+file = "nowhere.csv"
+[sensors]
+channels = ["carriage_acceleration"]
+delay = -1
+[randomization]
+"sphere.mass" = [0.1, 0.2]
+[objective]
+displacement_scle = 1
+"""
+
+
+def test_validate_reports_findings_of_all_kinds_at_once(write, capsys):
+    file = write("a.toml", MANY)
+    assert main(["validate", file]) == 2
+    lines = capsys.readouterr().err.removeprefix("error: ").splitlines()
+    places = [line.removeprefix(f"{file}:").split(": ")[:2] for line in lines]
+    assert sorted((int(line), name) for line, name in places) == [
+        (3, "interface.normal_force"),  # it is not stated, so the line is its table's
+        (6, "interface.kinetic_coefficient"),
+        (8, "excitation.0"),
+        (14, "excitation.1.file"),
+        (16, "sensors.channels"),
+        (17, "sensors.delay"),
+        (21, "objective.displacement_scle"),
+    ]
+
+
+def test_validate_does_not_guess_from_values_that_are_wrong(write, capsys):
+    # The method would be refused for a carriage of mass 0, and perhaps for another mass.
+    file = write("a.toml", "[carriage]\nmass = -1\n[solver]\nmethod = 'switched'\n")
+    assert main(["validate", file]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_validate_reports_a_method_that_does_not_apply_with_wrong_sensors(write, capsys):
+    file = write("a.toml", "[sensors]\nhistory = 0\n[solver]\nmethod = 'switched'\n")
+    assert main(["validate", file]) == 2
+    err = capsys.readouterr().err
+    assert "a.toml:2: sensors.history: got 0; allowed: " in err
+    assert "a.toml:4: solver.method: 'switched' does not apply to this scene" in err
 
 
 def test_simulate_writes_what_it_is_asked_for(write, tmp_path, capsys):
