@@ -361,7 +361,7 @@ high_frequency = 10
 stretch = 2
 [sensors]
 channels = ["stretch"]
-histry = 3
+lag = 3
 [randomization]
 "sphere.mass" = [-1, 1]
 """
@@ -383,7 +383,7 @@ def test_rules_are_checked_where_other_fields_are_wrong(tmp_path):
         (11, "excitation.0.low_frequency"),
         (14, "initial.stretch"),
         (16, "sensors.channels"),
-        (17, "sensors.histry"),
+        (17, "sensors.lag"),
         (19, "randomization.sphere.mass"),
     ]
 

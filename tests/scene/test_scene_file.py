@@ -276,4 +276,4 @@ def test_any_toml_file_is_read_with_the_same_guards(tmp_path):
         with pytest.raises(SceneError, match=words):
             read_toml(file)
     with pytest.raises(SceneError, match=r"did you mean 'config\.toml'\?"):
-        read_toml(tmp_path / "confg.toml")
+        read_toml(tmp_path / "conf.toml")
