@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.memory import fill
@@ -44,8 +46,6 @@ IMPULSE_ROWS = 4
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
 RECORD_SCALE, TIME_SCALE, RECORD_START, RECORD_VALUE = 0, 1, 2, 3
 RECORD_ROWS = 4
-
-HALF = 0.5  # of a sample interval
 
 SWEEP_TERMS = 14
 """Terms of a sweep's series; a sample interval spans half a radian: 0.5**14 / 14! is 7e-16."""
@@ -186,7 +186,7 @@ def _apply_impulses(model, slot, lanes, streams, clock, first, last):
     for i in range(first, last):
         count, size = _intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
         total = 0.0
-        if -HALF <= lanes[row + TIME, i] / step - count < HALF:  # the nearest start
+        if np.floor(lanes[row + TIME, i] / step + 0.5) == count:
             total += low + (high - low) * uniform(streams, i) if is_range else size
         end = (count + 1.0) * step
         while lanes[row + NEXT, i] < end:

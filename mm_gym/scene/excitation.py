@@ -168,8 +168,8 @@ class Impulse(Part):
     time: NonNegative | None = None
     """[s] of one further impulse; none by default"""
     sample_time: Positive | None = None
-    """longest sample interval [s]; by default, if impulses are random, a sixteenth of the
-    carriage's period. At most 16 / rate is used"""
+    """longest sample interval [s]; by default, if impulses are random, a sixteenth of the period of
+    the carriage. At most 16 / rate is used"""
 
     rules: ClassVar[tuple[Rule, ...]] = (Rule(("rate", "time"), _some_impulse),)
 
