@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from mm_gym.kernels import corners
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import excite, excited
 from mm_gym.kernels.harmonics import rotate
@@ -21,11 +22,14 @@ class Entries(NamedTuple):
     advance: Callable[..., int]
     run: Callable[..., int]
     propagate: Callable[..., int]
+    stops_at_corners: bool
 
 
 def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
+    *,
+    stops_at_corners: bool = False,
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
 
@@ -37,8 +41,11 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    stops_at_corners
+        Whether the method stops at the corners of records: it propagates intervals of any length.
     """
-    step = at_once(in_turn(propagate))
+    cross = corners.between_corners(propagate) if stops_at_corners else corners.at_once(propagate)
+    step = at_once(in_turn(cross, propagate))
 
     @borrowing_kernel
     @named_after(propagate)
@@ -94,7 +101,8 @@ def build(
         applied
             (n, 2) written: force [N] and stretch [-] held.
         jets
-            (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2].
+            (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2] but for
+            those of records.
 
         Returns
         -------
@@ -113,7 +121,7 @@ def build(
                     jets[k, row] = lanes[first + row, 0]
                 for row in range(4):
                     starts[k, row] = lanes[row, 0]
-                status = propagate(model, lanes, 0, 1)
+                status = cross(model, lanes, interval, 0, 1)
                 if status > at.ENDED:
                     return status
                 rotate(model, lanes, interval, 0, 1)
@@ -122,13 +130,17 @@ def build(
             lanes[at.NOW, 0] += 1.0
         return at.OK
 
-    return Entries(advance, run, propagate)
+    return Entries(advance, run, propagate, stops_at_corners)
 
 
-def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
-    """Return a kernel that steps lanes block by block, one pass after the other."""
+def in_turn(cross: Callable[..., int], propagate: Callable[..., object]) -> Callable[..., int]:
+    """Return a kernel that steps lanes block by block, one pass after the other.
+
+    `cross` takes them through a sample interval.
+    """
 
     @borrowing_kernel
+    @named_after(propagate)
     def move(task, model, lanes, streams, actions, first, last):
         """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
         command(task, lanes, actions, first, last)
@@ -136,11 +148,12 @@ def in_turn(propagate: Callable[..., object]) -> Callable[..., int]:
         for interval in range(int(model[at.INTERVALS])):
             if excited(model):
                 excite(model, lanes, streams, interval, first, last)
-            status = max(status, propagate(model, lanes, first, last))
+            status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, first, last))
 
     @borrowing_kernel
+    @named_after(propagate)
     def step(task, model, lanes, frames, ends, streams, actions, first, last):
         """Make one control step.
 

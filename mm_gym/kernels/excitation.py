@@ -2,9 +2,10 @@
 
 In each sample interval of length h, each part of the excitation adds a polynomial in t / h to a
 jet: to that of the force [N], or to that of the ground's acceleration [m/s^2].
-`mm_gym.kernels.jets` has what the methods read. Samples (records, filtered noise) are linear in
-between; a sweep adds its Taylor series, whose remainder is below round-off; impulses change the
-velocities.
+`mm_gym.kernels.jets` has what the methods read. Samples of filtered noise are linear in between; a
+sweep adds its Taylor series, whose remainder is below round-off; impulses change the velocities.
+Records are added last, because their corners may divide a sample interval: see
+`mm_gym.kernels.corners`.
 
 A kind of excitation is a code, its slots and rows, a branch in `begin_excitation` and one in
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
@@ -21,14 +22,16 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels import record
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.memory import fill
 from mm_gym.kernels.noise import VALUE, advance_filter, prepare_filter, start_filter
 from mm_gym.kernels.random import uniform
 
 # Slots of the description, at the end of the model array: the number of parts that are not
-# harmonics, SIZE slots for each of them, then the samples of the records.
-FIRST, SIZE = 1, 6
+# harmonics, whether a record has corners between sample instants, SIZE slots for each part, then
+# the times and values of the records.
+CORNERS, FIRST, SIZE = 1, 2, 6
 KIND, TARGET, ROW, OWN = 0, 1, 2, 3
 IMPULSE, SWEEP, FILTER, RECORD = 0, 1, 2, 3  # kinds
 FORCE, GROUND = 0, 1  # targets
@@ -37,15 +40,13 @@ FORCE, GROUND = 0, 1  # targets
 IS_RANGE, LOWEST, HIGHEST = OWN, OWN + 1, OWN + 2  # of an impulse's size
 IS_LOGARITHMIC = OWN
 PASSES_VELOCITY, IS_DRAWN = OWN, OWN + 1  # of a filter; drawn: its matrices differ between lanes
-DATA, LENGTH, DATA_STEP = OWN, OWN + 1, OWN + 2  # of a record; DATA is a slot of the description
+# Those of a record are in `mm_gym.kernels.record`.
 
-# Rows of each kind; those of filtered noise are in `mm_gym.kernels.noise`. Behind a sweep's cosines
-# stand as many sines: scratch of its series.
+# Rows of each kind; those of noise and records are in their modules. Behind a sweep's cosines stand
+# as many sines: scratch of its series.
 IMPULSE_SIZE, RATE, TIME, NEXT = 0, 1, 2, 3  # NEXT: when the next random impulse comes [s]
 IMPULSE_ROWS = 4
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
-RECORD_SCALE, TIME_SCALE, RECORD_START, RECORD_VALUE = 0, 1, 2, 3
-RECORD_ROWS = 4
 
 SWEEP_TERMS = 14
 """Terms of a sweep's series; a sample interval spans half a radian: 0.5**14 / 14! is 7e-16."""
@@ -92,13 +93,14 @@ def begin_excitation(model, lanes, streams, mask, first, last):
             elif kind == FILTER:
                 _begin_noise(model, slot, lanes, streams, i)
             else:
-                _begin_record(model, slot, lanes, i)
+                # Its own start is its jet over no time.
+                add_record(model, slot, lanes, 0.0, 0.0, i)
     return at.OK
 
 
 @borrowing_kernel
 def excite(model, lanes, streams, interval, first, last):
-    """Write the jets of a sample interval and apply its impulses.
+    """Write the jets of a sample interval but for the records, and apply its impulses.
 
     Parameters
     ----------
@@ -126,8 +128,6 @@ def excite(model, lanes, streams, interval, first, last):
             _add_sweep(model, slot, lanes, clock, first, last)
         elif kind == FILTER:
             _add_noise(model, slot, lanes, streams, clock, first, last)
-        else:
-            _add_record(model, slot, lanes, clock, first, last)
 
 
 @borrowing_kernel
@@ -138,7 +138,7 @@ def _row_and_jet(model, slot):
 
 
 @borrowing_kernel
-def _intervals_since(clock, began):
+def intervals_since(clock, began):
     """Return the number of sample intervals since an episode began."""
     now, intervals_per_step, interval = clock
     return (now - began) * intervals_per_step + interval
@@ -184,7 +184,7 @@ def _apply_impulses(model, slot, lanes, streams, clock, first, last):
     ground, is_range = model[slot + TARGET] > 0.0, model[slot + IS_RANGE] > 0.0
     low, high = model[slot + LOWEST], model[slot + HIGHEST]
     for i in range(first, last):
-        count, size = _intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
+        count, size = intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
         total = 0.0
         if np.floor(lanes[row + TIME, i] / step + 0.5) == count:
             total += low + (high - low) * uniform(streams, i) if is_range else size
@@ -226,7 +226,7 @@ def _add_sweep(model, slot, lanes, clock, first, last):
     row, jet = _row_and_jet(model, slot)
     logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[at.SAMPLE_INTERVAL]
     for i in range(first, last):
-        count = _intervals_since(clock, lanes[at.BEGAN, i])
+        count = intervals_since(clock, lanes[at.BEGAN, i])
         w0, w1 = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
         whole = max(1.0, math.ceil(lanes[row + DURATION, i] / step - 1e-9))  # sample intervals
         length, time = whole * step, min(count, whole) * step
@@ -294,24 +294,52 @@ def _add_noise(model, slot, lanes, streams, clock, first, last):
     row, jet = _row_and_jet(model, slot)
     step = model[at.SAMPLE_INTERVAL]
     for i in range(first, last):
-        end = (_intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
+        end = (intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
         before = lanes[row + VALUE, i]
         advance_filter(lanes, row, streams, end, i)
         _add_line(lanes, jet, before, lanes[row + VALUE, i], i)
 
 
 @borrowing_kernel
-def _begin_record(model, slot, lanes, i):
-    """Add the record's value at the start to its jet."""
-    row, jet = _row_and_jet(model, slot)
-    value = _recorded(model, _samples(model, slot), lanes, row, 0.0, i)
-    lanes[row + RECORD_VALUE, i] = value
-    lanes[jet, i] += value
+def has_corners(model):
+    """Tell whether a record may have corners between sample instants."""
+    return model[int(model[at.EXCITATION]) + CORNERS] > 0.0
 
 
 @borrowing_kernel
-def _add_record(model, slot, lanes, clock, first, last):
-    """Add a record to its jet, linear over the sample interval.
+def part_count(model):
+    """Return the number of parts that are not harmonics."""
+    return int(model[int(model[at.EXCITATION])])
+
+
+@borrowing_kernel
+def part_slot(model, k):
+    """Return the first slot of part k."""
+    return int(model[at.EXCITATION]) + FIRST + SIZE * k
+
+
+@borrowing_kernel
+def is_record(model, slot):
+    """Tell whether a part is a record."""
+    return int(model[slot + KIND]) == RECORD
+
+
+@borrowing_kernel
+def add_records(model, lanes, interval, first, last):
+    """Add the records to the jets of a sample interval of the lanes first .. last - 1."""
+    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    step = model[at.SAMPLE_INTERVAL]
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_record(model, slot):
+            for i in range(first, last):
+                began = intervals_since(clock, lanes[at.BEGAN, i]) * step
+                add_record(model, slot, lanes, began, step, i)
+
+
+@borrowing_kernel
+def add_record(model, slot, lanes, began, duration, i):
+    """Add a record to its jet.
 
     Parameters
     ----------
@@ -320,60 +348,14 @@ def _add_record(model, slot, lanes, clock, first, last):
     slot
         First slot of the part.
     lanes
-        (rows, lanes) float64; the jet and the part's value are written.
-    clock
-        Three numbers, see above.
-    first, last
-        The lanes first .. last - 1.
-    """
-    row, jet = _row_and_jet(model, slot)
-    samples, step = _samples(model, slot), model[at.SAMPLE_INTERVAL]
-    for i in range(first, last):
-        end = (_intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
-        before, value = lanes[row + RECORD_VALUE, i], _recorded(model, samples, lanes, row, end, i)
-        lanes[row + RECORD_VALUE, i] = value
-        _add_line(lanes, jet, before, value, i)
-
-
-@borrowing_kernel
-def _samples(model, slot):
-    """Return where a record's samples begin in the model, their number and their spacing [s]."""
-    first = int(model[at.EXCITATION]) + int(model[slot + DATA])
-    return first, int(model[slot + LENGTH]), model[slot + DATA_STEP]
-
-
-@borrowing_kernel
-def _recorded(model, samples, lanes, row, time, i):
-    """Return a record, linear between its samples.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    samples
-        Of `_samples`.
-    lanes
-        (rows, lanes) float64, read.
-    row
-        First row of the part.
-    time
-        Since the episode began [s].
+        (rows, lanes) float64; the jet and scratch rows of the part are written.
+    began, duration
+        Start of what the jet covers since that of the episode, and its length [s].
     i
         The lane.
-
-    Returns
-    -------
-    Force [N] or acceleration [m/s^2]; 0 after the record's end.
     """
-    first, length, spacing = samples
-    record_time = lanes[row + RECORD_START, i] + time / lanes[row + TIME_SCALE, i]
-    place = record_time / spacing
-    if not place < length - 1.0:
-        return 0.0
-    k = int(place)
-    part = place - k
-    value = (1.0 - part) * model[first + k] + part * model[first + k + 1]
-    return lanes[row + RECORD_SCALE, i] * value
+    row, jet = _row_and_jet(model, slot)
+    record.add(model, slot + OWN, lanes, row, jet, began, duration, i)
 
 
 @borrowing_kernel

@@ -11,8 +11,8 @@ import numpy as np
 
 from mm_gym.kernels import excitation as kernels
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import noise
-from mm_gym.records import read_record, resample
+from mm_gym.kernels import noise, record
+from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
@@ -67,7 +67,8 @@ class Kind(Generic[P]):
     interval
         Returns the longest sample interval [s] where the part asks for none.
     samples
-        Returns what the kernels interpolate, and its spacing [s].
+        Returns times [s] and values (2, n) that the kernels interpolate, and the shortest spacing
+        [s].
     slots
         Returns the kind's own slots of the description.
     prepare
@@ -160,8 +161,8 @@ def _record_samples(part: Recorded) -> tuple[Array, float]:
     usual = "N" if part.target == "force" else "m/s^2"
     peer = part.file.lower().endswith(".at2") and part.target == "ground"
     unit = part.unit or ("g" if peer else usual)
-    record = read_record(part.file, unit=unit, time_step=part.time_step)
-    return resample(record, record.time_step), record.time_step
+    motion = read_record(part.file, unit=unit, time_step=part.time_step)
+    return np.vstack([motion.times, motion.values]), motion.time_step
 
 
 def _record_interval(placed: Placed[Recorded]) -> float:
@@ -169,7 +170,10 @@ def _record_interval(placed: Placed[Recorded]) -> float:
 
 
 def _record_slots(placed: Placed[Recorded]) -> Slots:
-    return placed.data, len(placed.samples), placed.step
+    times = placed.samples[0]
+    even = placed.step * np.arange(len(times))
+    is_even = np.all(np.abs(times - even) <= 4.0 * np.finfo(np.float64).eps * even)
+    return placed.data, len(times), placed.step if is_even else 0.0
 
 
 def _noise_phase(lane: Array, *, passes_velocity: bool) -> float:
@@ -282,11 +286,11 @@ KINDS: dict[str, Kind[Any]] = {
     ),
     "record": Kind(
         fields={
-            "scale": kernels.RECORD_SCALE,
-            "time_scale": kernels.TIME_SCALE,
-            "start": kernels.RECORD_START,
+            "scale": record.SCALE,
+            "time_scale": record.TIME_SCALE,
+            "start": record.START,
         },
-        rows=kernels.RECORD_ROWS,
+        rows=record.ROWS,
         code=kernels.RECORD,
         terms=2,
         interval=_record_interval,

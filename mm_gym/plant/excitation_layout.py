@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from math import ceil, inf, pi, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from mm_gym.errors import CompileError
 from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import interpolation
 from mm_gym.kernels import layout as at
 from mm_gym.plant.excitation import HARMONIC, KINDS, Placed
 from mm_gym.scene.excitation import Sampled
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mm_gym.scene.excitation import NumberOrRange
+    from mm_gym.scene.excitation import NumberOrRange, Recorded
     from mm_gym.scene.scene import Scene
 
     Parts = Sequence[Placed[Any]]
@@ -30,6 +32,15 @@ NEVER = {"plateau": inf, "time": inf}
 
 MOST_INTERVALS = 10_000
 """Sample intervals of a control step."""
+
+CORNERED_PHASE = 0.5
+"""Longest sample interval with corners of records inside, times the plant's fastest rate."""
+
+MOST_CORNERED = 1000
+"""Sample intervals of a control step that the fastest rate may ask for."""
+
+ON_GRID = 1e-10
+"""Part of a sample interval below which a corner is at its end."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +76,15 @@ class Layout:
     intervals_per_step: int
 
 
-def lay_out(scene: Scene) -> Layout:
+def lay_out(scene: Scene, rate: float) -> Layout:
     """Lay out a scene's excitation.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    rate
+        The fastest rate of its plant [1/s].
 
     Raises
     ------
@@ -75,22 +93,21 @@ def lay_out(scene: Scene) -> Layout:
     CompileError
         If a control step has too many sample intervals.
     """
-    kinds = [KINDS[part.kind] for part in scene.excitation]
-    harmonics = sum(kind.code == HARMONIC for kind in kinds)
+    parts = _parts(scene)
+    intervals, has_corners = _divide(scene, parts, rate)
+    terms = max((placed.kind.terms for placed in parts), default=0)
+    terms = max(terms, interpolation.TERMS) if has_corners else terms
+    harmonics = sum(placed.kind.code == HARMONIC for placed in parts)
     jets = at.HARMONICS + at.HARMONIC_ROWS * harmonics
-    terms = max((kind.terms for kind in kinds), default=0)
     # Harmonics stand before the jets, all other parts behind them.
     free = {True: at.HARMONICS, False: jets + 2 * terms}
-    data = kernels.FIRST + kernels.SIZE * (len(kinds) - harmonics)
-    parts: list[Placed[Any]] = []
-    for k, kind in enumerate(kinds):
-        part, is_harmonic = scene.excitation[k], kind.code == HARMONIC
-        samples, step = kind.samples(part)
-        name, first = f"excitation.{k}", free[is_harmonic]
-        values, period = _values(scene, k), _period(scene)
-        parts.append(Placed(kind, part, name, first, values, samples, step, data, period))
-        free[is_harmonic] += kind.rows
-        data += len(samples)
+    for k, placed in enumerate(parts):
+        is_harmonic = placed.kind.code == HARMONIC
+        parts[k] = replace(placed, first=free[is_harmonic])
+        free[is_harmonic] += placed.kind.rows
+    for placed in parts:
+        if placed.part.kind == "record":
+            _warn_of_rest(scene, placed)
     return Layout(
         parts=tuple(parts),
         ground=tuple(
@@ -98,11 +115,11 @@ def lay_out(scene: Scene) -> Layout:
         ),
         names={name: row for placed in parts for name, row in placed.names().items()},
         values={row: value for placed in parts for row, value in placed.rows().items()},
-        description=_description(parts),
+        description=_description(parts, has_corners=has_corners),
         jets=jets,
         terms=terms,
         size=free[False],
-        intervals_per_step=_intervals_per_step(scene, parts),
+        intervals_per_step=intervals,
     )
 
 
@@ -113,6 +130,20 @@ def _period(scene: Scene) -> float:
     drawn = [scene.randomization.get(*field) for field in zip(names, stated, strict=True)]
     m1, m2 = (bounds(value)[0] for value in drawn[:2])
     return 2.0 * pi * sqrt((m1 or m2) / bounds(drawn[2])[1])
+
+
+def _parts(scene: Scene) -> list[Placed[Any]]:
+    """Return the parts of a scene's excitation, without their rows."""
+    kinds = [KINDS[part.kind] for part in scene.excitation]
+    data = kernels.FIRST + kernels.SIZE * sum(kind.code != HARMONIC for kind in kinds)
+    parts: list[Placed[Any]] = []
+    for k, kind in enumerate(kinds):
+        part = scene.excitation[k]
+        samples, step = kind.samples(part)
+        name, values, period = f"excitation.{k}", _values(scene, k), _period(scene)
+        parts.append(Placed(kind, part, name, 0, values, samples, step, data, period))
+        data += samples.size
+    return parts
 
 
 def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
@@ -131,13 +162,60 @@ def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
     return values
 
 
-def _description(parts: Parts) -> NDArray[np.float64]:
+def _description(parts: Parts, *, has_corners: bool) -> NDArray[np.float64]:
     described = [placed for placed in parts if placed.kind.code != HARMONIC]
-    slots = [float(len(described))]
+    slots = [float(len(described)), float(has_corners)]
     for placed in described:
         target = kernels.GROUND if placed.part.target == "ground" else kernels.FORCE
         slots += [placed.kind.code, target, placed.first, *placed.kind.slots(placed)]
-    return np.concatenate([slots, *(placed.samples for placed in parts)])
+    return np.concatenate([slots, *(placed.samples.ravel() for placed in parts)])
+
+
+def _divide(scene: Scene, parts: Parts, rate: float) -> tuple[int, bool]:
+    """Return the sample intervals of a control step, and whether corners of records lie inside.
+
+    The corners become sample instants where the spacing of the samples allows it.
+    """
+    step = scene.control.time_step
+    records = [placed for placed in parts if placed.part.kind == "record"]
+    own = [placed for placed in records if placed.part.sample_time is None]
+    others = [placed for placed in parts if placed not in own]
+    shortest = min((_sample_time(placed) for placed in own), default=inf)
+    if not records or step <= MOST_INTERVALS * shortest:
+        intervals = _intervals_per_step(scene, parts)
+        if all(_is_on_grid(placed, step / intervals) for placed in records):
+            return intervals, False
+    phase = min(rate * step, MOST_CORNERED * CORNERED_PHASE)  # a NaN is the second
+    return max(_intervals_per_step(scene, others), ceil(phase / CORNERED_PHASE)), True
+
+
+def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:
+    """Tell whether a record's corners are sample instants in all episodes."""
+    scale, start = placed.lowest("time_scale"), placed.lowest("start")
+    if scale != placed.highest("time_scale") or start != placed.highest("start"):
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        places: NDArray[np.float64] = (placed.samples[0] - start) * scale / interval
+        off = np.abs(places - np.round(places)) > ON_GRID + interpolation.ROUND_OFF * np.abs(places)
+    return not np.any(off & (places > 0.0))
+
+
+def _warn_of_rest(scene: Scene, placed: Placed[Recorded]) -> None:
+    """Warn of a record that no episode reaches the end of."""
+    times, values = placed.samples
+    shaken = np.flatnonzero(values)
+    if not shaken.size:
+        return
+    end = times[min(shaken[-1] + 1, len(times) - 1)]
+    lasts = scene.control.steps * scene.control.time_step
+    with np.errstate(over="ignore", divide="ignore"):
+        reached = placed.highest("start") + np.divide(lasts, placed.lowest("time_scale"))
+    if end > reached * (1.0 + 1e-9):
+        warnings.warn(
+            f"{placed.name}: the record lasts {end:g} s, of which an episode of {lasts:g} s "
+            f"reaches {reached:g} s; set control.steps, start or time_scale if the rest matters",
+            stacklevel=6,  # where `compile_scene` was called
+        )
 
 
 def _intervals_per_step(scene: Scene, parts: Parts) -> int:

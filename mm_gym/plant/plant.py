@@ -164,5 +164,6 @@ class Plant:
 
 @lru_cache(maxsize=4096)
 def _at_interval(plant: Plant, interval: float) -> Plant:
-    support = replace(plant.support, sample_interval=interval)
+    # Without the excitation: thousands of plants would hold as many copies of a record.
+    support = replace(plant.support, sample_interval=interval, excitation=np.zeros(2))
     return replace(plant, support=support, model=plant.method.constants(support, plant.settings))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.methods.support import Support
+from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
@@ -53,7 +53,8 @@ def support_of(scene: Scene) -> Support:
     CompileError
         If the excitation divides a control step too finely.
     """
-    values, layout = _fields(scene), lay_out(scene)
+    values = _fields(scene)
+    layout = lay_out(scene, _rate(scene, values))
     rows = {name: ROWS[name] for name in values}
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
@@ -96,6 +97,39 @@ def support_of(scene: Scene) -> Support:
         terms=layout.terms,
         excitation=layout.description,
     )
+
+
+def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
+    """Return the fastest rate of the plant [1/s], but for dry friction and nonlinear springs."""
+    low, high = np.zeros(at.HARMONICS), np.zeros(at.HARMONICS)
+    low[at.STRETCH] = 1.0
+    for name, value in values.items():
+        low[ROWS[name]], high[ROWS[name]] = bounds(value)
+    if scene.actuation.stretch is not None:
+        low[at.STRETCH] = scene.actuation.stretch.minimum
+    low[at.VR] = high[at.VR] = 0.0  # friction is propagated from corner to corner
+    support = Support(
+        start_low=low,
+        start_high=high,
+        low=low,
+        high=high,
+        names={},
+        ground=(),
+        sample_interval=0.0,
+        intervals_per_step=1,
+        parameters=(),
+        products=(),
+        jets=0,
+        terms=0,
+        excitation=np.zeros(1),
+    )
+    if low[at.M1] > 0.0:
+        return fastest_rate(support)
+    # Without inertia the carriage follows at (k1 + k2) / (c + d), the sphere as if on a held one.
+    damping = np.divide(1.0, low[at.C] + low[at.D])
+    stiffness = high[at.K1] * high[at.ALPHA] + support.stiffest
+    held = np.sqrt(support.stiffest / low[at.M2]) + high[at.C] / low[at.M2]
+    return float(stiffness * damping + held)
 
 
 def _fields(scene: Scene) -> dict[str, NumberOrRange]:

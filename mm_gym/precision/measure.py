@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SimulationError
-from mm_gym.kernels import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
 from mm_gym.precision.episode import record, truth_of
 from mm_gym.precision.result import Setting, WorkPrecision
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import blank, column, run
+from mm_gym.simulation.recording import blank, pieces, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -122,16 +122,19 @@ def _settings(name: str) -> tuple[str, tuple[float, ...]]:
 
 def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
     """Return the largest error of the sample intervals that the oracle integrated."""
-    own, worst = _lane(plant, episode), 0.0
-    parameters = own.values[list(PHYSICAL), 0].copy()
+    # A plant may have a viscous interface in place of friction that never slips: keep its own.
+    parameters = episode.recording.parameters.copy()
+    parameters[list(PHYSICAL)] = _lane(plant, episode).values[list(PHYSICAL), 0]
+    own = replace(episode.recording, plant=plant, parameters=parameters)
+    worst = 0.0
     for n, want in zip(truth.rows, truth.states, strict=True):
-        # A plant may have a viscous interface in place of friction that never slips: keep its own.
-        own.values[:, 0] = column(episode.recording, int(n), plant.support.sample_interval)
-        own.values[list(PHYSICAL), 0] = parameters
-        status = plant.method.entries.propagate(plant.model, own.values, 0, 1)
-        if status > at.ENDED or not np.isfinite(own.values[:4, 0]).all():
+        try:
+            *_, (_, _, lane) = pieces(own, int(n), plant.support.sample_interval)
+        except SimulationError:
             return np.inf
-        worst = max(worst, float((np.abs(own.values[:4, 0] - want) / episode.scale).max()))
+        if not np.isfinite(lane[:4, 0]).all():
+            return np.inf
+        worst = max(worst, float((np.abs(lane[:4, 0] - want) / episode.scale).max()))
     return worst
 
 

@@ -183,7 +183,10 @@ def _unit_of_target(target: Target, unit: str | None) -> str | None:
 
 
 class Recorded(Sampled):
-    """A record from a file, applied from `start` on, and zero after its end."""
+    """A record from a file, applied from `start` on: its piecewise-linear interpolant.
+
+    It is zero before its first sample and after its last.
+    """
 
     kind: Literal["record"] = "record"
     file: Annotated[str, Field(min_length=1)]

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.errors import SimulationError
 from mm_gym.kernels import layout as at
+from mm_gym.kernels import record
+from mm_gym.kernels.corners import next_corner, write_rows_of_jets
+from mm_gym.kernels.excitation import CORNERS, FIRST, KIND, OWN, RECORD, ROW, SIZE, TARGET
+from mm_gym.kernels.interpolation import ROUND_OFF
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from mm_gym.plant.plant import Plant
@@ -34,8 +41,8 @@ class Recording:
     applied
         (n, 2) the force [N] and stretch [-] held over each.
     jets
-        (n, 2 * terms) the excitation besides harmonics: coefficients of force [N] and of ground
-        acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
+        (n, 2 * terms) the excitation besides harmonics and records: coefficients of force [N] and
+        of ground acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
     """
 
     plant: Plant
@@ -107,19 +114,78 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
     lanes.raise_for(status)
 
 
-def column(recording: Recording, row: int, duration: float) -> Array:
-    """Return the lane (rows,) at the start of a sample interval, set for a duration [s]."""
+def column(recording: Recording, row: int, elapsed: float, duration: float) -> Array:
+    """Return the lane (rows,) at some time after a sample interval's start, for a duration [s].
+
+    Its state is that of the start.
+    """
     support, lane = recording.plant.support, recording.parameters.copy()
     lane[:4], lane[[at.FORCE, at.STRETCH]] = recording.starts[row], recording.applied[row]
-    lane[support.jets : support.jets + 2 * support.terms] = recording.jets[row]
+    jets = jets_over(recording, np.array([row]), elapsed, duration)
+    lane[support.jets : support.jets + 2 * support.terms] = jets[0]
     for harmonic in harmonic_rows(recording.plant):
-        angle, turn = phase(recording, harmonic, row), lane[harmonic + at.FREQUENCY] * duration
+        angle = phase(recording, harmonic, row) + lane[harmonic + at.FREQUENCY] * elapsed
+        turn = lane[harmonic + at.FREQUENCY] * duration
         lane[harmonic + at.COSINE], lane[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
         lane[harmonic + at.ROTATE_COSINE], lane[harmonic + at.ROTATE_SINE] = (
             np.cos(turn),
             np.sin(turn),
         )
     return lane
+
+
+def jets_over(
+    recording: Recording, rows: NDArray[np.intp], elapsed: float, duration: float
+) -> Array:
+    """Return the jets (k, 2 * terms) over a part of k sample intervals, see `column`."""
+    jets = np.empty((len(rows), recording.jets.shape[1]))
+    times = recording.plant.support.sample_interval * rows.astype(np.float64)
+    write_rows_of_jets(
+        recording.plant.model,
+        recording.parameters[:, None].copy(),
+        recording.jets[rows],
+        times,
+        elapsed,
+        duration,
+        jets,
+    )
+    return jets
+
+
+def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[float, float, Array]]:
+    """Walk through the beginning of a sample interval as the plant does.
+
+    Yields
+    ------
+    For each piece, its start since that of the sample interval and its length [s], and the lane
+    (rows, 1) at its start; at the next piece the lane is at its end.
+
+    Raises
+    ------
+    SimulationError
+        If the propagation cannot be completed.
+    """
+    plant, elapsed = recording.plant, 0.0
+    began = row * plant.support.sample_interval
+    values, state = recording.parameters[:, None].copy(), recording.starts[row]
+    while elapsed < duration:
+        end = duration
+        if stops_at_corners(plant):
+            end = next_corner(plant.model, values, began, elapsed, duration, 0)
+        values[:, 0] = column(recording, row, elapsed, end - elapsed)
+        values[:4, 0] = state
+        yield elapsed, end - elapsed, values
+        shorter = plant.at_interval(end - elapsed)
+        status = plant.method.entries.propagate(shorter.model, values, 0, 1)
+        if status > at.ENDED:
+            msg = f"{plant.method.name}: {at.MESSAGES[status]}"
+            raise SimulationError(msg)
+        state, elapsed = values[:4, 0].copy(), end
+
+
+def stops_at_corners(plant: Plant) -> bool:
+    """Tell whether the plant is propagated from corner to corner of its records."""
+    return plant.method.entries.stops_at_corners and bool(plant.support.excitation[CORNERS])
 
 
 def locate(recording: Recording, instants: Array) -> Place:
@@ -161,4 +227,21 @@ def excitation(recording: Recording, place: Place) -> Array:
     for harmonic, ground in zip(harmonic_rows(plant), support.ground, strict=True):
         angle = p[harmonic + at.PHASE] + p[harmonic + at.FREQUENCY] * time
         out[:, int(ground)] += p[harmonic + at.AMPLITUDE] * np.sin(angle)
+    for target, values in _records(recording, time):
+        out[:, target] += values
     return out
+
+
+def _records(recording: Recording, time: Array) -> Iterator[tuple[int, Array]]:
+    """Yield the target and the values (n,) of each record at times of the episode [s]."""
+    described, p = recording.plant.support.excitation, recording.parameters
+    for part in described[FIRST : FIRST + SIZE * int(described[0])].reshape(-1, SIZE):
+        if part[KIND] != RECORD:
+            continue
+        row, first = int(part[ROW]), int(part[OWN + record.DATA])
+        count = int(part[OWN + record.LENGTH])
+        times, values = described[first : first + 2 * count].reshape(2, count)
+        own: Array = p[row + record.START] + time / p[row + record.TIME_SCALE]
+        for end in (float(times[0]), float(times[-1])):  # rounding must not carry an instant over
+            own = np.where(np.abs(own - end) <= ROUND_OFF * end, end, own)
+        yield int(part[TARGET]), p[row + record.SCALE] * np.interp(own, times, values, 0.0, 0.0)

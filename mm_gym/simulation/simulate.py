@@ -12,7 +12,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Place, Recording, blank, column, locate, run
+from mm_gym.simulation.recording import Place, Recording, blank, locate, pieces, run
 from mm_gym.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -189,16 +189,8 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
 
 def _sample(recording: Recording, place: Place) -> NDArray[np.float64]:
     """Return the states (n, 4) at the instants."""
-    plant = recording.plant
     sampled = recording.states[place.row]
     for i in np.flatnonzero(place.part):
-        n, part = int(place.row[i]), float(place.part[i])
-        shorter = plant.at_interval(part)
-        lane, terms, first = Lanes(shorter, 1), plant.support.terms, plant.support.jets
-        values = lane.values
-        values[:, 0] = column(recording, n, part)
-        scales = (part / plant.support.sample_interval) ** np.arange(terms)
-        values[first : first + 2 * terms, 0] *= np.tile(scales, 2)
-        lane.raise_for(plant.method.entries.propagate(shorter.model, values, 0, 1))
-        sampled[i] = values[:4, 0]
+        *_, (_, _, lane) = pieces(recording, int(place.row[i]), float(place.part[i]))
+        sampled[i] = lane[:4, 0]
     return sampled

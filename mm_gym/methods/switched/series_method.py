@@ -30,7 +30,7 @@ class SwitchedSeries(ExactMethod):
         "crossings of the reference velocity found on it"
     )
     kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
-    entries = build(series_kernel.propagate)
+    entries = build(series_kernel.propagate, stops_at_corners=True)
     held = "a held force and stretch, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002

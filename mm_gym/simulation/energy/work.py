@@ -16,7 +16,7 @@ the plants propagate, and not the laws.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,8 +25,11 @@ from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
 from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
+from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.simulation.recording import Place, Recording
@@ -134,20 +137,39 @@ def _jumps(recording: Recording, steps: int) -> Array:
 
 def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) -> Array:
     """Return what is dissipated and what disturbances add, (k, 2) [J], in k intervals so far."""
-    work, model, p = np.zeros((len(rows), 2)), recording.plant.model, recording.parameters
+    p = recording.parameters
+    if stops_at_corners(recording.plant):
+        return np.array([_piecewise(recording, int(row), duration) for row in rows]).reshape(-1, 2)
     nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
-    integrate = (rate_series_kernel if nonlinear else rate_kernel).step_integrals
-    status = integrate(
-        p,
-        model,
-        recording.starts[rows],
-        recording.applied[rows],
-        recording.jets[rows],
-        recording.plant.support.sample_interval * rows.astype(np.float64),
-        duration,
-        work,
-    )
-    if cast("int", status) > at.ENDED:
-        msg = f"work: {at.MESSAGES[cast('int', status)]}"
+    kernel = rate_series_kernel if nonlinear else rate_kernel
+    times = recording.plant.support.sample_interval * rows.astype(np.float64)
+    jets = jets_over(recording, rows, 0.0, duration)
+    start = (recording.starts[rows], recording.applied[rows], jets, times)
+    return _integrate(recording, kernel.step_integrals, start, duration)
+
+
+def _piecewise(recording: Recording, row: int, duration: float) -> Array:
+    """Return both energies (2,) over the beginning of a sample interval, corner by corner."""
+    total, support, applied = np.zeros(2), recording.plant.support, recording.applied[[row]]
+    for elapsed, length, lane in pieces(recording, row, duration):
+        jets = lane[support.jets : support.jets + 2 * support.terms].T.copy()
+        times = np.array([row * support.sample_interval + elapsed])
+        start = (lane[:4].T.copy(), applied, jets, times)
+        total += _integrate(recording, rate_series_kernel.step_integrals, start, length)[0]
+    return total
+
+
+def _integrate(
+    recording: Recording,
+    integrals: Callable[..., int],
+    start: tuple[Array, Array, Array, Array],
+    duration: float,
+) -> Array:
+    """Return energies (k, 2) from states, what is applied, jets over the duration, and times."""
+    work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: at.MODEL_OWN].copy()
+    model[at.SAMPLE_INTERVAL] = duration
+    status = integrals(recording.parameters, model, *start, duration, work)
+    if status > at.ENDED:
+        msg = f"work: {at.MESSAGES[status]}"
         raise SimulationError(msg)
     return work
