@@ -1,4 +1,4 @@
-"""The episode that methods are compared on, and the true ends of its sample intervals."""
+"""The episodes that methods are compared on, and the true ends of their sample intervals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Place, blank, excitation, first, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,23 +26,24 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-MOST_STEPS = 100
-"""Control steps of the episode."""
+EPISODES = 10
+"""Episodes that steps are sampled from; the first is timed."""
 
-MOST_CHECKED = 10
-"""Sample intervals of it that the oracle integrates."""
+MOST_STEPS = 100
+"""Control steps of an episode."""
+
+MOST_CHECKED = 300
+"""Sample intervals of all episodes that the oracle integrates."""
 
 LONGEST_RUN = 0.02
-"""Time [s] that `auto` may take for the episode; a longer one is cut short."""
+"""Time [s] that `auto` may take for an episode; a longer one is cut short."""
 
 PATIENCE = 4.0
 """Time [s] after which the oracle starts no further sample interval."""
 
-ORACLES = (("DOP853", 2.3e-14), ("Radau", 1e-11))
-"""Methods of the oracle with their tolerances; the second if the first takes too long."""
-
-EVALUATIONS = 30_000
-"""Evaluations of the forces that a sample interval may take: some 0.3 s, or 1 s with Radau."""
+ORACLES = (("DOP853", 2.3e-14, 100_000), ("Radau", 1e-11, 30_000))
+"""Methods of the oracle, their tolerances, and the evaluations of the forces that a sample interval
+may take: 1 s or so. The second is for what the first cannot follow in time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +78,10 @@ class Truth:
 
     Attributes
     ----------
-    rows
-        (k,) indices of the sample intervals.
+    episodes
+        The episodes, whose seeds follow one another.
+    places
+        (k, 2) index of the episode and of the sample interval in it.
     states
         (k, 4) states at their ends.
     oracle
@@ -87,19 +90,45 @@ class Truth:
         Largest difference from a second, coarser integration, relative to the scale.
     """
 
-    rows: NDArray[np.intp]
+    episodes: tuple[Episode, ...]
+    places: NDArray[np.intp]
     states: Values
     oracle: str
     resolution: float
 
 
-def record(plant: Plant, seed: int) -> Episode:
+def episodes_of(plant: Plant, seed: int) -> tuple[Episode, ...]:
+    """Run `EPISODES` episodes under random commands; in every other one they are at the limits.
+
+    A scene in which nothing is random has one episode only.
+    """
+    episodes: list[Episode] = []
+    for i in range(EPISODES):
+        episodes.append(record(plant, seed + i, at_limits=i % 2 == 1))
+        if i == 1 and _are_alike(*episodes):
+            return (episodes[0],)
+    return tuple(episodes)
+
+
+def _are_alike(one: Episode, other: Episode) -> bool:
+    """Return whether the episodes are the same as far as both go."""
+    both = (one.recording, other.recording)
+    many = min(len(recording.starts) for recording in both)
+    return all(
+        np.array_equal(*(getattr(recording, name)[:many] for recording in both))
+        for name in ("starts", "applied", "jets")
+    ) and np.array_equal(one.recording.parameters, other.recording.parameters)
+
+
+def record(plant: Plant, seed: int, *, at_limits: bool = False) -> Episode:
     """Run an episode under random commands, for at most `LONGEST_RUN`."""
     lanes, rng = Lanes(plant, 1), np.random.default_rng(seed)
     lanes.seed(seed)
     lanes.restart()
     count, many = min(plant.steps, MOST_STEPS), plant.support.intervals_per_step
     commands = _commands(plant, lanes, rng, count)
+    if at_limits:
+        commands = _to_limits(plant, commands)
     recording = blank(plant, lanes.values[:, 0].copy(), count)
     began = time.perf_counter()
     for n in range(count):
@@ -112,36 +141,60 @@ def record(plant: Plant, seed: int) -> Episode:
     return Episode(seed, commands[:count], first(recording, count * many))
 
 
+def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
+    """Return the least and the most command of each actuator, by its column."""
+    task = plant.task
+    limits: dict[int, tuple[float, float]] = {}
+    if "force" in plant.actuators:
+        limits[0] = -task[at.FORCE_LIMIT], task[at.FORCE_LIMIT]
+    if "stretch" in plant.actuators:
+        limits[1] = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+    return limits
+
+
 def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) -> Values:
     """Return uniformly random commands within the actuators' limits."""
     commands = np.empty((count, 2))
     commands[:] = 0.0, lanes.values[at.STRETCH, 0]
-    if "force" in plant.actuators:
-        limit = plant.task[at.FORCE_LIMIT]
-        commands[:, 0] = rng.uniform(-limit, limit, count)
-    if "stretch" in plant.actuators:
-        low, high = plant.task[at.STRETCH_LOW], plant.task[at.STRETCH_HIGH]
-        commands[:, 1] = rng.uniform(low, high, count)
+    for column, (low, high) in _limits(plant).items():
+        commands[:, column] = rng.uniform(low, high, count)
     return commands
 
 
-def truth_of(scene: Scene, plant: Plant, episode: Episode) -> Truth:
-    """Integrate sample intervals spread over the episode with the oracle.
+def _to_limits(plant: Plant, commands: Values) -> Values:
+    """Return commands with the nearer limit in place of each."""
+    commands = commands.copy()
+    for column, (low, high) in _limits(plant).items():
+        commands[:, column] = np.where(commands[:, column] < 0.5 * (low + high), low, high)
+    return commands
+
+
+def truth_of(scene: Scene, plant: Plant, episodes: Sequence[Episode]) -> Truth:
+    """Integrate sample intervals spread over the episodes with the oracle.
 
     Raises
     ------
     SimulationError
-        If none of the oracle's methods completes a sample interval within `EVALUATIONS`.
+        If none of the oracle's methods completes the sample intervals in its evaluations.
     """
-    drawn, problem = _drawn(scene, plant, episode), ""
-    for method, rtol in ORACLES:
+    problems: list[str] = []
+    for method, rtol, most in ORACLES:
         try:
             # A trial step of SciPy may overflow; it then tries a shorter one.
             with np.errstate(over="ignore", invalid="ignore"):
-                return _truth(_Pair.of(drawn, episode.recording, method, rtol), episode)
+                pairs = [
+                    _Pair.of(_drawn(scene, plant, one), one.recording, method, rtol, most)
+                    for one in episodes
+                ]
+                return _truth(pairs, episodes)
         except SimulationError as error:
-            problem = str(error)
-    msg = f"work_precision: SciPy cannot follow this scene, so errors are unknown: {problem}"
+            problems.append(f"{method}: {str(error).removeprefix('reference: ')}")
+    msg = (
+        "work_precision: SciPy cannot follow this scene, so errors are unknown "
+        f"({'; '.join(problems)}). That many evaluations of the forces are allowed in a sample "
+        f"interval, here {plant.support.sample_interval:g} s; the fastest oscillation takes some "
+        "150 a period, so a shorter control.time_step takes fewer"
+    )
     raise SimulationError(msg)
 
 
@@ -153,13 +206,13 @@ class _Pair:
     coarse: Oracle
 
     @classmethod
-    def of(cls, scene: Scene, recording: Recording, method: str, rtol: float) -> _Pair:
+    def of(cls, scene: Scene, recording: Recording, method: str, rtol: float, most: int) -> _Pair:
         longest, support = np.inf, recording.plant.support
         if scene.interface.kind == "dry_friction":
             # SciPy sees an event only between two of its steps: some sixty in an oscillation.
             longest = min(0.1 / fastest_oscillation(support), support.sample_interval / 4.0)
         disturbance = _disturbance(recording) if support.sampled else None
-        fine = Oracle(scene, method, rtol, longest, disturbance, EVALUATIONS)
+        fine = Oracle(scene, method, rtol, longest, disturbance, most)
         return cls(fine, replace(fine, rtol=10.0 * rtol, max_step=2.0 * longest))
 
 
@@ -175,24 +228,40 @@ def _disturbance(recording: Recording) -> Callable[[float, str], float]:
     return disturbance
 
 
-def _truth(pair: _Pair, episode: Episode) -> Truth:
-    ends: dict[int, Values] = {}
+def _truth(pairs: Sequence[_Pair], episodes: Sequence[Episode]) -> Truth:
+    places: list[tuple[int, int]] = []
+    ends: list[Values] = []
     resolution, until = float(np.finfo(np.float64).eps), time.perf_counter() + PATIENCE
-    for n in _spread(len(episode.recording.starts)):
+    for i, n in _spread([len(one.recording.starts) for one in episodes]):
         if ends and time.perf_counter() > until:
             break
+        pair, episode = pairs[i], episodes[i]
         fine, coarse = (_end(oracle, episode, n) for oracle in (pair.fine, pair.coarse))
-        ends[n] = fine
+        places.append((i, n))
+        ends.append(fine)
         resolution = max(resolution, float((np.abs(fine - coarse) / episode.scale).max()))
-    text = f"SciPy's {pair.fine.method} at {pair.fine.rtol:.0e}"
-    return Truth(np.array(list(ends)), np.array(list(ends.values())), text, resolution)
+    text = f"SciPy's {pairs[0].fine.method} at {pairs[0].fine.rtol:.0e}"
+    return Truth(tuple(episodes), np.array(places), np.array(ends), text, resolution)
 
 
-def _spread(count: int) -> list[int]:
-    """Return indices spread evenly over the episode, in an order that soon covers all of it."""
-    indices = np.unique(np.linspace(0, count - 1, MOST_CHECKED).astype(int))
+def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return episodes and sample intervals in an order that soon covers them evenly.
+
+    There are at most `MOST_CHECKED`, from each of the episodes (of `counts` intervals) in turn.
+    """
     golden_ratio = 0.5 * (1.0 + np.sqrt(5.0))
-    return indices[np.argsort(np.arange(len(indices)) * golden_ratio % 1.0)].tolist()
+    each = -(-MOST_CHECKED // len(counts))
+    orders: list[list[int]] = []
+    for i, count in enumerate(counts):
+        # The first are the same in no two episodes.
+        indices = np.unique(np.linspace(0, count - 1, each).astype(int))
+        order = np.argsort((np.arange(len(indices)) + i) * golden_ratio % 1.0)
+        orders.append(indices[order].tolist())
+    turns = range(max(map(len, orders)))
+    places = [
+        (i, order[turn]) for turn in turns for i, order in enumerate(orders) if turn < len(order)
+    ]
+    return places[:MOST_CHECKED]
 
 
 def _end(oracle: Oracle, episode: Episode, n: int) -> Values:

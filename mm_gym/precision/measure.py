@@ -10,19 +10,24 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SimulationError
+from mm_gym.kernels import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
-from mm_gym.precision.episode import record, truth_of
+from mm_gym.precision.episode import episodes_of, truth_of
+from mm_gym.precision.margin import margin
 from mm_gym.precision.result import Setting, WorkPrecision
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import blank, pieces, run
+from mm_gym.simulation.recording import blank, column, pieces, run, stops_at_corners
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from mm_gym.plant.plant import Plant
     from mm_gym.precision.episode import Episode, Truth
     from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.recording import Recording
 
 COSTLIEST = 0.1
 """Time for the episode [s] above which no finer setting of a method is tried."""
@@ -37,19 +42,21 @@ TURN = 0.002
 def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     """Measure error and cost of each method on a scene.
 
-    An episode under random actions is propagated with every method that applies, over the range of
-    its settings. The error is that of a sample interval which begins in the true state, relative to
-    the largest position or velocity of the episode; without sampled excitation a sample interval is
-    a control step, whose error ``solver.tolerance`` bounds. It is measured against SciPy, which has
-    no code in common with the methods. The cost of a control step is the median of several turns,
-    without compilation and without what an environment adds.
+    Ten episodes under random actions, in every other one at the actuators' limits, give up to 300
+    sample intervals, spread over them. Each is propagated from the true state with every method
+    that applies, over the range of its settings. The error is relative to the largest position or
+    velocity of the episode; without sampled excitation a sample interval is a control step, whose
+    error ``solver.tolerance`` bounds. It is measured against SciPy, which has no code in common
+    with the methods. Other steps have other errors: a margin comes on top, from the spread of the
+    largest ones. The cost of a control step is the median of several turns, without compilation and
+    without what an environment adds.
 
     Parameters
     ----------
     scene
         The scene; its ``solver`` is ignored.
     seed
-        Seed of the scene's draws and of the actions.
+        Seed of the first episode's draws and actions; the others have the seeds that follow.
 
     Returns
     -------
@@ -72,29 +79,28 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     """
     scene = scene.replace(solver={})
     plant = compile_scene(scene)
-    episode = record(plant, seed)
-    truth = truth_of(scene, plant, episode)
+    episodes = episodes_of(plant, seed)
+    truth = truth_of(scene, plant, episodes)
     found: list[tuple[Setting, Callable[[], float]]] = []
     refused: dict[str, str] = {}
     for method in methods.names():
         try:
-            found += _family(scene, method, episode, truth)
+            found += _family(scene, method, truth)
         except CompileError as error:
             refused[method] = str(error)
     return WorkPrecision(
-        settings=_timed(found, len(episode.commands)),
+        settings=_timed(found, len(episodes[0].commands)),
         refused=refused,
         auto=plant.method.name,
         oracle=truth.oracle,
         resolution=truth.resolution,
-        checked=len(truth.rows),
-        steps=len(episode.commands),
+        checked=len(truth.places),
+        steps=len(episodes[0].commands),
+        episodes=len(episodes),
     )
 
 
-def _family(
-    scene: Scene, method: str, episode: Episode, truth: Truth
-) -> list[tuple[Setting, Callable[[], float]]]:
+def _family(scene: Scene, method: str, truth: Truth) -> list[tuple[Setting, Callable[[], float]]]:
     """Return a method's settings from coarse to fine, each with a function that times a run.
 
     The first one that takes longer than `COSTLIEST` is the last. A run that diverges ends early,
@@ -105,10 +111,11 @@ def _family(
     for value in values:
         solver = {"method": method} | ({option: _whole(value)} if option else {})
         plant = compile_scene(scene.replace(solver=solver))
-        stopwatch = _stopwatch(plant, episode)
+        stopwatch = _stopwatch(plant, truth.episodes[0])
         seconds = stopwatch()
-        error = _error(plant, episode, truth) if np.isfinite(seconds) else np.inf
-        found.append((Setting(method, option, float(value), error, np.nan), stopwatch))
+        errors = errors_of(plant, truth) if np.isfinite(seconds) else np.array([np.inf])
+        worst, factor = float(errors.max()), margin(errors)
+        found.append((Setting(method, option, float(value), worst, np.nan, factor), stopwatch))
         if np.isfinite(seconds) and stopwatch() > COSTLIEST:  # the first run may have compiled
             break
     return found
@@ -120,22 +127,57 @@ def _settings(name: str) -> tuple[str, tuple[float, ...]]:
     return ("", (np.nan,)) if option is None else option
 
 
-def _error(plant: Plant, episode: Episode, truth: Truth) -> float:
-    """Return the largest error of the sample intervals that the oracle integrated."""
-    # A plant may have a viscous interface in place of friction that never slips: keep its own.
-    parameters = episode.recording.parameters.copy()
-    parameters[list(PHYSICAL)] = _lane(plant, episode).values[list(PHYSICAL), 0]
-    own = replace(episode.recording, plant=plant, parameters=parameters)
-    worst = 0.0
-    for n, want in zip(truth.rows, truth.states, strict=True):
-        try:
-            *_, (_, _, lane) = pieces(own, int(n), plant.support.sample_interval)
-        except SimulationError:
-            return np.inf
-        if not np.isfinite(lane[:4, 0]).all():
-            return np.inf
-        worst = max(worst, float((np.abs(lane[:4, 0] - want) / episode.scale).max()))
-    return worst
+def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
+    """Return the errors (k,) of the sample intervals that the oracle integrated.
+
+    All are infinite if the propagation of one fails.
+    """
+    drawn = Lanes(plant, len(truth.episodes))
+    drawn.seed(truth.episodes[0].seed)
+    drawn.restart()
+    recordings = [
+        _own(plant, one.recording, drawn.values[:, i]) for i, one in enumerate(truth.episodes)
+    ]
+    ends = _ends_by_corners if stops_at_corners(plant) else _ends
+    try:
+        states = ends(plant, [(recordings[i], int(n)) for i, n in truth.places])
+    except SimulationError:
+        return np.full(len(truth.places), np.inf)
+    scales = np.array([one.scale for one in truth.episodes])[truth.places[:, 0]]
+    errors = (np.abs(states - truth.states) / scales).max(axis=1)
+    return np.where(np.isfinite(errors), errors, np.inf)
+
+
+def _own(plant: Plant, recording: Recording, drawn: NDArray[np.float64]) -> Recording:
+    """Return the recording as another plant's.
+
+    It may have a viscous interface in place of friction that never slips: it keeps its own.
+    """
+    parameters = recording.parameters.copy()
+    parameters[list(PHYSICAL)] = drawn[list(PHYSICAL)]
+    return replace(recording, plant=plant, parameters=parameters)
+
+
+def _ends(plant: Plant, places: list[tuple[Recording, int]]) -> NDArray[np.float64]:
+    """Return the states (k, 4) at the ends of sample intervals, all propagated at once."""
+    lanes, interval = Lanes(plant, len(places)), plant.support.sample_interval
+    for lane, (recording, n) in enumerate(places):
+        lanes.values[:, lane] = column(recording, n, 0.0, interval)
+    for start in range(0, len(places), at.BLOCK):
+        stop = min(start + at.BLOCK, len(places))
+        status = plant.method.entries.propagate(plant.model, lanes.values, start, stop)
+        if status > at.ENDED:
+            raise SimulationError(at.MESSAGES[status])
+    return lanes.values[:4].T
+
+
+def _ends_by_corners(plant: Plant, places: list[tuple[Recording, int]]) -> NDArray[np.float64]:
+    """Return the states (k, 4) at the ends of sample intervals, each from corner to corner."""
+    ends = np.empty((len(places), 4))
+    for k, (recording, n) in enumerate(places):
+        *_, (_, _, lane) = pieces(recording, n, plant.support.sample_interval)
+        ends[k] = lane[:4, 0]
+    return ends
 
 
 def _whole(value: float) -> float:
@@ -178,6 +220,5 @@ def _timed(found: list[tuple[Setting, Callable[[], float]]], steps: int) -> tupl
             measured[turn, k] = np.median([once, *(stopwatch() for _ in range(1, repeats))])
     costs = np.median(measured, axis=0) / steps
     return tuple(
-        Setting(one.method, one.option, one.value, one.error, float(cost))
-        for (one, _), cost in zip(found, costs, strict=True)
+        replace(one, seconds=float(cost)) for (one, _), cost in zip(found, costs, strict=True)
     )

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 """Errors that a setting is recommended for."""
-
+RULE = 3
+"""Rule of three: with 95 % confidence what n samples do not show is rarer than 3 of n."""
 
 WIDTH = 48
 """Characters of the longest setting."""
@@ -40,10 +41,12 @@ class Setting:
     value
         Its value, NaN without one.
     error
-        Largest error of a control step, relative to the trajectory's scale; infinite if the state
-        did not stay finite.
+        Largest error of a control step that was sampled, relative to the trajectory's scale;
+        infinite if the state did not stay finite.
     seconds
         Cost of a control step of one lane [s]; infinite if the state did not stay finite.
+    margin
+        Factor on the error for the steps that were not sampled, see `mm_gym.precision.margin`.
     """
 
     method: str
@@ -51,6 +54,12 @@ class Setting:
     value: float
     error: float
     seconds: float
+    margin: float = 1.0
+
+    @property
+    def bound(self) -> float:
+        """The error with its margin, which decides on recommendations."""
+        return self.error * self.margin
 
     @property
     def text(self) -> str:
@@ -76,7 +85,9 @@ class WorkPrecision:
     resolution
         The oracle's own error; smaller ones cannot be told from it.
     checked, steps
-        Control steps whose error was measured, out of how many that were timed.
+        Steps whose error was measured, and control steps that were timed.
+    episodes
+        Episodes that the former were taken from.
     """
 
     settings: tuple[Setting, ...]
@@ -86,9 +97,10 @@ class WorkPrecision:
     resolution: float
     checked: int
     steps: int
+    episodes: int = 1
 
     def cheapest(self, error: float) -> Setting | None:
-        """Return the cheapest setting that keeps an error; None if none was seen to.
+        """Return the cheapest setting whose error, with its margin, is below one; or None.
 
         Parameters
         ----------
@@ -104,31 +116,45 @@ class WorkPrecision:
         if not (isinstance(error, float | int) and error > 0.0 and math.isfinite(error)):
             msg = f"error: got {error!r}; allowed: a finite number greater than 0"
             raise SceneError(msg)
-        met = [one for one in self.settings if max(one.error, self.resolution) <= error]
+        met = [one for one in self.settings if max(one.bound, self.resolution) <= error]
         return min(met, key=lambda one: one.seconds, default=None)
 
     def table(self) -> str:
         """Return what was measured as text."""
         lines = [
-            f"error    largest of {self.checked} control steps, relative to the trajectory's scale",
+            f"error    largest of {self.checked} random steps in {self.episodes} episodes,",
+            "         relative to the trajectory's scale",
             f"         against {self.oracle}, good to {self.resolution:.0e}",
+            "margin   factor on it for other steps, from the spread of the largest errors",
             f"cost     mean of {self.steps} control steps of one lane",
             "",
-            f"{'solver':{WIDTH}}{'error':>10}{'µs a step':>12}",
+            f"{'solver':{WIDTH}}{'error':>10}{'margin':>9}{'µs a step':>12}",
         ]
         for one in self.settings:
             if not math.isfinite(one.seconds):
-                lines.append(f"{one.text:{WIDTH}}{'diverges':>10}{'-':>12}")
+                lines.append(f"{one.text:{WIDTH}}{'diverges':>10}{'-':>9}{'-':>12}")
                 continue
             default = one.option == "" or one.value == Solver().tolerance
             mark = "  auto" if one.method == self.auto and default else ""
-            lines.append(f"{one.text:{WIDTH}}{one.error:10.1e}{one.seconds * 1e6:12.3f}{mark}")
+            numbers = f"{one.error:10.1e}{one.margin:9.1f}{one.seconds * 1e6:12.3f}"
+            lines.append(f"{one.text:{WIDTH}}{numbers}{mark}")
         lines += [f"{name} does not apply: {why}" for name, why in self.refused.items()]
         return "\n".join(lines)
 
     def recommendations(self) -> str:
-        """Return the cheapest setting for each of `LEVELS` as text."""
-        return "\n".join(self._recommendation(level) for level in LEVELS)
+        """Return the cheapest setting for each of `LEVELS`, and the confidence, as text."""
+        return "\n".join([*(self._recommendation(level) for level in LEVELS), self._confidence()])
+
+    def _confidence(self) -> str:
+        # Rule of three: what happens in a fraction 3/n of all steps stays away from n independent
+        # ones with a probability of (1 - 3/n)^n < exp(-3) = 5 %.
+        if self.checked <= RULE:
+            return f"too few steps ({self.checked}) were sampled to state a confidence"
+        return (
+            f"Each was kept in all of {self.checked} sampled steps, with the margin. With 95 % "
+            f"confidence it is exceeded in fewer than 1 of {self.checked / RULE:.0f} steps under "
+            "such actions."
+        )
 
     def _recommendation(self, level: float) -> str:
         best = self.cheapest(level)
@@ -138,8 +164,11 @@ class WorkPrecision:
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write the settings as rows; all digits are kept."""
-        header = ["method", "option", "value", "error [-]", "cost of a control step [s]"]
-        rows = [(s.method, s.option, s.value, s.error, s.seconds) for s in self.settings]
+        header = [
+            *("method", "option", "value"),
+            *("error [-]", "cost of a control step [s]", "margin [-]"),
+        ]
+        rows = [(s.method, s.option, s.value, s.error, s.seconds, s.margin) for s in self.settings]
         write_csv(path, header, list(zip(*rows, strict=True)))
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
