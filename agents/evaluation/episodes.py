@@ -102,7 +102,7 @@ def evaluate(
     An unknown frequency is spread evenly over its band.
 
     The penalty of an episode is the mean of -reward over its horizon of N steps. One that
-    terminates after n < N steps has no reward for the rest and pays a terminal cost. With L, the
+    terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
     larger of `limit_penalty` and the largest -reward of the n steps::
 
         penalty = (sum of -reward over the n steps + (N - n) L) / N + L
