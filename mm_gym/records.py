@@ -10,7 +10,6 @@ import math
 import re
 import reprlib
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -18,28 +17,24 @@ import numpy as np
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
+from mm_gym.record_numbers import FORTRAN, LARGEST, NUMBER, NUMERIC, apart, floats, table
+from mm_gym.record_units import ACCELERATION_UNITS, FORCE_UNITS, UNITS, contradiction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from os import PathLike
 
     from numpy.typing import NDArray
 
-ACCELERATION_UNITS = {
-    "m/s^2": 1.0,
-    "cm/s^2": 0.01,
-    "gal": 0.01,
-    "mm/s^2": 0.001,
-    "g": 9.80665,
-    "ft/s^2": 0.3048,
-    "in/s^2": 0.0254,
-}
-"""Unit of acceleration -> its size [m/s^2]; g is the standard acceleration of ISO 80000-3."""
-
-FORCE_UNITS = {"N": 1.0, "kN": 1000.0, "lbf": 4.4482216152605}
-"""Unit of force -> its size [N]."""
-
-UNITS = ACCELERATION_UNITS | FORCE_UNITS
+__all__ = [
+    "ACCELERATION_UNITS",
+    "FORCE_UNITS",
+    "LARGEST",
+    "UNITS",
+    "Record",
+    "read_record",
+    "resample",
+]
 
 MOST_BYTES = 16 * 2**20
 """Largest file: about an hour and a half at 200 Hz."""
@@ -47,23 +42,21 @@ MOST_BYTES = 16 * 2**20
 MOST_SAMPLES = 10_000_000
 """Most samples after resampling, of 8 bytes each."""
 
-LARGEST = 1e12
-"""Largest magnitude of a number in a file; larger numbers mark missing samples."""
-
 SHORTEST = 1e-9
 """Shortest spacing of samples [s]."""
 
-NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDd][+-]?\d+)?", re.ASCII)
-"""A number as Fortran writes it. It matches in one way only, so long lines need no backtracking.
-Not possessive: before Python 3.11.5 possessive groups may match too much."""
-
-NUMERIC = re.compile(r"[+-]?(?:\.?\d|(?:nan|inf|infinity)\b)", re.ASCII | re.IGNORECASE)
-"""Start of a cell that is a number, or was meant to be one."""
-
-PLAIN = re.compile(r"[0-9.+\-EeDd \t\n]*+")
-FORTRAN = str.maketrans("Dd", "Ee")
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 HEADER_LINES = 4
+
+MOST_HEADINGS = 1000
+"""Lines before the first sample, at most."""
+
+LONGEST_LINE = 1 << 20
+"""Characters of a line, at most: some 70,000 samples."""
+
+BLOCK = 1 << 16
+"""Characters that are read together, in whole lines: a file takes little more memory than its
+numbers, and only the block of a line that does not fit is looked at line by line."""
 COUNTS = "NPTS= (number of samples), DT= (seconds)"
 
 
@@ -116,12 +109,13 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     if time_step is not None and not SHORTEST <= time_step <= LARGEST:
         msg = f"time_step: got {time_step}; allowed: {SHORTEST:g} to {LARGEST:g} s"
         raise SceneError(msg)
-    lines = _read_lines(file)
-    if file.suffix.lower() == ".at2" or any(map(_counts_in, lines[:HEADER_LINES])):
+    text = _read_text(file)
+    head = text.split("\n", HEADER_LINES)[:HEADER_LINES]
+    if file.suffix.lower() == ".at2" or any(map(_counts_in, head)):
         _check_no_time_step(file, time_step, "NPTS and DT")
-        times, values, spacing = _read_peer(file, lines, unit)
+        times, values, spacing = _read_peer(file, text, unit)
     else:
-        times, values, spacing = _read_columns(file, lines, time_step)
+        times, values, spacing = _read_columns(file, text, unit, time_step)
     if len(values) < 2:  # noqa: PLR2004 - the ends of a line
         _refuse(file, None, "got one sample; allowed: at least two")
     values *= UNITS[unit]
@@ -183,18 +177,31 @@ def resample(
     return np.append(samples, 0.0)
 
 
-def _read_lines(file: Path) -> list[str]:
-    """Return the lines of a text file, split as editors count them."""
+def _read_text(file: Path) -> str:
+    """Return a text file with the ends of its lines as editors count them."""
     # A station's name may be in any encoding; a number with a replaced character is refused.
     text = read_bytes(file, most=MOST_BYTES).decode("utf-8-sig", errors="replace")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    # Some files were sent twice as text, and have a carriage return too many.
+    text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     strange = CONTROL.search(text)
     if strange:
         line = text.count("\n", 0, strange.start()) + 1
         _refuse(file, line, f"got the character {strange[0]!r}; allowed: text")
     if not text.strip():
         _refuse(file, None, "the file is empty")
-    return text.split("\n")
+    return text
+
+
+def _blocks(file: Path, text: str, start: int, number: int) -> Iterator[tuple[int, str]]:
+    """Return a text from a line's start on in blocks of whole lines, each after its line number."""
+    while start < len(text):
+        end = text.find("\n", start + BLOCK) + 1 or len(text)
+        block = text[start:end].removesuffix("\n")
+        if len(block) > LONGEST_LINE:
+            number += block.count("\n", 0, BLOCK)
+            _refuse(file, number, f"a line of more than {LONGEST_LINE} characters")
+        yield number, block
+        start, number = end, number + block.count("\n") + 1
 
 
 def _counts_in(line: str) -> bool:
@@ -208,38 +215,40 @@ def _check_no_time_step(file: Path, time_step: float | None, states: str) -> Non
 
 
 def _read_peer(
-    file: Path, lines: list[str], unit: str
+    file: Path, text: str, unit: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    lines = text.split("\n", HEADER_LINES)
     head = lines[:HEADER_LINES]
     last = next((n for n, line in enumerate(head, 1) if _counts_in(line)), HEADER_LINES)
     if len(lines) <= last:
-        text = f"the file ends within its header; allowed: {last} header lines, then samples"
-        _refuse(file, len(lines), text)
-    _check_quantity(file, head[: last - 1], unit)
+        allowed = f"{last} header lines, then samples"
+        _refuse(file, len(lines), f"the file ends within its header; allowed: {allowed}")
+    _check_unit(file, enumerate(head[:last], 1), unit)
     count, step = _counts(file, last, lines[last - 1])
-    body, numbers = lines[last:], range(last + 1, len(lines) + 1)
-    values = _floats("\n".join(body).replace(",", " "))
-    if values is None:
-        cells = [line.replace(",", " ").split() for line in body]
-        rows = [[part for cell in row for part in _apart(cell)] for row in cells]
-        values = _values(file, rows, numbers)
+    start = sum(len(line) + 1 for line in lines[:last])
+    parts = [_numbers(file, *block) for block in _blocks(file, text, start, last + 1)]
+    values = np.concatenate(parts) if parts else np.empty(0)
     if len(values) != count:
-        end = max((n for n, line in zip(numbers, body, strict=True) if line.strip()), default=last)
+        end = max(last, text.count("\n", 0, len(text.rstrip())) + 1)
         _refuse(file, end, f"got {len(values)} samples; line {last} promises {count}")
     return _evenly(count, step), values, step
 
 
-def _check_quantity(file: Path, head: list[str], unit: str) -> None:
-    """Refuse velocities and displacements, and units that the header contradicts."""
-    for number, line in enumerate(head, 1):
-        words = line.upper()
-        for quantity in ("VELOCITY", "DISPLACEMENT"):
-            if f"{quantity} TIME" in words:
-                text = f"the header states a {quantity.lower()}; allowed: an acceleration"
-                _refuse(file, number, text)
-        stated = re.search(r"\bUNITS\s+OF\s+([^\s,;]+)", words)
-        if stated and (stated[1].rstrip(".") == "G") != (unit == "g"):
-            text = f"the header states units of {stated[1][:20]}; got unit = {unit!r}"
+def _numbers(file: Path, number: int, block: str) -> NDArray[np.float64]:
+    """Return the numbers in any columns of a block of lines."""
+    values = floats(block.replace(",", " "))
+    if values is not None:
+        return values
+    rows = [line.replace(",", " ").split() for line in block.split("\n")]
+    rows = [[part for cell in row for part in apart(cell)] for row in rows]
+    return _values(file, rows, range(number, number + len(rows)))
+
+
+def _check_unit(file: Path, head: Iterable[tuple[int, str]], unit: str) -> None:
+    """Refuse velocities and displacements, and a unit that a line of the header contradicts."""
+    for number, line in head:
+        text = contradiction(line, unit)
+        if text:
             _refuse(file, number, text)
 
 
@@ -270,27 +279,6 @@ def _counts(file: Path, number: int, line: str) -> tuple[int, float]:
     return int(npts), step
 
 
-def _apart(cell: str) -> list[str]:
-    """Split numbers that only a sign separates, as in full Fortran columns.
-
-    Each must have a decimal point: in ``1.5-105`` the sign may belong to an exponent.
-    """
-    parts = NUMBER.findall(cell)
-    joined = "".join(parts) == cell and all("." in part for part in parts)
-    return parts if joined and all(part[0] in "+-" for part in parts[1:]) else [cell]
-
-
-def _floats(text: str) -> NDArray[np.float64] | None:
-    """Return the numbers in a text, or None if one is not allowed: the fast way."""
-    if not PLAIN.fullmatch(text):  # float() takes more, such as nan and 1_000
-        return None
-    try:
-        values = np.array(list(map(float, text.translate(FORTRAN).split())))
-    except ValueError:
-        return None
-    return values if np.all(np.abs(values) <= LARGEST) else None
-
-
 def _values(file: Path, rows: list[list[str]], numbers: Sequence[int]) -> NDArray[np.float64]:
     """Return the numbers in all cells, or refuse the first one that is not allowed."""
     values: list[float] = []
@@ -305,44 +293,59 @@ def _values(file: Path, rows: list[list[str]], numbers: Sequence[int]) -> NDArra
 
 
 def _read_columns(
-    file: Path, lines: list[str], time_step: float | None
+    file: Path, text: str, unit: str, time_step: float | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    texts = [line.partition("#")[0].strip() for line in lines]
-    numbers = [number for number, text in enumerate(texts, 1) if text]
-    texts = list(filter(None, texts))
-    first = _headings(texts)
-    if first == len(texts):
-        _refuse(file, None, "the file holds no samples")
-    texts, numbers = texts[first:], numbers[first:]
-    separator = next((mark for mark in ";," if mark in texts[0]), None)
-    columns = len(texts[0].split(separator))
-    body = "\n".join(texts)
-    values = None
-    if _table(separator, columns).fullmatch(body):
-        values = _floats(body.replace(separator, " ") if separator else body)
-    if values is None:
-        rows = [[cell.strip() for cell in text.split(separator)] for text in texts]
-        _check_columns(file, rows, numbers)
-        values = _values(file, rows, numbers)
+    start, number = _check_headings(file, text, unit)
+    first = text[start:].partition("\n")[0].partition("#")[0].strip()
+    separator = next((mark for mark in ";," if mark in first), None)
+    columns, blocks = len(first.split(separator)), list(_blocks(file, text, start, number))
+    fitting = table(separator, columns)
+    parts = [_cells(file, block, fitting, separator, columns) for block in blocks]
+    values = np.concatenate(parts)
     if columns == 1:
         if time_step is None:
-            _refuse(file, numbers[0], "a file with one column states no times; set time_step")
+            _refuse(file, number, "a file with one column states no times; set time_step")
         return _evenly(len(values), time_step), values, time_step
     _check_no_time_step(file, time_step, "times")
     times, values = values[::2].copy(), values[1::2].copy()
-    _check_times(file, times, numbers)
+    ends = np.cumsum([len(part) // 2 for part in parts])
+
+    def line_of(row: int) -> int:
+        k = int(np.searchsorted(ends, row, side="right"))
+        return _texts(*blocks[k])[1][row - (int(ends[k - 1]) if k else 0)]
+
+    _check_times(file, times, line_of)
     return times, values, float(np.min(np.diff(times), initial=np.inf))
 
 
-def _table(separator: str | None, columns: int) -> re.Pattern[str]:
-    """Return the pattern of lines with one or two cells that may be numbers."""
-    between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
-    row = between.join([r"[0-9.+\-EeDd]++"] * min(columns, 2))
-    return re.compile(rf"(?:{row}\n)*{row}")
+def _cells(
+    file: Path,
+    block: tuple[int, str],
+    fitting: re.Pattern[str],
+    separator: str | None,
+    columns: int,
+) -> NDArray[np.float64]:
+    """Return the numbers in one or two columns of a block of lines."""
+    body = block[1]
+    if "#" in body:
+        body = "\n".join(_texts(*block)[0])
+    if fitting.fullmatch(body + "\n"):
+        values = floats(body.replace(separator, " ") if separator else body)
+        if values is not None:
+            return values
+    texts, numbers = _texts(*block)
+    rows = [[cell.strip() for cell in text.split(separator)] for text in texts]
+    _check_columns(file, rows, numbers, columns)
+    return _values(file, rows, numbers)
 
 
-def _check_columns(file: Path, rows: list[list[str]], numbers: list[int]) -> None:
-    columns = len(rows[0])
+def _texts(number: int, block: str) -> tuple[list[str], list[int]]:
+    """Return the lines of a block without comments, and their numbers; empty ones are left out."""
+    texts = [line.partition("#")[0].strip() for line in block.split("\n")]
+    return list(filter(None, texts)), [n for n, text in enumerate(texts, number) if text]
+
+
+def _check_columns(file: Path, rows: list[list[str]], numbers: list[int], columns: int) -> None:
     for number, row in zip(numbers, rows, strict=True):
         if len(row) != columns or columns > 2:  # noqa: PLR2004 - time and sample
             got = "1 column" if len(row) == 1 else f"{len(row)} columns"
@@ -354,23 +357,35 @@ def _evenly(count: int, step: float) -> NDArray[np.float64]:
     return np.multiply(step, np.arange(count), dtype=np.float64)
 
 
-def _headings(texts: Iterable[str]) -> int:
-    """Return the number of lines at the start that hold no number."""
+def _check_headings(file: Path, text: str, unit: str) -> tuple[int, int]:
+    """Check the units in the lines before the first number; return where that line begins.
 
-    def is_heading(text: str) -> bool:
-        return not any(NUMERIC.match(word) for word in re.split(r"[\s,;]+", text))
+    Returns
+    -------
+    Position in the text, and the line's number.
+    """
+    start = 0
+    for number in range(1, MOST_HEADINGS + 2):
+        end = text.find("\n", start)
+        line = text[start:] if end < 0 else text[start:end]
+        words = re.split(r"[\s,;]+", line.partition("#")[0].strip())
+        if any(NUMERIC.match(word) for word in words):
+            return start, number
+        _check_unit(file, [(number, line)], unit)
+        if end < 0:
+            _refuse(file, None, "the file holds no samples")
+        start = end + 1
+    return _refuse(file, None, f"the first {MOST_HEADINGS} lines hold no samples")
 
-    return sum(1 for _ in takewhile(is_heading, texts))
 
-
-def _check_times(file: Path, times: NDArray[np.float64], numbers: list[int]) -> None:
+def _check_times(file: Path, times: NDArray[np.float64], line_of: Callable[[int], int]) -> None:
     if times[0] < 0.0:
-        _refuse(file, numbers[0], f"time: got {times[0]:g}; allowed: at least 0 s")
+        _refuse(file, line_of(0), f"time: got {times[0]:g}; allowed: at least 0 s")
     slow = np.flatnonzero(np.diff(times) < SHORTEST)
     if slow.size:
         i = int(slow[0]) + 1
-        allowed = f"at least {SHORTEST:g} s more than {times[i - 1]:.17g} on line {numbers[i - 1]}"
-        _refuse(file, numbers[i], f"time: got {times[i]:.17g}; allowed: {allowed}")
+        allowed = f"at least {SHORTEST:g} s more than {times[i - 1]:.17g} on line {line_of(i - 1)}"
+        _refuse(file, line_of(i), f"time: got {times[i]:.17g}; allowed: {allowed}")
 
 
 def _refuse(file: Path, line: int | None, text: str) -> NoReturn:

@@ -2,13 +2,15 @@
 
 import contextlib
 import random
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
 
 from mm_gym import SceneError, records
-from mm_gym.records import read_record
+from mm_gym.records import MOST_BYTES, read_record
 
 from .files import GOOD, SAMPLES, peer, read
 
@@ -93,3 +95,57 @@ def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
                 read(tmp_path, b"\n".join(lines), name)
     # A pattern that backtracks would take minutes; a good one takes a tenth of a second.
     assert time.perf_counter() - start < 30.0
+
+
+def large(line, last, head=""):
+    """Return a file of nearly 16 MB."""
+    count = (MOST_BYTES - len(head) - len(last)) // len(line)
+    return (head + line * count + last).encode()
+
+
+LARGE = {
+    "columns": ("motion.csv", large("1\n", "x\n")),
+    "rows": ("motion.csv", large("0.125,-1.5\n", "7;8\n")),
+    "comments": ("motion.csv", large("1 # 2\n", "x\n", "0\n")),
+    "same times": ("motion.csv", large("1 1\n", "", "0 1\n")),
+    "headings": ("motion.csv", large("a\n", "")),
+    "wide": ("motion.at2", large(" 0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
+    "narrow": ("motion.at2", large("1\n", "", GOOD)),
+    "one line": ("motion.at2", large("1 ", "x", GOOD)),
+    "glued": ("motion.at2", large("-0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
+}
+
+
+STEPS = {"columns": 0.01, "comments": 0.01}
+
+
+@pytest.mark.parametrize("kind", LARGE)
+def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
+    name, content = LARGE[kind]
+    monkeypatch.setattr(records, "read_bytes", lambda *_, **__: content)
+    start = time.process_time()
+    with pytest.raises(SceneError):
+        read_record(name, unit="g", time_step=STEPS.get(kind))
+    # Most take half a second; eight million numbers take a second.
+    assert time.process_time() - start < 4.0
+
+
+@pytest.mark.slow
+def test_large_file_that_is_wrong_takes_little_memory(tmp_path):
+    for kind, (name, content) in LARGE.items():
+        (tmp_path / f"{kind} {name}").write_bytes(content)
+    code = f"""
+import resource, pathlib
+from mm_gym import SceneError, records
+largest = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = largest()
+for file in pathlib.Path({str(tmp_path)!r}).iterdir():
+    try:
+        records.read_record(file, unit="g", time_step={STEPS}.get(file.name.split()[0]))
+    except SceneError:
+        continue
+    raise AssertionError(file)
+print(largest() - before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 300_000, "kB"

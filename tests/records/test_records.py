@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mm_gym import SceneError
+from mm_gym import SceneError, records
 from mm_gym.records import ACCELERATION_UNITS, LARGEST, MOST_BYTES, UNITS, read_record, resample
 
 from .files import COUNTS, GOOD, QUANTITY, SAMPLES, TITLE, peer, read
@@ -305,3 +305,84 @@ def test_resampling_beyond_its_limits_is_refused(tmp_path):
         SceneError, match=r"scale: got 1e\+308, which makes samples larger than the"
     ):
         resample(record, 0.1, scale=1e308)
+
+
+STATEMENTS = {
+    "UNITS: CM/S2": "cm/s^2",
+    "Units = cm/sec^2": "cm/s^2",
+    "UNITS ARE CM/SEC/SEC": "cm/s^2",
+    "CORRECTED ACCELERATION IN CM/SEC**2": "cm/s^2",
+    "Acceleration (cm/s/s)": "cm/s^2",
+    "Acceleration [cm s^-2]": "cm/s^2",
+    "UNITS: GAL": "gal",
+    "(gals)": "gal",
+    "The units are (g)": "g",
+    "UNITS OF G. FILTER POINTS: HP=0.05 Hz": "g",
+    "ACCELERATION IN G": "g",
+    "acceleration, [ g ]": "g",
+    "values in m/s2": "m/s^2",
+    "UNITS: M / S / S": "m/s^2",
+    "mm/s²": "mm/s^2",
+    "UNITS OF FT/SEC2": "ft/s^2",
+    "units: in/s^2": "in/s^2",
+}
+
+
+@pytest.mark.parametrize("statement", STATEMENTS)
+def test_unit_that_the_header_states_is_read_and_others_are_refused(tmp_path, statement):
+    content, own = GOOD.replace(QUANTITY, statement), STATEMENTS[statement]
+    for unit, size in ACCELERATION_UNITS.items():
+        if size == UNITS[own]:  # gal and cm/s^2 are one
+            record = read(tmp_path, content, unit=unit)
+            assert np.array_equal(record.values, np.array(SAMPLES) * size)
+            continue
+        with pytest.raises(SceneError) as caught:
+            read(tmp_path, content, unit=unit)
+        assert "motion.at2:3: the header states units of " in str(caught.value)
+        assert f"; got unit = {unit!r}; set unit = {own!r}" in str(caught.value)
+
+
+@pytest.mark.parametrize("line", ["UNITS OF COUNTS", "units: volt", "Units = cm/s"])
+def test_stated_unit_that_is_not_known_is_refused_unless_a_unit_is_set(tmp_path, line):
+    content = GOOD.replace(QUANTITY, line)
+    with pytest.raises(SceneError, match=r":3: the header states units of .*; got unit = 'g'$"):
+        read(tmp_path, content)
+    assert len(read(tmp_path, content, unit="cm/s^2").values) == 7
+
+
+@pytest.mark.parametrize(
+    "line", ["EL CENTRO (N), G. SMITH, 2 M/S", "UNIT 4", "STATION CM/S 7", "IN GENEVA (IN)"]
+)
+def test_header_without_a_statement_of_units_contradicts_none(tmp_path, line):
+    for unit in ACCELERATION_UNITS:
+        assert len(read(tmp_path, GOOD.replace(QUANTITY, line), unit=unit).values) == 7
+
+
+def test_headings_of_columns_state_their_unit_too(tmp_path):
+    for heading in ("time [s], a [g]", "# acceleration in g", "t (s); UNITS: g"):
+        content = heading + "\n0 1\n1 2\n"
+        with pytest.raises(SceneError, match=r":1: .* got unit = 'm/s\^2'; set unit = 'g'"):
+            read(tmp_path, content, "motion.csv", unit="m/s^2")
+        assert read(tmp_path, content, "motion.csv", unit="g").values.tolist() == [G, 2.0 * G]
+    with pytest.raises(SceneError, match=r"states units of KN; got unit = 'N'; set unit = 'kN'"):
+        read(tmp_path, "time, force (kN)\n0 1\n1 2\n", "motion.csv", unit="N")
+
+
+def test_lines_that_end_in_two_carriage_returns_are_read(tmp_path):
+    # As some files of the PEER database do, which were sent twice as text.
+    record = read(tmp_path, peer(SAMPLES, newline="\r\r\n"))
+    assert np.array_equal(record.values, np.array(SAMPLES) * G)
+    with pytest.raises(SceneError, match=":6: got 7 samples; line 4 promises 8"):
+        read(tmp_path, peer(SAMPLES, newline="\r\r\n").replace("      7", "8"))
+
+
+def test_line_is_named_in_any_block_of_a_long_file(tmp_path):
+    count = 3 * records.BLOCK // 8
+    times = [f"{0.25 * k:g} 1" for k in range(count)]
+    times[count - 2] = times[count - 3]
+    with pytest.raises(SceneError, match=rf"csv:{count + 1}: time: .* on line {count}$"):
+        read(tmp_path, "# t\n\n" + "\n".join(times[:-1]), "motion.csv", unit="N")
+    lines = peer(np.arange(float(count)), columns=1).split("\n")
+    lines[count // 2] = "1_0"
+    with pytest.raises(SceneError, match=rf"at2:{count // 2 + 1}: got '1_0'"):
+        read(tmp_path, "\n".join(lines))
