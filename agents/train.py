@@ -3,7 +3,7 @@
 For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
 
 An interrupted run continues from its last checkpoint when the same command is given again; the best
-model of the validations is kept.
+policy of the validations is kept.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from agents.evaluate import report_run
+from agents.policies import PolicyError
 from agents.training.config import settings_from_command_line
 from agents.training.ppo import train
 from agents.training.runs import Run, RunError
@@ -39,7 +40,7 @@ def train_and_report(settings: TrainSettings) -> str | int | None:
     try:
         train(settings, run)
         report_run(run)
-    except (SceneError, CompileError, RunError) as error:
+    except (SceneError, CompileError, RunError, PolicyError) as error:
         return f"error: {error}"
     except KeyboardInterrupt:
         advice = "give the same command again to continue"

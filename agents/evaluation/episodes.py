@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
 HELD_OUT_SEED = 1_000_000
-"""Seed of the first lane of the final evaluation; training seeds are far below."""
+"""Seed of the first lane of the final evaluation; training lanes have seeds of another range."""
 
 VALIDATION_SEED = 2_000_000
 """Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""

@@ -9,12 +9,12 @@ tensorboard's log, which shows steps twice that a killed process made after its 
 from __future__ import annotations
 
 import io
-import zipfile
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import torch
 
+from agents.policies import DAMAGE
 from agents.training.runs import RunError
 from mm_gym.files import write_bytes
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def save_checkpoint(path: Path, arrays: Arrays) -> None:
     """Write a checkpoint whole."""
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **arrays)
+    np.savez(content, **arrays)
     write_bytes(path, content.getvalue())
 
 
@@ -40,10 +40,12 @@ def load_checkpoint(path: Path) -> Arrays:
     """Read a checkpoint; raise `RunError` if the file is not one."""
     try:
         with np.load(path, allow_pickle=False) as archive:
-            return dict(archive)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            arrays = dict(archive)
+        arrays["model/steps"]  # other archives of arrays have none
+    except DAMAGE as error:
         msg = f"{path}: not a checkpoint of a training: {error}; choose another name"
         raise RunError(msg) from error
+    return arrays
 
 
 def state_of(model: PPO) -> Arrays:
@@ -55,7 +57,7 @@ def state_of(model: PPO) -> Arrays:
         for name, tensor in tensors.items()
     }
     parts = {
-        "policy": weights_of(model),
+        "policy": parameters_of(model),
         "optimiser": moments,
         "lanes": _lanes(model).get_state(),
         "model": {
@@ -71,7 +73,7 @@ def state_of(model: PPO) -> Arrays:
 
 def restore(model: PPO, arrays: Arrays) -> None:
     """Restore what `state_of` returned."""
-    restore_weights(model, part_of(arrays, "policy"))
+    restore_parameters(model, part_of(arrays, "policy"))
     moments: dict[int, dict[str, torch.Tensor]] = {}
     for key, array in part_of(arrays, "optimiser").items():
         number, name = key.split("/")
@@ -87,14 +89,14 @@ def restore(model: PPO, arrays: Arrays) -> None:
     _restore_generators(part_of(arrays, "random"))
 
 
-def weights_of(model: PPO) -> Arrays:
+def parameters_of(model: PPO) -> Arrays:
     """Return copies of the policy's parameters."""
     parameters = model.policy.state_dict()
     return {name: tensor.numpy(force=True).copy() for name, tensor in parameters.items()}
 
 
-def restore_weights(model: PPO, parameters: Arrays) -> None:
-    """Restore what `weights_of` returned."""
+def restore_parameters(model: PPO, parameters: Arrays) -> None:
+    """Restore what `parameters_of` returned."""
     model.policy.load_state_dict(
         {name: torch.from_numpy(array.copy()) for name, array in parameters.items()}
     )

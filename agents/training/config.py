@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import sys
-import tomllib
-from pathlib import Path
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import tyro
 from pydantic import Field, Strict, model_validator
 
 from agents.training.lanes import LANE_BITS, SEED_BITS
 from mm_gym import Scene, SceneError, load_scene
-from mm_gym.files import read_bytes
+from mm_gym.files import read_toml
 from mm_gym.scene import Part
 from mm_gym.task_files import path_of
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
-
-MOST_BYTES = 2**16
-"""Largest file of settings; one takes some hundred bytes."""
 
 LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
@@ -102,18 +100,11 @@ def _is_plain(name: str) -> bool:
 
 def read_settings(path: str | Path) -> TrainSettings:
     """Read settings from a TOML file; raise `SceneError` with every finding."""
-    file = Path(path)
-    content = read_bytes(file, most=MOST_BYTES)
+    data = read_toml(path)
     try:
-        return TrainSettings(**tomllib.loads(content.decode("utf-8-sig")))
+        return TrainSettings.of(data)
     except SceneError as error:
-        msg = "\n".join(f"{file}: {line}" for line in str(error).splitlines())
-        raise SceneError(msg) from None
-    except ValueError as error:  # not UTF-8, not TOML, or more digits than Python reads
-        msg = f"{file}: not valid TOML: {error}"
-        raise SceneError(msg) from error
-    except RecursionError:
-        msg = f"{file}: not valid TOML: nested too deeply"
+        msg = "\n".join(f"{path}: {line}" for line in str(error).splitlines())
         raise SceneError(msg) from None
 
 

@@ -17,11 +17,11 @@ from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.training.archive import policy_of
 from agents.training.checkpoint import (
     load_checkpoint,
+    parameters_of,
     restore,
-    restore_weights,
+    restore_parameters,
     save_checkpoint,
     state_of,
-    weights_of,
 )
 from agents.training.lanes import make_lanes
 from agents.training.progress import Progress
@@ -69,7 +69,8 @@ def train_in_lanes(settings: TrainSettings, scene: Scene, run: Run, lanes: Train
             model, settings.steps - model.num_timesteps, Validation(settings, scene, run, progress)
         )
     progress.write_metrics(run)
-    restore_weights(model, progress.best or weights_of(model))
+    if progress.best:
+        restore_parameters(model, progress.best)
     policy_of(model).save(run.policy)
 
 
@@ -147,11 +148,11 @@ class Validation(BaseCallback):
         self.save()
 
     def _validate(self) -> None:
-        policy = policy_of(self.model)
-        cost = evaluate(self.scene, Learned(policy), seed=VALIDATION_SEED, episodes=100).cost
+        learned = Learned(policy_of(self.model))
+        cost = evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=100).cost
         self.logger.record("validation/cost", cost)
         if cost < self.progress.least_cost:
-            self.progress.best = weights_of(self.model)
+            self.progress.best = parameters_of(self.model)
         self.progress.seconds = time.perf_counter() - self.began
         self.progress.add(self.num_timesteps, cost)
 

@@ -42,8 +42,7 @@ class Run:
 
     ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
     from which an interrupted run continues; ``metrics.csv`` the validations; ``policy.npz`` the
-    best policy, written when training is over. Each is written whole. Nothing of
-    a run is ever deleted.
+    best policy, written when training is over. Each is written whole, and none is ever deleted.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:

@@ -23,8 +23,9 @@ from torch import nn
 from agents import evaluate as command
 from agents.policies import LARGEST, PolicyError, load_policy
 from agents.training.archive import open_trusted, policy_of
+from agents.training.checkpoint import load_checkpoint
 from agents.training.config import TrainSettings
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 
 ROOT = Path(__file__).parents[2]
 
@@ -140,6 +141,23 @@ def test_evaluation_of_a_folder_with_bombs_runs_nothing(
     # The bombs are real: who trusts the archive is hit.
     open_trusted(run.folder / "archive.zip")
     assert marker.exists()
+
+
+def test_checkpoint_with_bombs_is_refused_and_runs_nothing(trained: PPO, tmp_path: Path) -> None:
+    marker, path = tmp_path / "marker", tmp_path / "checkpoint.npz"
+    objects = np.array([Bomb(marker)], dtype=object)
+    contents = [pickle.dumps(Bomb(marker))]
+    for write in (np.save, lambda f, a: np.savez(f, **{"model/steps": a})):
+        write(stream := io.BytesIO(), objects)
+        contents.append(stream.getvalue())
+    trained.save(tmp_path / "archive.zip")
+    np.savez(tmp_path / "other.npz", steps=np.ones(3))
+    contents += [(tmp_path / name).read_bytes() for name in ("archive.zip", "other.npz")]
+    for content in contents:
+        path.write_bytes(content)
+        with pytest.raises(RunError, match="not a checkpoint of a training"):
+            load_checkpoint(path)
+    assert not marker.exists()
 
 
 def test_trusted_archive_is_scored(trained: PPO, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def uninterrupted(tmp_path_factory):
 
 
 def outcome(run):
-    """Return all that a run found out: validations without their times, and the model."""
+    """Return all that a run found out: validations without their times, and the policy."""
     metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 2))
     policy = load_policy(run.policy)
     return [metrics, *policy.weights, *policy.biases]

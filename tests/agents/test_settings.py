@@ -65,7 +65,7 @@ def large(file):
 
 
 def deep(file):
-    file.write_text("a = " + "[" * 5000)
+    file.write_text("a = " + "[" * 1500)
 
 
 def nested(file):
@@ -89,7 +89,7 @@ def digits(file):
         (deep, "not valid TOML: nested too deeply"),
         (nested, "a: unknown key|nested too deeply"),
         (foreign, "0xff"),
-        (digits, "not valid TOML|longer|digits"),
+        (digits, "got 5008 characters; allowed: at most"),
     ],
 )
 def test_file_that_holds_no_settings_is_named(tmp_path, make, message):
@@ -102,10 +102,10 @@ def test_file_that_holds_no_settings_is_named(tmp_path, make, message):
 
 def test_misspelt_keys_are_named_with_the_nearest(tmp_path):
     file = tmp_path / "agent.toml"
-    file.write_text("taks = 1\n[ppo]\nlerning_rate = 0.1\n")
+    file.write_text("tsk = 1\n[ppo]\nlerning_rate = 0.1\n")
     with pytest.raises(SceneError) as caught:
         read_settings(file)
-    assert "taks: unknown key; did you mean 'task'?" in str(caught.value)
+    assert "tsk: unknown key; did you mean 'task'?" in str(caught.value)
     assert "ppo.lerning_rate: unknown key; did you mean 'learning_rate'?" in str(caught.value)
 
 
@@ -115,7 +115,7 @@ def test_misspelt_keys_are_named_with_the_nearest(tmp_path):
         (["--task", "CartPole-v1", "--scene", "x.toml"], "CartPole-v1"),
         (["--name", "../x"], "'../x'"),
         (["--seed", "4294967296"], "4294967296"),
-        (["--taks", "x"], "--task"),
+        (["--tsk", "x"], "--task"),
     ],
 )
 def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
