@@ -331,10 +331,15 @@ def add_records(model, lanes, interval, first, last):
     step = model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
-        if is_record(model, slot):
-            for i in range(first, last):
-                began = intervals_since(clock, lanes[at.BEGAN, i]) * step
-                add_record(model, slot, lanes, began, step, i)
+        if not is_record(model, slot):
+            continue
+        row, jet = _row_and_jet(model, slot)
+        if not has_corners(model) and model[slot + OWN + record.SPACING] > 0.0:
+            record.add_lines(model, slot + OWN, lanes, row, jet, clock, first, last)
+            continue
+        for i in range(first, last):
+            began = intervals_since(clock, lanes[at.BEGAN, i]) * step
+            record.add(model, slot + OWN, lanes, row, jet, began, step, i)
 
 
 @borrowing_kernel

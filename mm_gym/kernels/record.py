@@ -43,6 +43,40 @@ def add(model, own, lanes, row, jet, began, duration, i):
 
 
 @borrowing_kernel
+def add_lines(model, own, lanes, row, jet, clock, first, last):
+    """Add an even record whose corners are sample instants to a jet; as `add`, in less time.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    own, row
+        See above.
+    lanes
+        (rows, lanes) float64; the jet is written.
+    jet
+        First row of the jet.
+    clock
+        Three numbers, see `mm_gym.kernels.excitation`.
+    first, last
+        The lanes first .. last - 1.
+    """
+    _, values, count, spacing = _points(model, own)
+    now, intervals_per_step, interval = clock
+    step, per_spacing = model[at.SAMPLE_INTERVAL], 1.0 / spacing
+    for i in range(first, last):
+        began = ((now - lanes[at.BEGAN, i]) * intervals_per_step + interval) * step
+        begin = per_spacing * _own_time(lanes, row, began, i)
+        end = per_spacing * _own_time(lanes, row, began + step, i)
+        place = begin + interpolation.margin(begin, end)
+        if place >= 0.0 and place < count - 1.0:
+            k, scale = int(place), lanes[row + SCALE, i]
+            start, slope = model[values + k], model[values + k + 1] - model[values + k]
+            lanes[jet, i] += scale * (start + (begin - k) * slope)
+            lanes[jet + 1, i] += scale * ((end - begin) * slope)
+
+
+@borrowing_kernel
 def next_corner(model, own, lanes, row, began, elapsed, duration, i):
     """Return the first corner after some time of an interval, or the interval's end.
 

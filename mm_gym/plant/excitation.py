@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import interpolation, noise, record
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import noise, record
 from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
 
@@ -171,9 +171,10 @@ def _record_interval(placed: Placed[Recorded]) -> float:
 
 def _record_slots(placed: Placed[Recorded]) -> Slots:
     times = placed.samples[0]
-    even = placed.step * np.arange(len(times))
-    is_even = np.all(np.abs(times - even) <= 4.0 * np.finfo(np.float64).eps * even)
-    return placed.data, len(times), placed.step if is_even else 0.0
+    spacing = float(times[-1]) / (len(times) - 1)  # the shortest one is rounded
+    even = spacing * np.arange(len(times))
+    is_even = np.all(np.abs(times - even) <= interpolation.ROUND_OFF * even)
+    return placed.data, len(times), spacing if is_even else 0.0
 
 
 def _noise_phase(lane: Array, *, passes_velocity: bool) -> float:

@@ -45,6 +45,7 @@ def run(scene, seed):
     """Make steps of an env, or of a simulation where nothing is actuated."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"solver\.\w+ has no effect", UserWarning)
+        warnings.filterwarnings("ignore", r"excitation\.\d+: the record lasts", UserWarning)
         if not any(dict(scene.actuation).values()):
             return check_simulation(scene, seed)
         env = MovingMassEnv(scene)
