@@ -189,6 +189,8 @@ def _apply_impulses(model, slot, lanes, streams, clock, first, last):
         if np.floor(lanes[row + TIME, i] / step + 0.5) == count:
             total += low + (high - low) * uniform(streams, i) if is_range else size
         end = (count + 1.0) * step
+        # In a state that was set it may lie in the past, from where the loop would not catch up.
+        lanes[row + NEXT, i] = max(lanes[row + NEXT, i], count * step)
         while lanes[row + NEXT, i] < end:
             total += low + (high - low) * uniform(streams, i) if is_range else size
             lanes[row + NEXT, i] += _wait(streams, lanes[row + RATE, i], i)

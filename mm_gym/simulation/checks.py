@@ -141,6 +141,8 @@ def _bounds(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     rows = np.flatnonzero((support.low == support.high) & (support.low != 0.0))
     rows = np.concatenate([rows[rows >= at.M1], np.array(support.parameters, np.int64)])
     low[rows], high[rows] = support.low[rows], support.high[rows]
+    if support.high[at.VR] > 0.0:  # row C has the slope of dry friction in stick
+        low[at.C], high[at.C] = 0.0, largest
     for clock in (at.BEGAN, at.NOW):
         low[clock], high[clock] = 0.0, LAST
     for j in range(len(support.ground)):

@@ -9,8 +9,9 @@ integrated term by term between the friction's kinks (`rate_series_kernel`).
 
 With the methods they have in common the laws of the forces (`kernels.laws`), the search for changes
 of regime (`kernels.events`), and the series of the excitation and of q**-2 (`kernels.excitation`,
-`kernels.arithmetic`); no method propagates a state for them. So a balance that closes confirms how
-the plants propagate, and not the laws.
+`kernels.jets`, `kernels.arithmetic`). No method propagates a state for them, except from corner to
+corner of a record (`recording.pieces`). So a balance that closes confirms how the plants propagate,
+and not the laws.
 """
 
 from __future__ import annotations
