@@ -41,8 +41,9 @@ def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Give a function that closes over a kernel a name of its own.
 
-    Compiled code is found by the function's name and the types of its arguments, so one name for
-    several closures could lead to the code of another.
+    Compiled code is found by the function's name and the types of its arguments, that of a helper
+    too. Numba's count of functions tells closures of one name apart within a process only: filled
+    by several, the cache leads from one to the code of another.
     """
 
     def name(function: Callable[..., Any]) -> Callable[..., Any]:

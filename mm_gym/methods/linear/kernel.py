@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.excitation import excited
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import scaling, shown, shows_state
 from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_cost, state_weights
 
@@ -63,6 +63,7 @@ def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
     """
 
     @borrowing_kernel
+    @named_after(in_turn)
     def step(task, model, lanes, frames, ends, streams, actions, first, last):
         """Make one control step; arguments as of `control_step.in_turn`'s."""
         if not is_simple(task, model, frames):
