@@ -126,10 +126,11 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
     if low[at.M1] > 0.0:
         return fastest_rate(support)
     # Without inertia the carriage follows at (k1 + k2) / (c + d), the sphere as if on a held one.
-    damping = np.divide(1.0, low[at.C] + low[at.D])
+    damping = low[at.C] + low[at.D]
     stiffness = high[at.K1] * high[at.ALPHA] + support.stiffest
     held = np.sqrt(support.stiffest / low[at.M2]) + high[at.C] / low[at.M2]
-    return float(stiffness * damping + held)
+    follows = stiffness / damping if damping > 0.0 else 0.0  # no plant covers it without damping
+    return float(follows + held)
 
 
 def _fields(scene: Scene) -> dict[str, NumberOrRange]:

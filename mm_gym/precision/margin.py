@@ -36,4 +36,5 @@ def margin(errors: NDArray[np.float64]) -> float:
     ordered = np.sort(errors)[::-1][: count + 1]
     if not (np.isfinite(ordered).all() and ordered[-1] > 0.0):
         return UNKNOWN
-    return float(max(LEAST, RETURN ** np.log(ordered[:-1] / ordered[-1]).mean()))
+    with np.errstate(over="ignore"):  # an infinite margin says that nothing is known of the tail
+        return float(max(LEAST, RETURN ** np.log(ordered[:-1] / ordered[-1]).mean()))
