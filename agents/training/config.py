@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Self
 import tyro
 from pydantic import Field, Strict, model_validator
 
-from agents.training.lanes import LANE_BITS, SEED_BITS
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
@@ -19,6 +18,9 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+
+SEED_BITS, LANE_BITS = 32, 31
+"""Bits of a training's seed, and of the number of a lane."""
 
 LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""

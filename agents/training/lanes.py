@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import TransformReward
 
+from agents.training.config import LANE_BITS, SEED_BITS
 from mm_gym.sb3 import VectorEnvAdapter
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 TRAINING = 1 << 63
 """The bit that seeds of training lanes have; those of validation and held-out episodes do not."""
-
-SEED_BITS, LANE_BITS = 32, 31
 
 
 def training_seeds(seed: int, count: int) -> list[int]:

@@ -20,9 +20,10 @@ from mm_gym.scene.excitation import (
     Positive,
     Range,
 )
+from mm_gym.scene.joint_findings import joint_findings
 from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Springs, Viscous
 from mm_gym.scene.part import Part, dotted_name, listed
-from mm_gym.scene.rules import Rule, is_known, joint_findings
+from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
 
 if TYPE_CHECKING:
