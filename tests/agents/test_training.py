@@ -113,7 +113,9 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
         with pytest.raises(Killed):
             train(settings, run)
     drawing = [t for t in threading.enumerate() if type(t).__module__.startswith("rich")]
-    assert not drawing  # the progress bar is closed
+    for thread in drawing:  # rich tells its thread to stop, and does not wait
+        thread.join(10.0)
+        assert not thread.is_alive()  # the progress bar is closed
     assert not run.finished
     stopped = int(load_checkpoint(run.checkpoint)["model/steps"])
     assert 0 < stopped < settings.steps
