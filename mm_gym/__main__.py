@@ -67,6 +67,8 @@ def _parser() -> argparse.ArgumentParser:
         if name == "work-precision":
             command.add_argument("--out", metavar="DIR", help="write CSV table and PNG figure")
             command.add_argument("--seed", type=_seed, default=0, metavar="N")
+            lanes = "lanes stepped side by side where costs are measured; by default 1"
+            command.add_argument("--lanes", type=int, default=1, metavar="N", help=lanes)
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
@@ -146,7 +148,7 @@ def _work_precision(options: argparse.Namespace) -> None:
     if options.out is not None:
         outputs = _in_folder(options.out, ["work_precision.csv", "work_precision.png"])
         check_outputs(outputs, _inputs(options.scene, scene))
-    result = work_precision(scene, seed=options.seed)
+    result = work_precision(scene, seed=options.seed, lanes=options.lanes)
     print(f"{result.table()}\n\n{result.recommendations()}")
     if outputs:
         result.to_csv(outputs[0])

@@ -33,7 +33,7 @@ def fma(x: float, y: float, z: float) -> float:
 @overload(fma)
 def _compiled_fma(x, y, z) -> Callable[..., float] | None:
     if not all(isinstance(kind, types.Number) for kind in (x, y, z)):
-        return None  # `methods.taylor.simd` has the rest
+        return None  # `kernels.simd` has the rest
     return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 

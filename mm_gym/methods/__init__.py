@@ -7,6 +7,7 @@ from mm_gym.methods.exponential_action.method import ExponentialAction
 from mm_gym.methods.fixed_step.method import RK4, SemiImplicitEuler
 from mm_gym.methods.linear.massless import Massless
 from mm_gym.methods.linear.method import Linear
+from mm_gym.methods.splitting.method import Splitting
 from mm_gym.methods.switched.method import Switched
 from mm_gym.methods.switched.series_method import SwitchedSeries
 from mm_gym.methods.taylor.method import Taylor
@@ -18,6 +19,7 @@ METHODS: tuple[Method, ...] = (
     ExponentialAction(),
     Switched(),
     SwitchedSeries(),
+    Splitting(),
     Taylor(),
     RK4(),
     SemiImplicitEuler(),

@@ -68,8 +68,11 @@ class Method(ABC):
     entries: ClassVar[Entries]
     option: ClassVar[Option | None] = None
 
-    def obstacle(self, support: Support) -> str | None:
-        """Return why the method does not apply to a support, or None if it does."""
+    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:  # noqa: ARG002 - most apply at any
+        """Return why the method does not apply to a support, or None if it does.
+
+        With settings, also why not with those.
+        """
         if support.kind not in self.kinds:
             return f"{self.title} cannot propagate a {support.kind} plant"
         return self.limit(support)

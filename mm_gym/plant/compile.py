@@ -23,7 +23,10 @@ dry friction, cubic coefficient 0, only the      switched linear     transition 
 the same with actuated stretch, randomised       parametric          Taylor series for each regime
   parameters or excitation frequency, or         switched linear
   excitation beyond harmonics and impulses
-cubic coefficient or finite stretch              smooth nonlinear    adaptive Taylor series
+cubic coefficient, only the start randomised,    smooth nonlinear    splitting, extrapolated
+  short control steps, no excitation beyond
+  impulses, tolerance of 1e-12 or more
+cubic coefficient otherwise, or finite stretch   smooth nonlinear    adaptive Taylor series
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
                                                                      crossings located
 ===============================================  ==================  ==============================
@@ -100,9 +103,9 @@ def _compiled(scene: Scene) -> Plant:
     ]
     if findings:
         raise CompileError("\n".join([*findings, *_method_findings(scene, support)]))
-    method, reasons = _choose(scene.solver.method, support)
+    settings = _settings(scene)
+    method, reasons = _choose(scene.solver.method, support, settings)
     _check_solver(scene, method, support)
-    settings = methods.Settings(scene.solver.tolerance, scene.solver.substeps or 1)
     template, draws = _start(support)
     return Plant(
         method=method,
@@ -125,9 +128,15 @@ def _compiled(scene: Scene) -> Plant:
     )
 
 
-def _choose(asked: str, support: Support) -> tuple[Method, tuple[str, ...]]:
+def _settings(scene: Scene) -> methods.Settings:
+    return methods.Settings(scene.solver.tolerance, scene.solver.substeps or 1)
+
+
+def _choose(
+    asked: str, support: Support, settings: methods.Settings
+) -> tuple[Method, tuple[str, ...]]:
     """Return the first method of the table that applies and has the name asked for, and why."""
-    obstacles = {method: method.obstacle(support) for method in methods.METHODS}
+    obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
     reasons = _reasons(support, obstacles, applicable[0])
     if asked in ("auto", applicable[0].name):
@@ -152,19 +161,16 @@ def _reasons(
     reasons = [*_nonlinearities(support), *_friction(support)]
     if support.kind == MASSLESS:
         return "carriage.mass is 0: the forces on the carriage balance", FIXED
+    before = [method for method in _before(chosen) if support.kind in method.kinds]
+    skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
     if support.is_nonlinear:
-        return tuple(reasons)
+        return (*reasons, *skipped)
     if not support.slips:
         reasons.append(_coupling(support))
     moves = [_moves(name, support) for name in support.varying]
     if support.sampled:
         moves.append("there is excitation besides harmonics")
-    skipped = [method for method in _before(chosen) if support.kind in method.kinds]
-    return (
-        *reasons,
-        *(moves or [FIXED]),
-        *(f"not {method.title}: {obstacles[method]}" for method in skipped),
-    )
+    return (*reasons, *(moves or [FIXED]), *skipped)
 
 
 def _before(chosen: Method) -> tuple[Method, ...]:
@@ -326,7 +332,7 @@ def _method_findings(scene: Scene, support: Support) -> Iterator[str]:
     """Yield why the method asked for does not apply, if there is one that does."""
     if any(method.obstacle(support) is None for method in methods.METHODS):
         try:
-            _choose(scene.solver.method, support)
+            _choose(scene.solver.method, support, _settings(scene))
         except CompileError as error:
             yield str(error)
 

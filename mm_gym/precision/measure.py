@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym import methods
-from mm_gym.errors import CompileError, SimulationError
+from mm_gym.errors import CompileError, SceneError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
@@ -38,8 +38,14 @@ ROUNDS = 5
 TURN = 0.002
 """Duration of a turn [s]; short runs are repeated in it."""
 
+STEPS_OF_LANES = 20
+"""Control steps of a run of several lanes."""
 
-def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
+COSTLIEST_OF_LANES = 1.0
+"""As `COSTLIEST`, for a run of several lanes [s]."""
+
+
+def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecision:
     """Measure error and cost of each method on a scene.
 
     Ten episodes under random actions, in every other one at the actuators' limits, give up to 300
@@ -48,8 +54,9 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     velocity of the episode; without sampled excitation a sample interval is a control step, whose
     error ``solver.tolerance`` bounds. It is measured against SciPy, which has no code in common
     with the methods. Other steps have other errors: a margin comes on top, from the spread of the
-    largest ones. The cost of a control step is the median of several turns, without compilation and
-    without what an environment adds.
+    largest ones. The cost of a control step is the median of several turns, without compilation: of
+    one lane without what an environment adds, or, of several lanes side by side, for each of them,
+    with reward, termination and observation.
 
     Parameters
     ----------
@@ -57,6 +64,8 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
         The scene; its ``solver`` is ignored.
     seed
         Seed of the first episode's draws and actions; the others have the seeds that follow.
+    lanes
+        Lanes that are stepped side by side where costs are measured, on one thread.
 
     Returns
     -------
@@ -67,6 +76,8 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     ------
     CompileError
         If no plant covers the scene.
+    SceneError
+        If the number of lanes is not a whole number of at least 1.
     SimulationError
         If the episode cannot be completed, or SciPy cannot follow it.
 
@@ -77,6 +88,9 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     >>> result.cheapest(1e-9).method
     'exact'
     """
+    if not (isinstance(lanes, int) and lanes >= 1):
+        msg = f"lanes: got {lanes!r}; allowed: whole numbers of at least 1"
+        raise SceneError(msg)
     scene = scene.replace(solver={})
     plant = compile_scene(scene)
     episodes = episodes_of(plant, seed)
@@ -85,38 +99,43 @@ def work_precision(scene: Scene, *, seed: int = 0) -> WorkPrecision:
     refused: dict[str, str] = {}
     for method in methods.names():
         try:
-            found += _family(scene, method, truth)
+            found += _family(scene, method, truth, lanes)
         except CompileError as error:
             refused[method] = str(error)
+    steps = len(episodes[0].commands) if lanes == 1 else STEPS_OF_LANES
     return WorkPrecision(
-        settings=_timed(found, len(episodes[0].commands)),
+        settings=_timed(found, steps * lanes),
         refused=refused,
         auto=plant.method.name,
         oracle=truth.oracle,
         resolution=truth.resolution,
         checked=len(truth.places),
-        steps=len(episodes[0].commands),
+        steps=steps,
         episodes=len(episodes),
+        lanes=lanes,
     )
 
 
-def _family(scene: Scene, method: str, truth: Truth) -> list[tuple[Setting, Callable[[], float]]]:
+def _family(
+    scene: Scene, method: str, truth: Truth, lanes: int
+) -> list[tuple[Setting, Callable[[], float]]]:
     """Return a method's settings from coarse to fine, each with a function that times a run.
 
-    The first one that takes longer than `COSTLIEST` is the last. A run that diverges ends early,
-    so it has no cost.
+    The first one that takes longer than `COSTLIEST`, or `COSTLIEST_OF_LANES`, is the last. A run
+    that diverges ends early, so it has no cost.
     """
     option, values = _settings(method)
+    costliest = COSTLIEST if lanes == 1 else COSTLIEST_OF_LANES
     found: list[tuple[Setting, Callable[[], float]]] = []
     for value in values:
         solver = {"method": method} | ({option: _whole(value)} if option else {})
         plant = compile_scene(scene.replace(solver=solver))
-        stopwatch = _stopwatch(plant, truth.episodes[0])
+        stopwatch = _stopwatch(plant, truth.episodes[0], lanes)
         seconds = stopwatch()
         errors = errors_of(plant, truth) if np.isfinite(seconds) else np.array([np.inf])
         worst, factor = float(errors.max()), margin(errors)
         found.append((Setting(method, option, float(value), worst, np.nan, factor), stopwatch))
-        if np.isfinite(seconds) and stopwatch() > COSTLIEST:  # the first run may have compiled
+        if np.isfinite(seconds) and stopwatch() > costliest:  # the first run may have compiled
             break
     return found
 
@@ -192,8 +211,10 @@ def _lane(plant: Plant, episode: Episode) -> Lanes:
     return lanes
 
 
-def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
+def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float]:
     """Return a function that times a run of the episode [s]; a run that diverges takes infinity."""
+    if count > 1:
+        return _stopwatch_of_lanes(plant, episode.seed, count)
     lanes = _lane(plant, episode)
     start = lanes.snapshot()
     recording = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
@@ -206,6 +227,23 @@ def _stopwatch(plant: Plant, episode: Episode) -> Callable[[], float]:
         except SimulationError:
             return np.inf
         return time.perf_counter() - began
+
+    return stopwatch
+
+
+def _stopwatch_of_lanes(plant: Plant, seed: int, count: int) -> Callable[[], float]:
+    """Return the same for a run of several lanes under random actions."""
+    lanes, shape = Lanes(plant, count), (STEPS_OF_LANES, len(plant.actuators) * count)
+    lanes.seed(seed)
+    lanes.restart()
+    start = lanes.snapshot()
+    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
+
+    def stopwatch() -> float:
+        lanes.restore(start)
+        began = time.perf_counter()
+        statuses = [lanes.advance(row) for row in actions]
+        return time.perf_counter() - began if max(statuses) <= at.ENDED else np.inf
 
     return stopwatch
 

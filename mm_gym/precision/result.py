@@ -88,6 +88,9 @@ class WorkPrecision:
         Steps whose error was measured, and control steps that were timed.
     episodes
         Episodes that the former were taken from.
+    lanes
+        Lanes that were stepped side by side; of several the cost counts for each, with reward,
+        termination and observation.
     """
 
     settings: tuple[Setting, ...]
@@ -98,6 +101,7 @@ class WorkPrecision:
     checked: int
     steps: int
     episodes: int = 1
+    lanes: int = 1
 
     def cheapest(self, error: float) -> Setting | None:
         """Return the cheapest setting whose error, with its margin, is below one; or None.
@@ -121,12 +125,13 @@ class WorkPrecision:
 
     def table(self) -> str:
         """Return what was measured as text."""
+        digits = 3 if self.lanes == 1 else 5
         lines = [
             f"error    largest of {self.checked} random steps in {self.episodes} episodes,",
             "         relative to the trajectory's scale",
             f"         against {self.oracle}, good to {self.resolution:.0e}",
             "margin   factor on it for other steps, from the spread of the largest errors",
-            f"cost     mean of {self.steps} control steps of one lane",
+            f"cost     mean of {self.steps} control steps{self._side_by_side()}",
             "",
             f"{'solver':{WIDTH}}{'error':>10}{'margin':>9}{'µs a step':>12}",
         ]
@@ -136,10 +141,15 @@ class WorkPrecision:
                 continue
             default = one.option == "" or one.value == Solver().tolerance
             mark = "  auto" if one.method == self.auto and default else ""
-            numbers = f"{one.error:10.1e}{one.margin:9.1f}{one.seconds * 1e6:12.3f}"
+            numbers = f"{one.error:10.1e}{one.margin:9.1f}{one.seconds * 1e6:12.{digits}f}"
             lines.append(f"{one.text:{WIDTH}}{numbers}{mark}")
         lines += [f"{name} does not apply: {why}" for name, why in self.refused.items()]
         return "\n".join(lines)
+
+    def _side_by_side(self) -> str:
+        if self.lanes == 1:
+            return " of one lane"
+        return f", for each of {self.lanes:,} lanes side by side, observed and scored"
 
     def recommendations(self) -> str:
         """Return the cheapest setting for each of `LEVELS`, and the confidence, as text."""

@@ -40,7 +40,7 @@ def test_method_is_added_by_one_row(monkeypatch):
     asked = RELEASED.replace(**{"solver.method": "dummy"})
     assert "dummy: transition matrix" in compile_scene(asked).explain()
     assert np.array_equal(simulate(asked).state, simulate(RELEASED).state)
-    with pytest.raises(CompileError, match=r"'dummy' does not apply .*allowed: 'auto', 'taylor'"):
+    with pytest.raises(CompileError, match=r"'dummy' does not apply .*: 'auto', 'splitting'"):
         compile_scene(CUBIC.replace(**{"solver.method": "dummy"}))
     solver = json.loads(scene_schema())["$defs"]["Solver"]["properties"]
     assert solver["method"]["enum"] == ["auto", *methods.names()]
@@ -62,7 +62,7 @@ def test_every_kind_of_plant_has_a_method():
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "massless carriage"])
 def test_auto_never_chooses_a_method_kept_for_comparison(kind):
     first = next(method for method in methods.METHODS if kind in method.kinds)
-    assert first.name in {"exact", "switched", "taylor"}
+    assert first.name in {"exact", "switched", "splitting", "taylor"}
 
 
 PROGRAM = """

@@ -11,10 +11,10 @@ from oracle import error
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.simd import LANES
 from mm_gym.methods.taylor import layout as taylor_layout
 from mm_gym.methods.taylor.blocks_kernel import FEWEST_LANES
 from mm_gym.methods.taylor.method import TIGHTEST
-from mm_gym.methods.taylor.simd import LANES
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.excitation import Harmonic
 from mm_gym.scene.mechanics import Carriage, DryFriction, FiniteStretch, SmallOnLarge

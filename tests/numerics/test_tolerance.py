@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from mm_gym import Scene, SimulationError, compile_scene
+from mm_gym import CompileError, Scene, SimulationError, compile_scene
 from mm_gym.kernels import layout as at
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, run
 
 from .decimal_series import ControlStep
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 STEPS = 10
 CHECKED = (0, 4, 9)
@@ -22,6 +25,32 @@ CHECKED = (0, 4, 9)
 
 def _near(rng: np.random.Generator, middle: float, decades: float = 1.0) -> float:
     return float(middle * 10.0 ** rng.uniform(-decades, decades))
+
+
+def splitting_scene(rng: np.random.Generator) -> Scene | None:
+    """Return a random scene for the splitting, with a random tolerance; None if it is refused."""
+    scene = random_scene(rng)
+    springs = scene.springs.model_dump()
+    if springs["kind"] == "finite_stretch":
+        springs = {name: springs[name] for name in ("stiffness", "stretch")}
+        springs["kind"] = "small_on_large"
+    viscous = {"kind": "viscous", "damping": _near(rng, 0.3, 2.0)}
+    interface = viscous if scene.interface.kind == "dry_friction" else scene.interface.model_dump()
+    scene = scene.replace(
+        springs=springs,
+        interface=interface,
+        excitation=[],
+        **{
+            "carriage.cubic_coefficient": scene.carriage.cubic_coefficient or _near(rng, 1e4, 3.0),
+            "solver.method": "splitting",
+            "solver.tolerance": float(10.0 ** rng.uniform(-12.0, -1.0)),
+        },
+    )
+    try:
+        compile_scene(scene)
+    except CompileError:
+        return None
+    return scene
 
 
 def random_scene(rng: np.random.Generator) -> Scene:
@@ -96,7 +125,7 @@ def _springs(rng: np.random.Generator, offset: float) -> dict[str, Any]:
     return springs
 
 
-def excess(seed: int) -> float:
+def excess(seed: int, scene_of: Callable[[np.random.Generator], Scene | None]) -> float:
     """Return the largest error of a random scene's control steps, relative to what is allowed.
 
     Allowed is the tolerance, plus round-off where that is exceeded: ten times the effect of
@@ -104,7 +133,9 @@ def excess(seed: int) -> float:
     thousandth of its length: there the stored positions have only some digits of the offset.
     """
     rng = np.random.default_rng(seed)
-    scene = random_scene(rng)
+    scene = scene_of(rng)
+    if scene is None:
+        return 0.0
     plant = compile_scene(scene)
     limit = plant.task[at.FORCE_LIMIT] if plant.actuators else 0.0
     lanes, worst = Lanes(plant, 1), 0.0
@@ -132,12 +163,14 @@ def _largest(difference: np.ndarray, scale: np.ndarray) -> float:
     return float((np.abs(difference) / scale).max())
 
 
-def _violations(seeds: range) -> dict[int, float]:
+def _violations(
+    seeds: range, scene_of: Callable[[np.random.Generator], Scene | None]
+) -> dict[int, float]:
     """Return the seeds whose error exceeds what is allowed, and by how much."""
     found: dict[int, float] = {}
     for seed in seeds:
         try:
-            ratio = excess(seed)
+            ratio = excess(seed, scene_of)
         except SimulationError:
             continue  # a spring of length 0
         if not ratio <= 1.0:
@@ -145,10 +178,14 @@ def _violations(seeds: range) -> dict[int, float]:
     return found
 
 
-def test_error_of_a_control_step_is_below_the_tolerance() -> None:
-    assert _violations(range(100)) == {}
+@pytest.mark.parametrize("scene_of", [random_scene, splitting_scene])
+def test_error_of_a_control_step_is_below_the_tolerance(scene_of: Callable[..., Any]) -> None:
+    assert _violations(range(100), scene_of) == {}
 
 
 @pytest.mark.slow
-def test_error_of_a_control_step_is_below_the_tolerance_in_a_thousand_scenes() -> None:
-    assert _violations(range(1000)) == {}
+@pytest.mark.parametrize("scene_of", [random_scene, splitting_scene])
+def test_error_of_a_control_step_is_below_the_tolerance_in_a_thousand_scenes(
+    scene_of: Callable[..., Any],
+) -> None:
+    assert _violations(range(1000), scene_of) == {}

@@ -8,7 +8,7 @@ import pytest
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.methods.taylor.simd import (
+from mm_gym.kernels.simd import (
     LANES,
     alike,
     larger,

@@ -107,7 +107,7 @@ def test_every_method_is_measured_or_refused_with_a_reason(
 ) -> None:
     result = results[name]
     measured = {one.method for one in result.settings}
-    methods = {"exact", "switched", "taylor", "rk4", "semi_implicit_euler"}
+    methods = {"exact", "switched", "splitting", "taylor", "rk4", "semi_implicit_euler"}
     assert measured | set(result.refused) == methods
     assert not measured & set(result.refused)
     assert all("solver.method" in why or "allow" in why for why in result.refused.values())
@@ -208,6 +208,24 @@ def test_recommended_settings_keep_their_error_in_fresh_steps(
     assert max(without) > 2.0
 
 
+def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(episode, "MOST_CHECKED", 10)
+    monkeypatch.setattr(episode, "EPISODES", 1)
+    scene = load_scene("mm_gym/CarriageForceDuffing-v0")
+    alone, many = (work_precision(scene, lanes=count) for count in (1, 512))
+    assert (many.lanes, many.steps, many.auto) == (512, measure.STEPS_OF_LANES, "splitting")
+    assert "for each of 512 lanes side by side" in many.table()
+    settings = [
+        next(one for one in result.settings if (one.method, one.value) == ("splitting", 1e-3))
+        for result in (alone, many)
+    ]
+    assert settings[0].error == settings[1].error
+    # Sixteen lanes are worked on as quickly as one, and the 512 have one call.
+    assert 0.0 < settings[1].seconds < 0.25 * settings[0].seconds
+    with pytest.raises(SceneError, match="lanes: got 0; allowed: whole numbers of at least 1"):
+        work_precision(scene, lanes=0)
+
+
 def test_margin_covers_what_is_still_to_come() -> None:
     rng = np.random.default_rng(5)
     for heavy in (0.2, 0.5, 1.0):  # log(error) with an exponential tail of this mean
@@ -283,5 +301,5 @@ def test_command_prints_recommends_and_writes(
         header, *rows = csv.reader(file)
     assert header[:3] == ["method", "option", "value"]
     assert header[3:] == ["error [-]", "cost of a control step [s]", "margin [-]"]
-    assert {row[0] for row in rows} == {"taylor", "rk4", "semi_implicit_euler"}
+    assert {row[0] for row in rows} == {"splitting", "taylor", "rk4", "semi_implicit_euler"}
     assert (tmp_path / "new" / "work_precision.png").stat().st_size > 20_000

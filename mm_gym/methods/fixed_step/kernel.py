@@ -1,124 +1,141 @@
-"""Fixed-step methods on the smooth plants, kept to show what the others save."""
+"""Fixed-step methods on the smooth plants, kept to show what the others save.
+
+Lanes are taken LANES at a time, side by side through all substeps.
+"""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import prefer_widest_vectors
+from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
-from mm_gym.kernels.jit import kernel
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, pair_force, stiffness
+from mm_gym.kernels.simd import LANES, everywhere, stay_apart, with_element
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
-# Coefficients of one lane.
-_BY_M1, _BY_M2, _K1, _ALPHA, _BETA, _D, _C, _K2, _K0, _L0, _STRETCH, _FORCE, _SIZE = range(13)
 
-
-@kernel
+@borrowing_kernel
 def propagate_rk4(model, lanes, first, last):
     """Advance the lanes by one sample interval with the classical method of Kutta (1901)."""
-    substeps, finite = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0
-    h, status = model[at.SAMPLE_INTERVAL] / substeps, at.OK
-    p, y, stage, slope, total = np.empty(_SIZE), np.empty(4), np.empty(4), np.empty(4), np.empty(4)
-    for i in range(first, last):
-        _load(lanes, i, p)
-        for row in range(4):
-            y[row] = lanes[row, i]
+    prefer_widest_vectors()
+    stay_apart()
+    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, at.OK
+    h = model[at.SAMPLE_INTERVAL] / substeps
+    half, sixth = 0.5 * h, h / 6.0
+    for i in range(first, last, LANES):
+        count = min(LANES, last - i)
+        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         for k in range(substeps):
-            total[:] = 0.0
-            for s in range(4):
-                part, weight = (0.0, 0.5, 0.5, 1.0)[s], (1.0, 2.0, 2.0, 1.0)[s] / 6.0
-                for row in range(4):
-                    stage[row] = y[row] + (part * h * slope[row] if s > 0 else 0.0)
-                _field(model, lanes, i, p, stage, (k + part) * h, finite, slope)
-                for row in range(4):
-                    total[row] += weight * slope[row]
-            for row in range(4):
-                y[row] += h * total[row]
-        status = max(status, _store(lanes, i, y))
+            start, middle, end = (
+                _excitation(model, lanes, i, count, k * h),
+                _excitation(model, lanes, i, count, (k + 0.5) * h),
+                _excitation(model, lanes, i, count, (k + 1.0) * h),
+            )
+            a1, a2 = _field(p, finite, start, x1, x2, v1, v2)
+            p1, p2 = v1 + half * a1, v2 + half * a2
+            b1, b2 = _field(p, finite, middle, x1 + half * v1, x2 + half * v2, p1, p2)
+            q1, q2 = v1 + half * b1, v2 + half * b2
+            c1, c2 = _field(p, finite, middle, x1 + half * p1, x2 + half * p2, q1, q2)
+            r1, r2 = v1 + h * c1, v2 + h * c2
+            d1, d2 = _field(p, finite, end, x1 + h * q1, x2 + h * q2, r1, r2)
+            x1 = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)  # vectors have no +=
+            x2 = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
+            v1 = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
+            v2 = v2 + sixth * (a2 + 2.0 * (b2 + c2) + d2)
+        status = max(status, write_state(lanes, i, count, x1, x2, v1, v2))
     return status
 
 
-@kernel
+@borrowing_kernel
 def propagate_semi_implicit_euler(model, lanes, first, last):
     """Advance the lanes by a sample interval: velocities, then positions with the new ones."""
-    substeps, finite = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0
-    h, status = model[at.SAMPLE_INTERVAL] / substeps, at.OK
-    p, y, slope = np.empty(_SIZE), np.empty(4), np.empty(4)
-    for i in range(first, last):
-        _load(lanes, i, p)
-        for row in range(4):
-            y[row] = lanes[row, i]
+    prefer_widest_vectors()
+    stay_apart()
+    substeps, finite, status = int(model[SUBSTEPS]), model[IS_FINITE] > 0.0, at.OK
+    h = model[at.SAMPLE_INTERVAL] / substeps
+    for i in range(first, last, LANES):
+        count = min(LANES, last - i)
+        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         for k in range(substeps):
-            _field(model, lanes, i, p, y, k * h, finite, slope)
-            y[2] += h * slope[2]
-            y[3] += h * slope[3]
-            y[0] += h * y[2]
-            y[1] += h * y[3]
-        status = max(status, _store(lanes, i, y))
+            a1, a2 = _field(p, finite, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2)
+            v1, v2 = v1 + h * a1, v2 + h * a2
+            x1, x2 = x1 + h * v1, x2 + h * v2
+        status = max(status, write_state(lanes, i, count, x1, x2, v1, v2))
     return status
 
 
-@kernel
-def _load(lanes, i, p):
-    """Write what the equations of lane i need to p (_SIZE,), in SI units."""
-    p[_BY_M1], p[_BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
-    p[_K1], p[_ALPHA], p[_BETA] = lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i]
-    p[_D], p[_C], p[_FORCE] = lanes[at.D, i], lanes[at.C, i], lanes[at.FORCE, i]
-    p[_K0], p[_L0], p[_STRETCH] = lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i]
-    p[_K2] = stiffness(p[_K0], p[_STRETCH])
+@inlined_kernel
+def _state(lanes, i, count):
+    """Return the state of the lanes i .. i + count - 1."""
+    x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
+    return x1, x2, read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
 
 
-@kernel
-def _field(model, lanes, i, p, y, elapsed, finite, slope):
-    """Write the time derivative of the state.
+@inlined_kernel
+def _constants(lanes, i, count):
+    """Return what the equations of the lanes i .. i + count - 1 need, in SI units."""
+    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    return (
+        (1.0 / read(lanes, at.M1, i, count), 1.0 / read(lanes, at.M2, i, count)),
+        (read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)),
+        (read(lanes, at.BETA, i, count), read(lanes, at.D, i, count)),
+        (read(lanes, at.C, i, count), read(lanes, at.FORCE, i, count)),
+        (k0, read(lanes, at.L0, i, count), stretch, stiffness(k0, stretch)),
+    )
+
+
+@inlined_kernel
+def _field(p, finite, excitation, x1, x2, v1, v2):
+    """Return the accelerations [m/s^2].
 
     Parameters
     ----------
-    model, lanes, i
-        (m,) and (rows, count), read: what excites lane i.
     p
-        (_SIZE,) read: coefficients of the lane.
-    y
-        (4,) read: x1, x2 [m], v1, v2 [m/s].
-    elapsed
-        Time [s] since the start of the sample interval.
+        Coefficients of the lanes, see `_constants`.
     finite
         Whether the springs are of finite stretch.
-    slope
-        (4,) written [m/s, m/s^2].
+    excitation
+        Force on the carriage [N] and acceleration of the ground [m/s^2].
+    x1, x2, v1, v2
+        State [m, m/s].
     """
-    x1, offset, v1, v2 = y[0], y[1] - y[0], y[2], y[3]
+    (by_m1, by_m2), (k1, alpha), (beta, d), (c, held), (k0, l0, stretch, k2) = p
+    (force, ground), offset = excitation, x2 - x1
+    springs = pair_force(k0, l0, stretch, offset) if finite else k2 * offset
+    inner = c * (v2 - v1) + springs  # (3) of docs/model.md: smooth plants have no friction
+    outer = carriage_force(k1, alpha, beta, x1) + d * v1 - held
+    return (inner - outer + force) * by_m1 - ground, -inner * by_m2 - ground  # (1), (2)
+
+
+@inlined_kernel
+def _excitation(model, lanes, i, count, elapsed):
+    """Return force [N] and acceleration of the ground [m/s^2] some time [s] into an interval."""
+    force, ground = everywhere(0.0), everywhere(0.0)
+    if model[at.TERMS] > 0.0 or model[at.HARMONIC_COUNT] > 0.0:
+        for k in range(count):
+            pushed, shaken = _excitation_of(model, lanes, elapsed, i + k)
+            force, ground = with_element(force, k, pushed), with_element(ground, k, shaken)
+    return force, ground
+
+
+@borrowing_kernel
+def _excitation_of(model, lanes, elapsed, i):
+    """Return the same of one lane."""
     terms, part = int(model[at.TERMS]), elapsed / model[at.SAMPLE_INTERVAL]
     force = jet_value(lanes, int(model[at.JETS]), terms, part, i)
     ground = jet_value(lanes, int(model[at.JETS]) + terms, terms, part, i)
     for j in range(int(model[at.HARMONIC_COUNT])):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         turn = lanes[harmonic + at.FREQUENCY, i] * elapsed
-        value = lanes[harmonic + at.SINE, i] * math.cos(turn) + lanes[
-            harmonic + at.COSINE, i
-        ] * math.sin(turn)
+        value = lanes[harmonic + at.SINE, i] * math.cos(turn)
+        value += lanes[harmonic + at.COSINE, i] * math.sin(turn)
         value *= lanes[harmonic + at.AMPLITUDE, i]
         if (int(model[at.GROUND]) >> j) & 1:
             ground += value
         else:
             force += value
-    springs = pair_force(p[_K0], p[_L0], p[_STRETCH], offset) if finite else p[_K2] * offset
-    inner = p[_C] * (v2 - v1) + springs  # (3) of docs/model.md: smooth plants have no friction
-    outer = carriage_force(p[_K1], p[_ALPHA], p[_BETA], x1) + p[_D] * v1 - p[_FORCE]
-    slope[0], slope[1] = v1, v2
-    slope[2] = (inner - outer + force) * p[_BY_M1] - ground  # (1)
-    slope[3] = -inner * p[_BY_M2] - ground  # (2)
-
-
-@kernel
-def _store(lanes, i, y):
-    """Write the state back if it is finite."""
-    if not abs(y[0]) + abs(y[1]) + abs(y[2]) + abs(y[3]) < np.inf:
-        return at.DIVERGED
-    for row in range(4):
-        lanes[row, i] = y[row]
-    return at.OK
+    return force, ground

@@ -14,10 +14,10 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.memory import on_cache_line
+from mm_gym.kernels.simd import LANES, alike, larger, none, rows_of, smaller, where
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as taylor_step
-from mm_gym.methods.taylor.simd import LANES, alike, larger, none, rows_of, smaller, where
 
 FEWEST_LANES = 4
 """Lanes from which on a block is quicker than one lane after the other."""

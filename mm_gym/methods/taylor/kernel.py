@@ -17,8 +17,8 @@ from mm_gym.kernels.jets import write_series
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import interface_line, slip_intercept, stiffness
 from mm_gym.kernels.memory import span
+from mm_gym.kernels.simd import alike
 from mm_gym.methods.taylor import layout as rows
-from mm_gym.methods.taylor.simd import alike
 from mm_gym.methods.taylor.step_size_kernel import FEWEST, allotted, is_enough, step_of
 
 MOST_STEPS = 20_000

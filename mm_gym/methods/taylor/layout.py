@@ -7,7 +7,9 @@ import numpy as np
 from mm_gym.kernels import layout as at
 
 # Slots of the model.
-ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE = (at.MODEL_OWN + i for i in range(5))
+ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE, MODEL_END = (
+    at.MODEL_OWN + i for i in range(6)
+)
 
 # Rows of the series in one array, WIDTH apart: the state; x1**2; what `write_series` writes; both
 # sides' stretch of a finite pair, and stretch**-2; w in units of a part of the step; and 1 / n.

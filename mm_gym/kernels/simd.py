@@ -18,6 +18,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 from mm_gym.kernels.arithmetic import fma
+from mm_gym.kernels.jit import COMPILED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,10 +69,12 @@ class _RowsModel(models.PrimitiveModel):
         super().__init__(manager, fe_type, _NUMBERS.as_pointer())
 
 
-def _spread(builder: Any, kind: types.Type, value: Any) -> Any:
+def spread(builder: Any, kind: types.Type, value: Any) -> Any:
     """Return a vector as it is, a number once for each lane."""
     if kind == VECTOR:
         return value
+    if isinstance(kind, types.Integer):
+        value = builder.sitofp(value, ir.DoubleType())
     first = builder.insert_element(
         ir.Constant(_NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
     )
@@ -84,14 +87,14 @@ def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Cal
 
     def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pairs = zip(signature.args, arguments, strict=True)
-        return build(builder, *(_spread(builder, kind, value) for kind, value in pairs))
+        return build(builder, *(spread(builder, kind, value) for kind, value in pairs))
 
     if count == 1:
         return intrinsic(lambda _context, x: (result(x), codegen))
     return intrinsic(lambda _context, x, y: (result(x, y), codegen))
 
 
-def _call(builder: Any, name: str, *arguments: Any) -> Any:
+def call(builder: Any, name: str, *arguments: Any) -> Any:
     """Call a function of LLVM's on vectors."""
     kind = ir.FunctionType(_NUMBERS, [_NUMBERS] * len(arguments))
     function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
@@ -99,7 +102,7 @@ def _call(builder: Any, name: str, *arguments: Any) -> Any:
 
 
 def _absolute(builder: Any, x: Any) -> Any:
-    return _call(builder, "fabs", x)
+    return call(builder, "fabs", x)
 
 
 def _compare(symbol: str) -> Callable[..., Any]:
@@ -160,9 +163,9 @@ def _and(x, y):
 @intrinsic
 def _select(_context, mask, x, y):
     def build(_context, builder, signature, arguments):
-        chosen = _spread(builder, signature.args[1], arguments[1])
+        chosen = spread(builder, signature.args[1], arguments[1])
         return builder.select(
-            arguments[0], chosen, _spread(builder, signature.args[2], arguments[2])
+            arguments[0], chosen, spread(builder, signature.args[2], arguments[2])
         )
 
     return VECTOR(mask, x, y), build
@@ -201,6 +204,27 @@ def _compiled_none(condition):
     return lambda condition: not condition
 
 
+@intrinsic
+def _all_hold(_context, mask):
+    def build(_context, builder, _signature, arguments):
+        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("==", bits, ir.Constant(ir.IntType(LANES), -1))
+
+    return types.boolean(mask), build
+
+
+def all_hold(condition: bool) -> bool:  # noqa: FBT001 - as above
+    """Tell whether a condition holds in every lane."""
+    return bool(np.all(condition))
+
+
+@overload(all_hold)
+def _compiled_all_hold(condition):
+    if condition == MASK:
+        return lambda condition: _all_hold(condition)
+    return lambda condition: condition
+
+
 def larger(x: float, y: float) -> float:
     """Return the larger of two; the first where one is not a number."""
     return where(y > x, y, x)
@@ -225,7 +249,7 @@ def _smaller(x, y):
 def _fused(_context, x, y, z):
     def build(_context, builder, signature, arguments):
         pairs = zip(signature.args, arguments, strict=True)
-        return _call(builder, "fma", *(_spread(builder, kind, value) for kind, value in pairs))
+        return call(builder, "fma", *(spread(builder, kind, value) for kind, value in pairs))
 
     return VECTOR(x, y, z), build
 
@@ -276,7 +300,7 @@ def _compiled_write_bits(x):
 
 @intrinsic
 def _spread_number(_context, x):
-    return VECTOR(x), lambda _c, builder, signature, arguments: _spread(
+    return VECTOR(x), lambda _c, builder, signature, arguments: spread(
         builder, signature.args[0], arguments[0]
     )
 
@@ -331,8 +355,8 @@ def _getitem(rows, k):
 @intrinsic
 def _set(_context, rows, k, value):
     def build(context, builder, signature, arguments):
-        spread = _spread(builder, signature.args[2], arguments[2])
-        builder.store(spread, builder.gep(arguments[0], [arguments[1]]), align=64)
+        value = spread(builder, signature.args[2], arguments[2])
+        builder.store(value, builder.gep(arguments[0], [arguments[1]]), align=64)
         return context.get_dummy_value()
 
     return types.none(rows, k, value), build
@@ -341,3 +365,144 @@ def _set(_context, rows, k, value):
 @overload(operator.setitem)
 def _setitem(rows, k, value):
     return (lambda rows, k, value: _set(rows, k, value)) if rows == ROWS else None
+
+
+@intrinsic
+def _load(_context, lanes, row, i):
+    def build(context, builder, signature, arguments):
+        return builder.load(_pointer(context, builder, signature, arguments), align=8)
+
+    return VECTOR(lanes, row, i), build
+
+
+@intrinsic
+def _store(_context, lanes, row, i, value):
+    def build(context, builder, signature, arguments):
+        builder.store(arguments[3], _pointer(context, builder, signature, arguments), align=8)
+        return context.get_dummy_value()
+
+    return types.none(lanes, row, i, value), build
+
+
+def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """Return the address of LANES lanes of a row."""
+    kind = signature.args[0]
+    array = context.make_array(kind)(context, builder, arguments[0])
+    place = [
+        context.cast(builder, value, given, types.intp)
+        for value, given in zip(arguments[1:3], signature.args[1:3], strict=True)
+    ]
+    first = cgutils.get_item_pointer(context, builder, kind, array, place, wraparound=False)
+    return builder.bitcast(first, _NUMBERS.as_pointer())
+
+
+def load(lanes: NDArray[np.float64], row: int, i: int) -> NDArray[np.float64]:
+    """Return a row of the lanes i .. i + LANES - 1, which must exist."""
+    return lanes[row, i : i + LANES].copy()
+
+
+@overload(load)
+def _compiled_load(lanes, row, i):
+    return lambda lanes, row, i: _load(lanes, row, i)
+
+
+def store(lanes: NDArray[np.float64], row: int, i: int, value: NDArray[np.float64]) -> None:
+    """Write a row of the lanes i .. i + LANES - 1, which must exist."""
+    lanes[row, i : i + LANES] = value
+
+
+@overload(store)
+def _compiled_store(lanes, row, i, value):
+    return lambda lanes, row, i, value: _store(lanes, row, i, value)
+
+
+@intrinsic
+def _element(_context, x, k):
+    def build(_context, builder, _signature, arguments):
+        return builder.extract_element(*arguments)
+
+    return types.float64(x, k), build
+
+
+def element(x: NDArray[np.float64], k: int) -> float:
+    """Return the number of lane k."""
+    return x[k]
+
+
+@overload(element)
+def _compiled_element(x, k):
+    return lambda x, k: _element(x, k)
+
+
+@intrinsic
+def _with_element(_context, x, k, value):
+    def build(_context, builder, _signature, arguments):
+        x, k, value = arguments
+        return builder.insert_element(x, value, k)
+
+    return VECTOR(x, k, value), build
+
+
+def with_element(x: NDArray[np.float64], k: int, value: float) -> NDArray[np.float64]:
+    """Return a vector with the number of lane k replaced."""
+    changed = np.broadcast_to(x, LANES).copy()
+    changed[k] = value
+    return changed
+
+
+@overload(with_element)
+def _compiled_with_element(x, k, value):
+    return lambda x, k, value: _with_element(x, k, value)
+
+
+@intrinsic
+def _spread_wide(_context, x):
+    return VECTOR(x), lambda _c, builder, _s, arguments: spread(
+        builder, types.float64, arguments[0]
+    )
+
+
+def everywhere(x: float) -> NDArray[np.float64]:
+    """Return a vector of a number in every lane."""
+    return np.full(LANES, x)
+
+
+@overload(everywhere)
+def _compiled_everywhere(x):
+    return lambda x: _spread_wide(x)
+
+
+def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
+    """Return what a kernel calls for so many rows of a vector each, which live until it returns."""
+    if not COMPILED:
+        return lambda: np.empty((count, LANES))
+
+    @intrinsic
+    def rows(_context):
+        def build(_context, builder, _signature, _arguments):
+            return cgutils.alloca_once(builder, _NUMBERS, size=ir.Constant(ir.IntType(64), count))
+
+        return ROWS(), build
+
+    return rows
+
+
+@intrinsic
+def _stay_apart(_context):
+    def build(context, builder, _signature, _arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.none(), build
+
+
+def stay_apart() -> None:
+    """Keep the kernel that calls this from being inlined.
+
+    Its callers may not prefer the widest vectors, and would have them cut up.
+    """
+
+
+@overload(stay_apart, inline="always")
+def _compiled_stay_apart():
+    return lambda: _stay_apart()

@@ -1,0 +1,1 @@
+"""Extrapolated splitting, for a cubic spring at rates that a control step resolves."""

@@ -1,0 +1,279 @@
+"""Extrapolated splitting, for a cubic spring at rates that a control step resolves."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.kernels import laws
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.control_step import build
+from mm_gym.kernels.jit import plain
+from mm_gym.methods.base import Method, Option, Settings
+from mm_gym.methods.splitting import kernel
+from mm_gym.methods.splitting import layout as of
+from mm_gym.methods.support import SMOOTH_NONLINEAR
+from mm_gym.methods.taylor.method import Taylor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+
+TIGHTEST = 1e-12
+"""Smallest tolerance: the columns' round-off, some 1e-15, must not pass for their error."""
+
+LONGEST = 6.0
+"""Longest sample interval, in radians of the fastest oscillation; in longer ones the Taylor series,
+which chooses each step's length by itself, is cheaper."""
+
+MARGIN = 0.5
+"""Part of the tolerance that estimate and bound of the error may reach."""
+
+FINEST = 24
+"""Most substeps of the first column."""
+
+# Where a sample interval spans r radians and the first of k columns has n substeps, the estimate of
+# the error is ESTIMATE r^2 times the product, over the columns but the first, of (r / 2 n)^2; the
+# error itself is below ERROR_OF_SEVERAL times the same. That of one column is below
+# ERROR (r / n)^4 max(1, r): in a short interval at a turning point the velocity, which it is
+# relative to, is as small as r. Measured on CarriageForceDuffing, and doubled.
+_ESTIMATE, _ERROR_OF_SEVERAL, _ERROR = 1.5e-4, 1e-4, 1e-3
+_OVERHEAD = 0.7  # of a column, in substeps
+
+
+class Plan(NamedTuple):
+    """The columns of an interval.
+
+    Attributes
+    ----------
+    first
+        Substeps of the first column; each next one has one more.
+    columns
+        Columns whose error is expected to be below the tolerance.
+    """
+
+    first: int
+    columns: int
+
+    @property
+    def counts(self) -> range:
+        """Substeps of each column."""
+        return range(self.first, self.first + self.columns)
+
+
+class Splitting(Method):
+    """Kicks and drifts in several columns of substeps, extrapolated until they agree."""
+
+    name = "splitting"
+    title = "extrapolated splitting"
+    how = (
+        "fourth-order splitting into exact drifts and kicks with the force's gradient, in one "
+        "number of substeps or extrapolated from several; what misses the tolerance is redone by "
+        "the Taylor series"
+    )
+    kinds = (SMOOTH_NONLINEAR,)
+    entries = build(kernel.propagate)
+    option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
+
+    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
+        """Return why the method does not apply, or None if it does."""
+        if settings is not None and settings.tolerance < TIGHTEST:
+            return f"solver.tolerance is below {TIGHTEST:g}"
+        return super().obstacle(support)
+
+    def limit(self, support: Support) -> str | None:
+        """Return why not, unless masses and dampers are fixed and nothing else excites them."""
+        rows = (at.M1, at.M2, at.D, at.C, at.K1, at.ALPHA, at.BETA, at.K0)
+        drawn = [name for name, row in support.names.items() if row in rows]
+        varying = [name for name in drawn if not support.fixed(support.names[name])]
+        if varying:
+            return f"{varying[0]} is randomised"
+        if support.high[at.L0] > 0.0:
+            return "the springs are of finite stretch"
+        if support.ground or support.terms:
+            return "there is excitation besides impulses"
+        phase = fastest_frequency(support) * support.sample_interval
+        if not phase <= LONGEST:
+            return (
+                f"a sample interval spans {phase:.3g} radians of the fastest oscillation; "
+                f"at most {LONGEST:g}"
+            )
+        return None
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+        """Return the model of the Taylor series, then the columns and their weights."""
+        series = _SERIES.model(support, settings)
+        model = np.concatenate([series, np.zeros(of.END - len(series))])
+        high, plan = support.high, plan_of(support, settings)
+        model[of.FIRST_CHECK] = plan.columns
+        model[of.COLUMNS], model[of.LIMIT] = of.MOST, _limit(support, settings)
+        model[of.IS_SPRUNG] = high[at.K0] > 0.0
+        model[of.BY_M1], model[of.BY_M2] = 1.0 / high[at.M1], 1.0 / high[at.M2]
+        linear = model[of.LINEAR] = -high[at.K1] * high[at.ALPHA] / high[at.M1]
+        cubic = model[of.CUBIC] = -high[at.K1] * high[at.BETA] / high[at.M1]
+        model[of.K0] = high[at.K0]
+        lengths = support.sample_interval / np.arange(plan.first, plan.first + of.MOST)
+        drifts = drifts_of(high, 0.5 * lengths)
+        model[of.FURTHEST : of.FURTHEST + of.MOST] = furthest(support, settings, plan.first)
+        for k, (h, drift) in enumerate(zip(lengths, drifts, strict=True)):
+            middle, gradient = 2.0 * h / 3.0, h * h / 24.0
+            slot = of.COLUMN + of.COLUMN_SIZE * k
+            model[slot : slot + of.COLUMN_SIZE] = [
+                *(plan.first + k, h / 6.0, h / 3.0, middle, gradient),
+                *(middle * (1.0 + gradient * linear), 3.0 * middle * gradient * cubic),
+                *drift,
+            ]
+            slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
+            model[slot : slot + of.WEIGHTS_SIZE] = weights_of(plan.first, k + 1)
+        return model
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
+        """Return the order."""
+        return "2 more than twice the number of columns"
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work expected."""
+        first, columns = int(model[of.COLUMN + of.COUNT]), int(model[of.FIRST_CHECK])
+        counts = Plan(first, columns).counts
+        substeps = "one substep" if sum(counts) == 1 else f"{', '.join(map(str, counts))} substeps"
+        return (
+            f"some {30 * sum(counts)} products in {substeps}; more where that misses the tolerance"
+        )
+
+    def bound(self, settings: Settings) -> str:
+        """Return the tolerance."""
+        return f"{settings.tolerance:g} of the state's scale over a control step"
+
+
+_SERIES = Taylor()
+
+
+def _limit(support: Support, settings: Settings) -> float:
+    """Return what the estimate may reach in a sample interval."""
+    return MARGIN * settings.tolerance / support.intervals_per_step
+
+
+def fastest_frequency(support: Support) -> float:
+    """Return the fastest frequency [rad/s] at the largest amplitude that is to be expected.
+
+    That of the energy at the start, and of the held force. It decides on the cost alone.
+    """
+    low, high = support.low, support.high
+    x1, offset, v1, v2 = (
+        max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
+    )
+    linear, cubic = high[at.K1] * high[at.ALPHA], high[at.K1] * high[at.BETA]
+    energy = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
+    energy += linear * x1**2 + 0.5 * cubic * x1**4
+    # 0.5 cubic x^4 + linear x^2 = energy
+    square = (
+        2.0 * energy / (linear + math.sqrt(linear**2 + 2.0 * cubic * energy)) if energy else 0.0
+    )
+    outer = linear + 3.0 * cubic * square
+    return math.sqrt((outer + support.stiffest) / low[at.M1] + support.stiffest / low[at.M2])
+
+
+def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.float64]:
+    """Return the largest displacements [m], squared, at which 1, 2, ... columns may do (of.MOST,).
+
+    There the bound of their error, at the rate that follows from the springs' slope and from the
+    dampers, reaches the limit. Negative if it is beyond the limit even at rest.
+    """
+    high, limit = support.high, _limit(support, settings)
+    damping = plain(laws.largest_eigenvalue)(high[at.M1], high[at.M2], high[at.D], high[at.C])
+    longest = np.array([_longest(first, k + 1, limit) for k in range(of.MOST)])
+    rates = longest / support.sample_interval - damping
+    slopes = high[at.M1] * rates * abs(rates) - high[at.K1] * high[at.ALPHA] - _sprung(support)
+    return slopes / (3.0 * high[at.K1] * high[at.BETA])
+
+
+def _longest(first: int, columns: int, limit: float) -> float:
+    """Return the radians that an interval may span for an error of the columns below a limit."""
+    if columns == 1:
+        short = first * (limit / _ERROR) ** 0.25
+        return short if short <= 1.0 else (limit / _ERROR * float(first) ** 4) ** 0.2
+    scale = math.prod(2.0 * (first + k) for k in range(1, columns))
+    return (limit / _ERROR_OF_SEVERAL * scale**2) ** (0.5 / columns)
+
+
+def _sprung(support: Support) -> float:
+    """Return what the springs between the masses add to the carriage's stiffness, at most [N/m]."""
+    return support.stiffest * float(1.0 + support.high[at.M1] / support.low[at.M2])
+
+
+def plan_of(support: Support, settings: Settings) -> Plan:
+    """Return the cheapest plan for the fastest oscillation."""
+    phase = fastest_frequency(support) * support.sample_interval
+    return _plan(phase, _limit(support, settings))
+
+
+@lru_cache(maxsize=1024)
+def _plan(phase: float, limit: float) -> Plan:
+    plans: list[tuple[float, Plan]] = []
+    for first in range(1, FINEST + 1):
+        if phase <= min(_longest(first, 1, limit), 2.0 * first):
+            plans.append((first, Plan(first, 1)))
+        estimate = _ESTIMATE * phase**2
+        for columns in range(2, of.MOST):
+            estimate *= (phase / (2.0 * (first + columns - 1))) ** 2
+            if estimate <= limit and phase <= first:
+                plan = Plan(first, columns)
+                plans.append((sum(plan.counts) + _OVERHEAD * (columns + 2), plan))
+                break
+    return min(plans)[1] if plans else Plan(FINEST, of.MOST - 1)
+
+
+@lru_cache(maxsize=256)
+def weights_of(first: int, columns: int) -> NDArray[np.float64]:
+    """Return the weights of the columns' states, then what weighs them to the estimate.
+
+    Both are filled up with zeros to (of.MOST,) each. The estimate is the difference from the result
+    without the first column.
+    """
+    weights, without_first = np.zeros((2, of.MOST))
+    weights[:columns] = _extrapolating(range(first, first + columns))
+    if columns > 1:
+        without_first[1:columns] = _extrapolating(range(first + 1, first + columns))
+    return np.append(weights, weights - without_first)
+
+
+def _extrapolating(counts: range) -> list[float]:
+    """Return the weights that remove the powers 4, 6, ... of the substep from the error.
+
+    As fractions: their sums cancel.
+    """
+    matrix = [
+        [Fraction(1, n ** (2 + 2 * row) if row else 1) for n in counts] + [Fraction(row == 0)]
+        for row in range(len(counts))
+    ]
+    for j, pivot in enumerate(matrix):  # Gauss and Jordan: no pivot of distinct powers is 0
+        pivot[:] = [x / pivot[j] for x in pivot]
+        for row in matrix:
+            if row is not pivot:
+                row[:] = [x - row[j] * y for x, y in zip(row, pivot, strict=True)]
+    return [float(row[-1]) for row in matrix]
+
+
+def drifts_of(row: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how the dampers alone, v' = M v, let the masses drift in times [s], (n, 8).
+
+    What the velocities add to the positions (2, 2) [s], then what is left of them (2, 2). Scaled by
+    the roots of the masses M is symmetric.
+    """
+    roots = np.sqrt(row[[at.M1, at.M2]])
+    d, c = row[at.D], row[at.C]
+    rates, modes = np.linalg.eigh(-np.array([[c + d, -c], [-c, c]]) / np.outer(roots, roots))
+    phases = np.minimum(rates, 0.0) * times[:, None]
+    there, back = modes / roots[:, None], modes.T * roots
+    still = phases == 0.0
+    mean = np.where(still, 1.0, np.expm1(phases) / np.where(still, 1.0, phases))
+    added, left = (
+        np.einsum("ij,nj,jk->nik", there, factor, back)
+        for factor in (mean * times[:, None], np.exp(phases))
+    )
+    return np.concatenate([added.reshape(-1, 4), left.reshape(-1, 4)], axis=1)

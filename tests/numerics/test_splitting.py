@@ -1,0 +1,154 @@
+"""Does the extrapolated splitting keep its order, its tolerance and its lanes apart?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from oracle import error
+
+from mm_gym import CompileError, Scene, compile_scene, simulate
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.simd import LANES
+from mm_gym.methods.splitting import layout as of
+from mm_gym.methods.splitting import method
+from mm_gym.methods.splitting.method import TIGHTEST, Plan, drifts_of, weights_of
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.state_space.matrix_exponential import decimals, exponential
+
+from .conftest import assert_lanes_equal_single
+
+if TYPE_CHECKING:
+    from mm_gym.plant.plant import Plant
+
+FREE = Scene(
+    carriage={"cubic_coefficient": 2e6},
+    initial={"carriage_displacement": 0.004, "sphere_offset": 0.02, "carriage_velocity": 0.5},
+    control={"time_step": 2e-3, "steps": 20},
+    actuation={"force": {"limit": 4.0}},
+)
+SPRUNG = FREE.replace(
+    springs={"kind": "small_on_large", "stiffness": 35.0},
+    **{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}},
+)
+SCENES = {"free": FREE, "sprung": SPRUNG}
+
+
+def _end(plant: Plant, model: np.ndarray) -> np.ndarray:
+    """Return the state after one control step from the start with a model's constants."""
+    lane = Lanes(plant, 1)
+    lane.restart()
+    lane.values[at.FORCE] = 3.0
+    lane.raise_for(plant.method.entries.propagate(model, lane.values, 0, 1))
+    return lane.values[:4, 0].copy()
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.parametrize("columns", [1, 2, 3])
+def test_each_column_adds_two_orders(
+    name: str, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = compile_scene(SCENES[name])
+    exact = _end(plant, compile_scene(SCENES[name].replace(**{"solver.tolerance": 1e-12})).model)
+    counts = np.array([3, 4, 6, 8]) if columns < 3 else np.array([2, 3, 4])
+    errors = []
+    for first in counts:
+        monkeypatch.setattr(method, "plan_of", lambda *_, first=first: Plan(int(first), columns))
+        model = plant.method.model(plant.support, plant.settings)
+        # Whatever the error is.
+        model[of.LIMIT], model[of.FURTHEST : of.FURTHEST + of.MOST] = np.inf, np.inf
+        errors.append(error(_end(plant, model), exact, np.array([0.01, 0.01, 1.0, 1.0])))
+    middle = counts + 0.5 * (columns - 1)
+    slope = -np.polyfit(np.log(middle), np.log(errors), 1)[0]
+    # Columns of n and n + 1 substeps are not one of n + 1/2: the slope is steeper by some percent.
+    assert slope == pytest.approx(2 + 2 * columns, rel=0.15)
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-3, 1e-6, 1e-9, 1e-12])
+def test_splitting_meets_the_series(name: str, tolerance: float) -> None:
+    scene = SCENES[name].replace(**{"solver.method": "splitting", "solver.tolerance": tolerance})
+    series = scene.replace(**{"solver.method": "taylor", "solver.tolerance": 1e-15})
+    actions = np.random.default_rng(1).uniform([-4.0, 1.0], [4.0, 3.0], (20, 2))
+    actions = actions[:, : len(compile_scene(scene).actuators)]
+    got, want = (simulate(one, action=actions).state for one in (scene, series))
+    # Twenty errors add up, and grow with the amplitude's effect on the frequency.
+    assert error(got, want, np.array([0.02, 0.02, 1.0, 1.0])) <= 40.0 * max(tolerance, 1e-15)
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-7, 1e-10])
+@pytest.mark.parametrize("count", [LANES + 5, 2 * LANES, 3])
+def test_lane_in_a_vector_equals_lane_alone(name: str, tolerance: float, count: int) -> None:
+    # From rest to ten times the energy that the plan is for: some lanes need more columns, some the
+    # series.
+    scene = SCENES[name].replace(
+        **{
+            "initial.carriage_displacement": (-0.003, 0.003),
+            "solver.tolerance": tolerance,
+            "actuation.force.limit": 60.0,
+        }
+    )
+    assert_lanes_equal_single(compile_scene(scene), 20, count)
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_lane_that_misses_the_tolerance_is_redone_by_the_series(name: str) -> None:
+    plant = compile_scene(SCENES[name])
+    series = compile_scene(SCENES[name].replace(**{"solver.method": "taylor"}))
+    assert (plant.method.name, series.method.name) == ("splitting", "taylor")
+    ends = []
+    for one in (plant, series):
+        lanes = Lanes(one, LANES)
+        lanes.restart()
+        lanes.values[at.X1, 5] = 0.05
+        lanes.raise_for(one.method.entries.propagate(one.model, lanes.values, 0, LANES))
+        ends.append(lanes.values[:4].copy())
+    assert np.array_equal(ends[0][:, 5], ends[1][:, 5])
+    assert not np.array_equal(ends[0][:, 4], ends[1][:, 4])
+
+
+def test_weights_extrapolate_an_error_in_even_powers() -> None:
+    for first in (1, 2, 7):
+        for columns in range(1, of.MOST + 1):
+            weights = weights_of(first, columns)[:columns]
+            substeps = 1.0 / np.arange(first, first + columns)
+            # Each sum loses as many digits as its terms cancel.
+            for power in range(2, columns + 1):
+                terms = weights * substeps ** (2 * power)
+                assert abs(terms.sum()) <= 1e-14 * np.abs(terms).sum()
+            assert abs(weights.sum() - 1.0) <= 1e-15 * np.abs(weights).sum()
+
+
+def test_drifts_are_the_exponential_of_the_dampers() -> None:
+    row = np.zeros(at.HARMONICS)
+    row[[at.M1, at.M2, at.D, at.C]] = 0.1, 0.04, 1.3, 0.7
+    generator = np.zeros((4, 4))
+    generator[:2, 2:] = np.eye(2)
+    generator[2:, 2:] = [[-20.0, 7.0], [17.5, -17.5]]
+    times = np.array([1e-4, 0.1])
+    for time, drift in zip(times, drifts_of(row, times), strict=True):
+        want = exponential(decimals(generator), time)
+        assert np.abs(drift[:4] - want[:2, 2:].ravel()).max() <= 1e-15
+        assert np.abs(drift[4:] - want[2:, 2:].ravel()).max() <= 1e-15
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"randomization": {"sphere.mass": (0.03, 0.05)}}, "sphere.mass is randomised"),
+        ({"control.time_step": 0.1}, "radians of the fastest oscillation"),
+        ({"solver.tolerance": 0.5 * TIGHTEST}, "solver.tolerance is below 1e-12"),
+        (
+            {"excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]},
+            "there is excitation besides impulses",
+        ),
+    ],
+)
+def test_what_it_does_not_cover_is_left_to_the_series(changes: dict, why: str) -> None:
+    plant = compile_scene(FREE.replace(**changes))
+    assert plant.method.name == "taylor"
+    assert f"not extrapolated splitting: {why}" in plant.explain() or why in plant.explain()
+    with pytest.raises(CompileError, match="'splitting' does not apply"):
+        compile_scene(FREE.replace(**changes, **{"solver.method": "splitting"}))
