@@ -44,6 +44,7 @@ FINEST = 24
 # relative to, is as small as r. Measured on CarriageForceDuffing, and doubled.
 _ESTIMATE, _ERROR_OF_SEVERAL, _ERROR = 1.5e-4, 1e-4, 1e-3
 _OVERHEAD = 0.7  # of a column, in substeps
+_ROUND_OFF = 2e-15  # of a column; the weights multiply it
 
 
 class Plan(NamedTuple):
@@ -82,9 +83,14 @@ class Splitting(Method):
 
     def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
         """Return why the method does not apply, or None if it does."""
-        if settings is not None and settings.tolerance < TIGHTEST:
+        obstacle = super().obstacle(support)
+        if obstacle is not None or settings is None:
+            return obstacle
+        if settings.tolerance < TIGHTEST:
             return f"solver.tolerance is below {TIGHTEST:g}"
-        return super().obstacle(support)
+        if plan_of(support, settings) is None:
+            return f"its round-off is beyond solver.tolerance = {settings.tolerance:g}"
+        return None
 
     def limit(self, support: Support) -> str | None:
         """Return why not, unless masses and dampers are fixed and nothing else excites them."""
@@ -110,8 +116,10 @@ class Splitting(Method):
         series = _SERIES.model(support, settings)
         model = np.concatenate([series, np.zeros(of.END - len(series))])
         high, plan = support.high, plan_of(support, settings)
+        assert plan is not None  # noqa: S101 - else there is an obstacle
         model[of.FIRST_CHECK] = plan.columns
-        model[of.COLUMNS], model[of.LIMIT] = of.MOST, _limit(support, settings)
+        limit = model[of.LIMIT] = _limit(support, settings)
+        model[of.COLUMNS] = max(plan.columns, _most_columns(plan.first, limit))
         model[of.IS_SPRUNG] = high[at.K0] > 0.0
         model[of.BY_M1], model[of.BY_M2] = 1.0 / high[at.M1], 1.0 / high[at.M2]
         linear = model[of.LINEAR] = -high[at.K1] * high[at.ALPHA] / high[at.M1]
@@ -206,26 +214,42 @@ def _sprung(support: Support) -> float:
     return support.stiffest * float(1.0 + support.high[at.M1] / support.low[at.M2])
 
 
-def plan_of(support: Support, settings: Settings) -> Plan:
-    """Return the cheapest plan for the fastest oscillation."""
+def plan_of(support: Support, settings: Settings) -> Plan | None:
+    """Return the cheapest plan for the fastest oscillation; None if each misses the tolerance."""
     phase = fastest_frequency(support) * support.sample_interval
     return _plan(phase, _limit(support, settings))
 
 
 @lru_cache(maxsize=1024)
-def _plan(phase: float, limit: float) -> Plan:
-    plans: list[tuple[float, Plan]] = []
+def _plan(phase: float, limit: float) -> Plan | None:
+    best: tuple[float, Plan | None] = (math.inf, None)
     for first in range(1, FINEST + 1):
+        if first > best[0]:
+            break  # more substeps only cost more
         if phase <= min(_longest(first, 1, limit), 2.0 * first):
-            plans.append((first, Plan(first, 1)))
+            best = min(best, (float(first), Plan(first, 1)), key=lambda one: one[0])
         estimate = _ESTIMATE * phase**2
         for columns in range(2, of.MOST):
             estimate *= (phase / (2.0 * (first + columns - 1))) ** 2
             if estimate <= limit and phase <= first:
                 plan = Plan(first, columns)
-                plans.append((sum(plan.counts) + _OVERHEAD * (columns + 2), plan))
+                cost = sum(plan.counts) + _OVERHEAD * (columns + 2)
+                if cost < best[0] and _can_extrapolate(first, columns, limit):
+                    best = cost, plan
                 break
-    return min(plans)[1] if plans else Plan(FINEST, of.MOST - 1)
+    return best[1]
+
+
+@lru_cache(maxsize=1024)
+def _most_columns(first: int, limit: float) -> int:
+    """Return how many columns can be extrapolated with their round-off below a limit."""
+    return next(k for k in range(of.MOST, 0, -1) if k == 1 or _can_extrapolate(first, k, limit))
+
+
+def _can_extrapolate(first: int, columns: int, limit: float) -> bool:
+    """Tell whether the weighed round-off of the columns is below a limit."""
+    weights = _extrapolating(range(first, first + columns))
+    return _ROUND_OFF * sum(map(abs, weights)) <= limit
 
 
 @lru_cache(maxsize=256)
