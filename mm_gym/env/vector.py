@@ -54,7 +54,8 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
         ``reset(options={"reset_mask": mask})``.
     copy
-        If false, the returned arrays are views of memory that the next step overwrites.
+        If false, observations and the arrays of ``info`` are read-only views of memory that the next
+        step overwrites. Rewards, terminated and truncated are always the caller's own.
     threads
         Number of numba's threads among which the lanes of a step are divided; results do not depend
         on it. Useful from some thousand lanes on, if as many processors are free and numba finds
@@ -99,7 +100,7 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._views = [array.T for array in lanes.outputs]
+        self._views = [_read_only(array.T) for array in lanes.outputs]
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
@@ -262,9 +263,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, rewards, terminated, truncated, states and what was applied."""
-        if not self._copy:
-            return self._views
-        return [array.T for array in copies or self._lanes.copies()]
+        if self._copy:
+            return [array.T for array in copies or self._lanes.copies()]
+        observed, rewards, terminated, truncated, state, applied = self._views
+        return observed, rewards.copy(), terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
@@ -287,3 +289,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = seeded
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
