@@ -61,7 +61,7 @@ class Work:
     throughput
         The first instant's energy, and the absolute work of every step and kind added up: the scale
         of the balance's round-off. Where the carriage's spring has a negative coefficient, the
-        largest `gross_energy` so far comes on top.
+        largest `gross_energy` so far takes the place of the first instant's energy.
     """
 
     control: Array
@@ -119,7 +119,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
     p, stretch = recording.parameters, recording.applied[np.minimum(place.row, recording.last), 1]
     if min(p[at.ALPHA], p[at.BETA]) < 0.0:  # energies of both signs cancel
-        scale += np.maximum.accumulate(gross_energy(p, state, stretch))
+        scale += np.maximum.accumulate(gross_energy(p, state, stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
 
