@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
-    text = "draw the paper's figures and compare its numbers"
+    text = "draw the paper's figures, and one of a bistable carriage; compare the paper's numbers"
     command = commands.add_parser("paper", help=text, description=text)
     command.add_argument("--figure", metavar="NAME", help="one figure only, such as fig10")
     command.add_argument("--out", metavar="DIR", required=True)

@@ -19,6 +19,7 @@ from agents.controllers.controller import columns
 from agents.controllers.lqr import LQR, DesignError
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
+from agents.controllers.stable_rest import has_stable_rest
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 
@@ -50,19 +51,25 @@ def baselines(scene: Scene) -> list[Controller]:
 
 
 def classical_laws(scene: Scene) -> list[Controller]:
-    """Return the tuned laws that need nothing but the present state."""
+    """Return the tuned laws that need nothing but the present state.
+
+    Those that tune the springs about an unstable middle of the carriage are left out.
+    """
+    stable = has_stable_rest(scene)
     match columns(scene):
         case ("force",):
             return [*regulators(scene), best_velocity_feedback(scene)]
         case ("stretch",):
-            return [best_phase_law(scene), best_clipped_lqr(scene)]
+            return [best_phase_law(scene), best_clipped_lqr(scene)] if stable else []
         case _:
-            return [best_lqr_at_constant_stretch(scene), best_lqr_with_clipped_lqr(scene)]
+            held = best_lqr_at_constant_stretch(scene)
+            return [held, best_lqr_with_clipped_lqr(scene)] if stable else [held]
 
 
 def informed_laws(scene: Scene) -> list[Controller]:
     """Return the laws that know what an agent does not."""
-    if FREQUENCY in scene.randomization and columns(scene) == ("stretch",):
+    known = FREQUENCY in scene.randomization and has_stable_rest(scene)
+    if known and columns(scene) == ("stretch",):
         return [MatchingStretch(scene)]
     return []
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import corners
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.escapes import are_terminated
 from mm_gym.kernels.excitation import excite, excited
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
@@ -172,8 +173,13 @@ def in_turn(cross: Callable[..., int], propagate: Callable[..., object]) -> Call
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
-            status = max(status, move(task, model, lanes, streams, actions, start, stop))
-            status = max(status, check_termination(task, lanes, ends, start, stop))
+            outcome = move(task, model, lanes, streams, actions, start, stop)
+            ended = check_termination(task, lanes, ends, start, stop)
+            if outcome == at.ESCAPED and are_terminated(
+                lanes, ends, model[at.SAMPLE_INTERVAL], start, stop
+            ):
+                outcome = at.OK
+            status = max(status, outcome, ended)
             if task[at.IS_DERIVED] > 0.0:
                 derive(model, lanes, start, stop)
             observe(task, lanes, frames, streams, start, stop)

@@ -19,6 +19,7 @@ from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.outputs import copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
+from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.memory import rows_of
 from mm_gym.simulation.threads import Threads
 
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
 
 STATE_ARRAYS = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the state of a set of lanes."""
-
-MOST_NAMED = 5
-"""Lanes named in a message, at most."""
 
 
 class Lanes:
@@ -272,20 +270,14 @@ class Lanes:
     def _state(self) -> dict[str, NDArray[Any]]:
         return {name: getattr(self, name) for name in STATE_ARRAYS}
 
-    def raise_for(self, status: int) -> None:
-        """Raise the error that a status code stands for, if it is one."""
+    def raise_for(self, status: int, unfinished: int = 0) -> None:
+        """Raise the error that a status code stands for, if it is one.
+
+        The number of unfinished control steps is that of those which the clock does not show yet.
+        """
         if status > at.NOT_FINITE:
-            msg = f"{self.plant.method.name}{self._lost()}: {at.MESSAGES[status]}"
-            raise SimulationError(msg)
+            age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
+            raise SimulationError(text_of(self.plant, self.values, status, age + unfinished))
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
-
-    def _lost(self) -> str:
-        """Name the lanes whose state or cost is not finite, if there is more than one lane."""
-        rows = self.values[[at.X1, at.X2, at.V1, at.V2, at.REWARD]]
-        lost = np.flatnonzero(~np.isfinite(rows).all(axis=0))
-        if self.count == 1 or not lost.size:
-            return ""
-        named = ", ".join(map(str, lost[:MOST_NAMED]))
-        return f", lane {named}" + (", ..." if lost.size > MOST_NAMED else "")

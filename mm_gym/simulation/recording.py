@@ -111,7 +111,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         recording.applied[first:last],
         recording.jets[first:last],
     )
-    lanes.raise_for(status)
+    lanes.raise_for(status, unfinished=1)
 
 
 def column(recording: Recording, row: int, elapsed: float, duration: float) -> Array:
