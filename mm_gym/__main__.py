@@ -18,7 +18,7 @@ from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
 from mm_gym.simulation.simulate import simulate
-from mm_gym.task_files import is_id, path_of
+from mm_gym.task_files import ids, is_id, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,6 +67,10 @@ def _parser() -> argparse.ArgumentParser:
         if name == "work-precision":
             command.add_argument("--out", metavar="DIR", help="write CSV table and PNG figure")
             command.add_argument("--seed", type=_seed, default=0, metavar="N")
+    text = "compile what scenes need, all tasks by default, and keep it for later processes"
+    command = commands.add_parser("warm", help=text, description=text)
+    command.add_argument("scene", metavar="TASK or SCENE.toml", nargs="*")
+    command.set_defaults(run=_warm)
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
@@ -136,6 +140,20 @@ def _simulate(options: argparse.Namespace) -> None:
         trajectory.to_csv(options.csv)
     if options.plot is not None:
         trajectory.plot(options.plot)
+
+
+def _warm(options: argparse.Namespace) -> None:
+    from mm_gym.simulation.warm import warm  # noqa: PLC0415 - other commands do not need it
+
+    names: list[str] = options.scene or ids()
+    scenes = [(name, load_scene(name)) for name in names]
+    total = 0.0
+    for count, (name, scene) in enumerate(scenes, 1):
+        print(f"{count}/{len(scenes)} {name}: ", end="", flush=True)
+        seconds = warm(scene)
+        print(f"{seconds:.1f} s", flush=True)
+        total += seconds
+    print(f"compiled, {total:.1f} s in total")
 
 
 def _work_precision(options: argparse.Namespace) -> None:

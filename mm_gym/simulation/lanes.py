@@ -16,6 +16,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
+from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
@@ -68,6 +69,7 @@ class Lanes:
 
     def __init__(self, plant: Plant, count: int, threads: int = 1) -> None:
         self.plant = plant
+        self._advance = plant.method.entries.advance_of(excited=plant.support.sampled)
         self.count = count
         self._allocate()
         self.outputs: tuple[NDArray[Any], ...] = (
@@ -83,6 +85,7 @@ class Lanes:
         self._nothing_fixed = self._rows_and_values({})
         self._bind_steps()
         self._bind_episodes()
+        expect(self._advance, episodes.start, episodes.show_first)
 
     def _allocate(self) -> None:
         plant, count = self.plant, self.count
@@ -100,7 +103,7 @@ class Lanes:
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
 
     def _bind_steps(self) -> None:
-        bind, advance = self._threads.bind, self.plant.method.entries.advance
+        bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         constants = np.concatenate([self.plant.task, self.plant.model])
         outputs = (*rows, self.applied_rows.start)
@@ -130,8 +133,7 @@ class Lanes:
         It takes less time than `advance`, because it does not check the dtype.
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
-        advance = self.plant.method.entries.advance
-        entry = entry_point(advance, *self._step_arguments, actions, 0, self.count)
+        entry = entry_point(self._advance, *self._step_arguments, actions, 0, self.count)
         return partial(entry, *self._step_arguments)
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:

@@ -100,7 +100,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         If the propagation cannot be completed.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    status = plant.method.entries.run(
+    status = plant.method.entries.run_of(excited=plant.support.sampled)(
         plant.model,
         plant.task,
         lanes.values,
