@@ -13,13 +13,14 @@ from typing import Annotated, Self
 import gymnasium
 import numpy as np
 import tyro
-from pydantic import Field, model_validator
+from pydantic import Field, JsonValue, model_validator
 
 from agents.controllers.lqr import DesignError
 from agents.policies import PolicyError
 from agents.recording.dataset import DatasetError, free_id, write
 from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
+from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
 from agents.training.runs import RunError
 from mm_gym import ActionError, SceneError, SimulationError, load_scene
 from mm_gym.scene import Part
@@ -34,6 +35,8 @@ class RecordSettings(Part):
 
     task: Annotated[str, tyro.conf.Positional] = "mm_gym/CarriageForce-v0"
     """a registered id"""
+    changes: Changes = Field(default_factory=dict[str, JsonValue])
+    """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     controller: str = "random"
     """a law's name (a wrong one lists those of the task), the folder of a run, or a .npz file"""
     lanes: Annotated[int, Field(ge=1)] = 64
@@ -74,10 +77,11 @@ def record(settings: RecordSettings) -> str:
         If the controller is refused, or fails.
     """
     dataset_id = free_id(settings.wanted_id, new_version=settings.new_version)
-    scene = load_scene(settings.task)
+    scene = load_scene(settings.task).replace(**settings.changes)
+    arguments = {"changes": settings.changes} if settings.changes else {}
     generator = np.random.default_rng(settings.seed)
     law = law_of(settings.controller, scene, generator)
-    env = gymnasium.make(settings.task)
+    env = gymnasium.make(settings.task, **arguments)
     dataset = write(
         dataset_id,
         env,
@@ -87,7 +91,7 @@ def record(settings: RecordSettings) -> str:
             range(settings.seed, settings.seed + settings.episodes),
             lanes=settings.lanes,
             exploration=Exploration(settings.noise, generator),
-            arguments={},
+            arguments=arguments,
         ),
         {
             "algorithm_name": law.name,

@@ -27,6 +27,7 @@ def blocks(page):
 def run_page(page, folder):
     """Run the blocks of a page in order, and return what they print."""
     environment = os.environ | {
+        "OMP_NUM_THREADS": "1",  # the networks are small
         "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
     }

@@ -11,7 +11,8 @@ from tasks import CARRIAGE_FORCE
 from mm_gym import compile_scene
 
 STEPS, LIMIT = 20, 0.0095
-SCENE = CARRIAGE_FORCE.replace(**{"control.steps": STEPS, "objective.displacement_limit": LIMIT})
+CHANGES = {"control.steps": STEPS, "objective.displacement_limit": LIMIT}
+SCENE = CARRIAGE_FORCE.replace(**CHANGES)
 """Under random actions most episodes end at the limit, the others at the horizon."""
 
 ROUNDING = 2.0**-24
@@ -45,24 +46,29 @@ def residual_over_bound(observations, actions, following, action_rounding=0.0):
     return float((residual / (bound + 1e-11)).max())
 
 
+def check_shuffled(observations, actions, following, terminated, *, action_rounding=0.0):
+    """Check stored transitions (samples, ...) in any order."""
+    assert residual_over_bound(observations, actions, following, action_rounding) <= 1.0
+    beyond = np.abs(following[..., 0]) * SCENE.objective.displacement_scale > LIMIT
+    np.testing.assert_array_equal(terminated, beyond)
+    assert terminated.any()
+
+
 def check_transitions(
     observations, actions, following, terminated, truncated, *, action_rounding=0.0
 ):
     """Check stored transitions (steps, lanes, ...) in the order in which they were made."""
-    assert residual_over_bound(observations, actions, following, action_rounding) <= 1.0
+    check_shuffled(observations, actions, following, terminated, action_rounding=action_rounding)
     ended = terminated | truncated
     at_rest = (observations[..., 2:] == 0.0).all(axis=-1)
     # The transition after an end begins an episode; any other one continues.
     np.testing.assert_array_equal(ended[:-1], at_rest[1:])
     np.testing.assert_array_equal(following[:-1][~ended[:-1]], observations[1:][~ended[:-1]])
-    beyond = np.abs(following[..., 0]) * SCENE.objective.displacement_scale > LIMIT
-    np.testing.assert_array_equal(terminated, beyond)
     length = np.zeros(observations.shape[1], int)
     for begins, over, horizon in zip(at_rest, terminated, truncated, strict=True):
         length = np.where(begins, 1, length + 1)
         assert (length <= STEPS).all()
         np.testing.assert_array_equal(horizon | over, (length == STEPS) | over)
     # Ends of both kinds, and not of all lanes at once.
-    assert terminated.any()
     assert (truncated & ~terminated).any()
     assert observations.shape[1] == 1 or (ended.any(axis=1) & ~ended.all(axis=1)).any()

@@ -5,7 +5,7 @@ import minari
 import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH, TASKS
-from transitions import SCENE, STEPS, check_transitions
+from transitions import CHANGES, SCENE, STEPS, check_transitions
 
 from agents import record as command
 from agents.controllers.random_actions import RandomActions
@@ -43,6 +43,20 @@ def replay(dataset, episode):
     return [np.array(column) for column in (*zip(*rows, strict=True), *zip(*steps, strict=True))]
 
 
+def assert_replays(dataset, episode):
+    stored = (
+        episode.observations,
+        episode.infos["state"],
+        episode.infos["applied"],
+        episode.rewards,
+        episode.terminations,
+        episode.truncations,
+    )
+    for mine, again in zip(stored, replay(dataset, episode), strict=True):
+        assert (mine.dtype, mine.shape) == (again.dtype, again.shape)
+        assert mine.tobytes() == again.tobytes()
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_seed_and_actions_reproduce_an_episode_bitwise(name):
     dataset = minari.load_dataset(
@@ -50,19 +64,20 @@ def test_seed_and_actions_reproduce_an_episode_bitwise(name):
     )
     assert dataset.total_episodes == 5
     for episode in (dataset[0], dataset[4]):  # of two batches
-        stored = (
-            episode.observations,
-            episode.infos["state"],
-            episode.infos["applied"],
-            episode.rewards,
-            episode.terminations,
-            episode.truncations,
-        )
-        for mine, again in zip(stored, replay(dataset, episode), strict=True):
-            assert (mine.dtype, mine.shape) == (again.dtype, again.shape)
-            assert mine.tobytes() == again.tobytes()
+        assert_replays(dataset, episode)
         assert dataset.observation_space.contains(episode.observations[0])
         assert dataset.action_space.contains(episode.actions[0])
+
+
+def test_changed_scene_is_recovered_with_the_dataset():
+    dataset = minari.load_dataset(
+        record(RecordSettings(task=CARRIAGE, lanes=5, episodes=20, changes=CHANGES))
+    )
+    assert dataset.recover_environment().unwrapped.scene == SCENE
+    assert dataset.storage.metadata["scene_digest"] == SCENE.digest
+    assert {bool(episode.terminations[-1]) for episode in dataset} == {True, False}
+    for episode in dataset:
+        assert_replays(dataset, episode)
 
 
 def played(lanes, seeds=range(20), deviation=0.0):
@@ -197,6 +212,7 @@ def test_run_that_is_not_over_is_refused(tmp_path):
         (["--out", "mine//y"], "out: got 'mine//y'"),
         (["--out", "a b"], "out: got 'a b'"),
         (["--out", ""], "out: got ''"),
+        (["--changes", '{"control.stps": 3}'], "did you mean 'steps'?"),
     ],
 )
 def test_wrong_argument_is_named_and_nothing_is_written(arguments, words, monkeypatch, datasets):
