@@ -8,6 +8,7 @@ import pytest
 import mm_gym
 
 EXTRAS = ["torch", "stable_baselines3", "control", "matplotlib", "pygame", "tyro", "tensorboard"]
+EXTRAS += ["minari", "h5py"]
 
 PUBLIC = [
     "work_precision",
