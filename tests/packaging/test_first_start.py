@@ -104,6 +104,7 @@ def module(tmp_path, monkeypatch):
     def load():
         spec = importlib.util.spec_from_file_location("module", path)
         module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
         spec.loader.exec_module(module)
         return module
 
