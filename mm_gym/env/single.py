@@ -12,6 +12,7 @@ from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
+from mm_gym.env.terms import TERMS, Terms, checked_level
 from mm_gym.env.time_limit import let_follow, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.terms import InfoLevel
 
 SEEDS = 2**63
 """Number of seeds to choose from where none is given."""
@@ -55,9 +57,13 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
 
     Observation Space
     -----------------
-    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels` at the last
+    `Box(low, high, (history * channels,), float32)`: the channels of `sensors.channels` at the last
     `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
     `sensors.noise`. At an episode's start, the first frame stands for those before it.
+
+    Applied force and stretch are bounded by their actuators, unless they have noise; all else is
+    unbounded. A limit of the displacement is no bound, because the step that ends an episode goes
+    beyond it. Numbers too large for single precision are shown as its largest, 3.4e38.
 
     ===============================================  =========================================
     channel                                          scaled by
@@ -71,6 +77,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
     stretch [-]                                      actuation.stretch's minimum and maximum
                                                      become -1 and 1
+    applied_force [N]                                1 / actuation.force.limit
     ===============================================  =========================================
 
     Rewards
@@ -91,8 +98,15 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
 
     Information
     -----------
-    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, the
-    force [N] and stretch [-] that the actuators reached.
+    With ``info="light"``, the default: `state`, (4,) float64, x1, x2 [m], v1, v2 [m/s], ground
+    frame; `applied`, (k,) float64, the force [N] and stretch [-] that the actuators reached.
+
+    With ``info="full"`` also the terms of the reward, which is their sum: `reward_displacement`,
+    `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of
+    `objective` is exceeded and else 0, as safe reinforcement learning has it; and `constraint`, the
+    larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1, so negative
+    within the limits, and -1 without any. With ``info="none"`` nothing, for programs that copy each
+    entry.
 
     Continuation
     ------------
@@ -108,6 +122,8 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     changes
         Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
         of a scene file; a range is a list.
+    info
+        "none", "light" or "full": how much information steps return, see above.
 
     Through Gymnasium
     -----------------
@@ -122,15 +138,17 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
-    _prepared = frozenset({"plant", "_lanes", "_advance", "_views"})
+    _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views"})
 
     def __init__(
         self,
         scene: SceneLike,
         *,
         changes: Changes | None = None,
+        info: InfoLevel = "light",
         render_mode: str | None = None,
     ) -> None:
+        self._level = checked_level(info)
         self.scene, limit = scene_of(scene, changes), limit_of_maker()
         if limit is not None:
             self.scene = limited(self.scene, changes, limit)
@@ -150,6 +168,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         """
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, 1)
+        self._terms = Terms(self.plant)
         self._advance = lanes.advance_of(FLOAT32)
         column = lanes.values[:, 0]
         self._views = (
@@ -208,8 +227,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
             self._seeded = True
         self._lanes.restart(fixed=fixed)
         self._running = True
-        frame, _, state, applied = self._views
-        return frame.copy(), {"state": state.copy(), "applied": applied.copy()}
+        return self._views[0].copy(), self._info(None)
 
     def step(
         self, action: NDArray[np.floating]
@@ -244,8 +262,26 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         frame, reward, state, applied = self._views
-        info = {"state": state.copy(), "applied": applied.copy()}
+        if self._level == "light":  # the common case
+            info = {"state": state.copy(), "applied": applied.copy()}
+        else:
+            info = self._info(np.asarray(action))
         return frame.copy(), reward.item(), terminated, truncated, info
+
+    def _info(self, action: NDArray[np.floating] | None) -> dict[str, Any]:
+        """Return the information of a step, or of a reset, which has no action."""
+        if self._level == "none":
+            return {}
+        *_, state, applied = self._views
+        info: dict[str, Any] = {"state": state.copy(), "applied": applied.copy()}
+        if self._level == "light":
+            return info
+        lane = self._lanes.values[:4]
+        terms = dict.fromkeys(TERMS, 0.0)
+        if action is not None:
+            terms = {name: row.item() for name, row in self._terms.rewards(lane, action).items()}
+        limits = {name: row.item() for name, row in self._terms.constraint(lane).items()}
+        return info | terms | limits
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact state, random stream included, for `set_state`."""

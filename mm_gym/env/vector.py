@@ -25,6 +25,7 @@ from mm_gym.env.pickling import Picklable
 from mm_gym.env.single import SEEDS
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
+from mm_gym.env.terms import TERMS, Terms, checked_level
 from mm_gym.env.time_limit import Limit, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.terms import InfoLevel
     from mm_gym.scene.scene import Scene
 
 
@@ -47,8 +49,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
 
     Parameters
     ----------
-    scene, changes
-        As for `MovingMassEnv`.
+    scene, changes, info
+        As for `MovingMassEnv`. Entries of the information have a row for each lane.
     num_envs
         Number of lanes.
     max_episode_steps
@@ -73,7 +75,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
     _prepared = frozenset(
-        {"plant", "_lanes", "_views", "_finished", "_any_finished", "_everywhere"}
+        {"plant", "_lanes", "_terms", "_rewards", "_views"}
+        | {"_finished", "_any_finished", "_everywhere"}
     )
 
     def __init__(
@@ -82,6 +85,7 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         num_envs: int = 1,
         *,
         changes: Changes | None = None,
+        info: InfoLevel = "light",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
@@ -89,6 +93,7 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = checked_count(num_envs, "num_envs")
+        self._level = checked_level(info)
         self.scene = self._limited(scene_of(scene, changes), changes, max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
@@ -116,6 +121,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
+        self._terms = Terms(self.plant)
+        self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
         self._views = [_read_only(array.T) for array in lanes.outputs]
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
@@ -160,6 +167,7 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         fixed = self._lanes.checked(fields)
         self._seed(seed, mask)
         self._lanes.restart(mask, fixed)
+        self._forget_rewards(mask)
         self._finished[mask] = False
         self._any_finished = bool(self._finished.any())
         observations, *_, state, applied = self._outputs()
@@ -210,6 +218,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
             status, copies = self._lanes.advance_and_copy(actions)
         else:
             status = self._lanes.advance(actions)
+        if self._level == "full" and status <= at.ENDED:
+            self._rewards = self._terms.rewards(self._lanes.values[:4], actions)
         final = None
         if status or self._any_finished:
             final = self._end_and_restart_episodes(status)
@@ -252,8 +262,15 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
     def _restart(self, *, paused: bool = False) -> None:
         """Begin an episode in the finished lanes, see `Lanes.restart`."""
         self._lanes.restart(self._finished, paused=paused)
+        self._forget_rewards(self._finished)
         self._finished[:] = False
         self._any_finished = False
+
+    def _forget_rewards(self, mask: NDArray[np.bool_]) -> None:
+        """Set the terms of the reward to zero in lanes that begin an episode."""
+        if self._level == "full":
+            for row in self._rewards.values():
+                row[mask] = 0.0
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.
@@ -262,13 +279,11 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         """
         mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
         observed, *_, state, applied = self._lanes.outputs
+        info = self._entries(state.T, applied.T)
         last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
         observations = np.full(self.num_envs, None, dtype=object)
         observations[over] = np.fromiter(last, dtype=object, count=len(last))
-        zeroed = {
-            "state": np.where(mask, state, 0.0).T,
-            "applied": np.where(mask, applied, 0.0).T,
-        }
+        zeroed = {name: np.where(mask, rows.T, 0.0).T for name, rows in info.items()}
         masks = {f"_{name}": mask for name in zeroed}
         return {
             "final_obs": observations,
@@ -279,6 +294,9 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, rewards, terminated, truncated, states and what was applied."""
+        if self._copy and copies is None and self._level == "none":
+            shown = self._lanes.outputs[:4]
+            return [*(array.copy().T for array in shown), *self._views[4:]]
         if self._copy:
             return [array.T for array in copies or self._lanes.copies()]
         observed, rewards, terminated, truncated, state, applied = self._views
@@ -286,7 +304,30 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
-        return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
+        if self._level == "light":  # the common case
+            return {
+                "state": state,
+                "_state": everywhere,
+                "applied": applied,
+                "_applied": everywhere,
+            }
+        entries = self._entries(state, applied)
+        return entries | {f"_{name}": everywhere for name in entries}
+
+    def _entries(
+        self, state: NDArray[np.float64], applied: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the entries of the information, of all lanes."""
+        if self._level == "none":
+            return {}
+        entries = {"state": state, "applied": applied}
+        if self._level == "light":
+            return entries
+        return entries | self._rewards_and_limits()
+
+    def _rewards_and_limits(self) -> dict[str, NDArray[np.float64]]:
+        copies = {name: row.copy() for name, row in self._rewards.items()}
+        return copies | self._terms.constraint(self._lanes.values[:4])
 
     def get_state(self) -> dict[str, object]:
         """Return the exact state of all lanes, random streams included, for `set_state`.
