@@ -10,12 +10,14 @@ from gymnasium.error import ResetNeeded
 
 from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag_of, scene_of
 from mm_gym.env.pickling import Picklable
+from mm_gym.env.pictures import RENDER_MODES, renderer_of
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
 from mm_gym.env.time_limit import let_follow, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
+from mm_gym.rendering.playback import frames_per_second
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
@@ -137,8 +139,8 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
-    _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views"})
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012 - Gymnasium's own declaration
+    _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views", "_renderer"})
 
     def __init__(
         self,
@@ -157,6 +159,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         self._seeded = False
         self._running = False
         self._prepare()
+        self.metadata = self.metadata | {"render_fps": frames_per_second(self.plant)}
         self.action_space = action_space(self.plant)
         self.observation_space = observation_space(self.plant)
         self._shape = self.action_space.shape
@@ -170,6 +173,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         self._lanes = lanes = Lanes(self.plant, 1)
         self._terms = Terms(self.plant)
         self._advance = lanes.advance_of(FLOAT32)
+        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         column = lanes.values[:, 0]
         self._views = (
             lanes.observed[:, 0],
@@ -227,6 +231,8 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
             self._seeded = True
         self._lanes.restart(fixed=fixed)
         self._running = True
+        if self._renderer is not None:
+            self._renderer.note()
         return self._views[0].copy(), self._info(None)
 
     def step(
@@ -261,6 +267,8 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
             self._running = status == at.NOT_FINITE  # the action is refused, nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
+        if self._renderer is not None:
+            self._renderer.note()
         frame, reward, state, applied = self._views
         if self._level == "light":  # the common case
             info = {"state": state.copy(), "applied": applied.copy()}
@@ -293,3 +301,32 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
         self._lanes.restore(state, np.array([not running]))
         self._running, self._seeded = running, seeded
+        if self._renderer is not None:
+            self._renderer.note(watched=False)
+
+    def render(self) -> NDArray[np.uint8] | list[NDArray[np.uint8]] | None:  # pyright: ignore[reportIncompatibleMethodOverride] - Gymnasium does not declare a frame's type
+        """Return a picture, or the list of those since the last call; show it in mode "human".
+
+        Raises
+        ------
+        DependencyNotInstalled
+            Without pygame-ce.
+        ResetNeeded
+            Before the first reset.
+        """
+        frames = None if self._renderer is None else self._renderer.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
+        """Return keys -> action for `gymnasium.utils.play`; no key is its `noop`, an array too.
+
+        Left and right command -1 and 1 of the first actuator, down and up of a second one.
+        """
+        from mm_gym.rendering.keys import keys_to_action  # noqa: PLC0415 - needs pygame
+
+        return keys_to_action(self.plant.actuators)

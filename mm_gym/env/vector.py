@@ -22,6 +22,7 @@ from mm_gym.env.arguments import (
     scene_of,
 )
 from mm_gym.env.pickling import Picklable
+from mm_gym.env.pictures import RENDER_MODES, renderer_of
 from mm_gym.env.single import SEEDS
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
@@ -29,6 +30,7 @@ from mm_gym.env.terms import TERMS, Terms, checked_level
 from mm_gym.env.time_limit import Limit, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
+from mm_gym.rendering.playback import frames_per_second
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
@@ -73,9 +75,12 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
     Memory is component-major: observations are (num_envs, n) views in Fortran order.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": RENDER_MODES,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
     _prepared = frozenset(
-        {"plant", "_lanes", "_terms", "_rewards", "_views"}
+        {"plant", "_lanes", "_terms", "_rewards", "_views", "_renderer"}
         | {"_finished", "_any_finished", "_everywhere"}
     )
 
@@ -102,6 +107,7 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         self._threads = checked_count(threads, "threads")
         self._seeded = False
         self._prepare()
+        self.metadata["render_fps"] = frames_per_second(self.plant)
         self.single_action_space = action_space(self.plant)
         self.single_observation_space: Space[Any] = observation_space(self.plant)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -124,6 +130,7 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         self._terms = Terms(self.plant)
         self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
         self._views = [_read_only(array.T) for array in lanes.outputs]
+        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
@@ -170,6 +177,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         self._forget_rewards(mask)
         self._finished[mask] = False
         self._any_finished = bool(self._finished.any())
+        if self._renderer is not None:
+            self._renderer.note()
         observations, *_, state, applied = self._outputs()
         return observations, self._info(state, applied)
 
@@ -225,6 +234,8 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
             final = self._end_and_restart_episodes(status)
             if final:
                 copies = None  # they are of the end, not of the restart
+        if self._renderer is not None:
+            self._renderer.note()
         observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
         info = self._info(state, applied)
         if final:
@@ -346,6 +357,18 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = seeded
+        if self._renderer is not None:
+            self._renderer.note(watched=False)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return what `MovingMassEnv.render` does for every lane; "human" shows up to nine."""
+        frames = None if self._renderer is None else self._renderer.render()
+        return None if frames is None else tuple(frames)
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Gymnasium's signature
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
