@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.kernels import corners
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import excite, excited
+from mm_gym.kernels.crossing import at_none, by_pieces, by_superposition, unchanged
+from mm_gym.kernels.excitation import apply_first_impulses, excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
@@ -22,6 +22,7 @@ class Entries(NamedTuple):
     advance: Callable[..., int]
     run: Callable[..., int]
     propagate: Callable[..., int]
+    cross: Callable[..., int]
     stops_at_corners: bool
 
 
@@ -29,6 +30,8 @@ def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    respond: Callable[..., None] | None = None,
+    shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
@@ -41,10 +44,19 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    respond
+        For linear plants, the kernel that adds a response to an impulse, see
+        `mm_gym.kernels.crossing.by_superposition`. Without it `propagate` takes sample intervals of
+        any length up to the model's, and stops at impulses.
+    shorten
+        What else it needs for that, see `mm_gym.kernels.crossing.by_pieces`.
     stops_at_corners
-        Whether the method stops at the corners of records: it propagates intervals of any length.
+        Whether it stops at the corners of records too.
     """
-    cross = corners.between_corners(propagate) if stops_at_corners else corners.at_once(propagate)
+    if respond is not None:
+        cross = by_superposition(propagate, respond)
+    else:
+        cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
     step = at_once(in_turn(cross, propagate))
 
     @borrowing_kernel
@@ -116,6 +128,8 @@ def build(
                 k = n * int(model[at.INTERVALS]) + interval
                 if excited(model):
                     excite(model, lanes, streams, interval, 0, 1)
+                    clock = lanes[at.NOW, 0], model[at.INTERVALS], float(interval)
+                    apply_first_impulses(model, lanes, clock, 0, 1)
                 applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
@@ -130,7 +144,7 @@ def build(
             lanes[at.NOW, 0] += 1.0
         return at.OK
 
-    return Entries(advance, run, propagate, stops_at_corners)
+    return Entries(advance, run, propagate, cross, stops_at_corners)
 
 
 def in_turn(cross: Callable[..., int], propagate: Callable[..., object]) -> Callable[..., int]:

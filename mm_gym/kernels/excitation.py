@@ -3,9 +3,9 @@
 In each sample interval of length h, each part of the excitation adds a polynomial in t / h to a
 jet: to that of the force [N], or to that of the ground's acceleration [m/s^2].
 `mm_gym.kernels.jets` has what the methods read. Samples of filtered noise are linear in between; a
-sweep adds its Taylor series, whose remainder is below round-off; impulses change the velocities.
-Records are added last, because their corners may divide a sample interval: see
-`mm_gym.kernels.corners`.
+sweep adds its Taylor series, whose remainder is below round-off; impulses change the velocities,
+each at its own time. Impulses and the corners of records may divide a sample interval: see
+`mm_gym.kernels.crossing`.
 
 A kind of excitation is a code, its slots and rows, a branch in `begin_excitation` and one in
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
@@ -19,37 +19,34 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from mm_gym.kernels import impulses, record
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import record
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.memory import fill
 from mm_gym.kernels.noise import VALUE, advance_filter, prepare_filter, start_filter
-from mm_gym.kernels.random import uniform
 
 # Slots of the description, at the end of the model array: the number of parts that are not
-# harmonics, whether a record has corners between sample instants, SIZE slots for each part, then
-# the times and values of the records.
-CORNERS, FIRST, SIZE = 1, 2, 6
+# harmonics, whether a record has corners between sample instants, whether there are impulses, SIZE
+# slots for each part, then the times and values of the records.
+CORNERS, IMPULSES, FIRST, SIZE = 1, 2, 3, 6
 KIND, TARGET, ROW, OWN = 0, 1, 2, 3
 IMPULSE, SWEEP, FILTER, RECORD = 0, 1, 2, 3  # kinds
 FORCE, GROUND = 0, 1  # targets
 
 # Own slots of each kind.
-IS_RANGE, LOWEST, HIGHEST = OWN, OWN + 1, OWN + 2  # of an impulse's size
 IS_LOGARITHMIC = OWN
 PASSES_VELOCITY, IS_DRAWN = OWN, OWN + 1  # of a filter; drawn: its matrices differ between lanes
-# Those of a record are in `mm_gym.kernels.record`.
+# Those of impulses and records are in their modules.
 
-# Rows of each kind; those of noise and records are in their modules. Behind a sweep's cosines stand
-# as many sines: scratch of its series.
-IMPULSE_SIZE, RATE, TIME, NEXT = 0, 1, 2, 3  # NEXT: when the next random impulse comes [s]
-IMPULSE_ROWS = 4
+# Rows of each kind; those of noise, impulses and records are in their modules. Behind a sweep's
+# cosines stand as many sines: scratch of its series.
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
 
 SWEEP_TERMS = 14
 """Terms of a sweep's series; a sample interval spans half a radian: 0.5**14 / 14! is 7e-16."""
+
+STRIDE = 32
+"""Lanes looked at together for impulses, which are rare."""
 
 SWEEP_ROWS = COSINES + 2 * SWEEP_TERMS
 
@@ -87,7 +84,7 @@ def begin_excitation(model, lanes, streams, mask, first, last):
             slot = base + FIRST + SIZE * k
             kind = int(model[slot + KIND])
             if kind == IMPULSE:
-                _begin_impulses(model, slot, lanes, streams, i)
+                impulses.begin(lanes, int(model[slot + ROW]), streams, i)
             elif kind == SWEEP:
                 _begin_sweep(model, slot, lanes, i)
             elif kind == FILTER:
@@ -100,14 +97,14 @@ def begin_excitation(model, lanes, streams, mask, first, last):
 
 @borrowing_kernel
 def excite(model, lanes, streams, interval, first, last):
-    """Write the jets of a sample interval but for the records, and apply its impulses.
+    """Write the jets of a sample interval but for the records.
 
     Parameters
     ----------
     model
         (m,) float64, read.
     lanes
-        (rows, lanes) float64; velocities, jets and the rows of each part are written.
+        (rows, lanes) float64; jets and the rows of each part are written.
     streams
         (2, lanes) uint64, advanced.
     interval
@@ -122,9 +119,7 @@ def excite(model, lanes, streams, interval, first, last):
     for k in range(int(model[base])):
         slot = base + FIRST + SIZE * k
         kind = int(model[slot + KIND])
-        if kind == IMPULSE:
-            _apply_impulses(model, slot, lanes, streams, clock, first, last)
-        elif kind == SWEEP:
+        if kind == SWEEP:
             _add_sweep(model, slot, lanes, clock, first, last)
         elif kind == FILTER:
             _add_noise(model, slot, lanes, streams, clock, first, last)
@@ -145,60 +140,166 @@ def intervals_since(clock, began):
 
 
 @borrowing_kernel
-def _begin_impulses(model, slot, lanes, streams, i):
-    """Draw when the first random impulse comes."""
-    row = int(model[slot + ROW])
-    lanes[row + NEXT, i] = math.inf
-    if lanes[row + RATE, i] > 0.0:
-        lanes[row + NEXT, i] = _wait(streams, lanes[row + RATE, i], i)
-
-
-@borrowing_kernel
-def _wait(streams, rate, i):
-    """Return the time [s] from one random impulse to the next: that of a Poisson process."""
-    return -math.log(1.0 - uniform(streams, i)) / rate
-
-
-@borrowing_kernel
-def _apply_impulses(model, slot, lanes, streams, clock, first, last):
-    """Apply all impulses of a sample interval at its start.
-
-    One at a given time is applied at the nearest start of a sample interval.
+def apply_first_impulses(model, lanes, clock, first, last):
+    """Apply the impulses at the start of a sample interval; tell whether others come within it.
 
     Parameters
     ----------
     model
         (m,) float64, read.
-    slot
-        First slot of the part.
     lanes
-        (rows, lanes) float64; the velocities are written.
-    streams
-        (2, lanes) uint64, advanced.
+        (rows, lanes) float64; the velocities and the rows of the impulses are written.
     clock
         Three numbers, see above.
     first, last
         The lanes first .. last - 1.
     """
-    row, step = int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
-    ground, is_range = model[slot + TARGET] > 0.0, model[slot + IS_RANGE] > 0.0
-    low, high = model[slot + LOWEST], model[slot + HIGHEST]
+    some, step = False, model[at.SAMPLE_INTERVAL]
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if not is_impulse(model, slot):
+            continue
+        row = int(model[slot + ROW])
+        for start in range(first, last, STRIDE):
+            stop = min(start + STRIDE, last)
+            if impulses.some_inside(lanes, row, clock, step, start, stop):
+                some |= _apply_first(model, slot, lanes, clock, start, stop)
+    return some
+
+
+@borrowing_kernel
+def _apply_first(model, slot, lanes, clock, first, last):
+    """Do so for the impulses of a part in a few lanes."""
+    some, row, step = False, int(model[slot + ROW]) + impulses.NEXT, model[at.SAMPLE_INTERVAL]
     for i in range(first, last):
-        count, size = intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
-        total = 0.0
-        if np.floor(lanes[row + TIME, i] / step + 0.5) == count:
-            total += low + (high - low) * uniform(streams, i) if is_range else size
-        end = (count + 1.0) * step
-        # In a state that was set it may lie in the past, from where the loop would not catch up.
-        lanes[row + NEXT, i] = max(lanes[row + NEXT, i], count * step)
-        while lanes[row + NEXT, i] < end:
-            total += low + (high - low) * uniform(streams, i) if is_range else size
-            lanes[row + NEXT, i] += _wait(streams, lanes[row + RATE, i], i)
-        if ground:
-            lanes[at.V1, i] -= total  # (E4)
-            lanes[at.V2, i] -= total
-        elif total != 0.0:
-            lanes[at.V1, i] += total / lanes[at.M1, i]  # (E3)
+        count = intervals_since(clock, lanes[at.BEGAN, i])
+        if lanes[row, i] < impulses.before_end(count, step):
+            since = impulses.earliest(count, step)
+            while lanes[row, i] < impulses.after_start(count, step):
+                v1, v2 = take_impulse(model, slot, lanes, since, i)
+                lanes[at.V1, i] += v1
+                lanes[at.V2, i] += v2
+            some |= lanes[row, i] < impulses.before_end(count, step)
+    return some
+
+
+@borrowing_kernel
+def take_impulse(model, slot, lanes, since, i):
+    """Return by what the next impulse of a part changes v1 and v2 [m/s]."""
+    size = impulses.take(model, slot + OWN, lanes, int(model[slot + ROW]), since, i)
+    if model[slot + TARGET] > 0.0:
+        return -size, -size  # (E4)
+    return size / lanes[at.M1, i], 0.0  # (E3)
+
+
+@borrowing_kernel
+def has_impulses(model):
+    """Tell whether a part is impulses."""
+    return model[int(model[at.EXCITATION]) + IMPULSES] > 0.0
+
+
+@borrowing_kernel
+def some_impulse(model, lanes, clock, first, last):
+    """Tell whether in one of the lanes an impulse comes before the sample interval's end."""
+    step = model[at.SAMPLE_INTERVAL]
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_impulse(model, slot):
+            row = int(model[slot + ROW])
+            if impulses.some_inside(lanes, row, clock, step, first, last):
+                return True
+    return False
+
+
+@borrowing_kernel
+def next_impulse(model, lanes, count, i):
+    """Return when the next impulse comes in sample interval `count`, or the interval's end.
+
+    That is a time since the interval's start [s].
+    """
+    step = model[at.SAMPLE_INTERVAL]
+    earliest = step
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_impulse(model, slot):
+            time = lanes[int(model[slot + ROW]) + impulses.NEXT, i]
+            if time < impulses.before_end(count, step):
+                earliest = min(earliest, max(time - count * step, 0.0))
+    return earliest
+
+
+@borrowing_kernel
+def take_impulses(model, lanes, count, elapsed, i):
+    """Return by what the impulses until some time of an interval change v1 and v2 [m/s].
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    lanes
+        (rows, lanes) float64; the rows of the impulses are written.
+    count
+        Number of the sample interval in the episode.
+    elapsed
+        Time since its start [s].
+    i
+        The lane.
+    """
+    step, v1, v2 = model[at.SAMPLE_INTERVAL], 0.0, 0.0
+    start, since = count * step, impulses.earliest(count, step)
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_impulse(model, slot):
+            row = int(model[slot + ROW])
+            while lanes[row + impulses.NEXT, i] - start <= elapsed:
+                first, second = take_impulse(model, slot, lanes, since, i)
+                v1, v2 = v1 + first, v2 + second
+    return v1, v2
+
+
+@borrowing_kernel
+def pass_impulses(model, lanes, count):
+    """Leave out the impulses of lane 0 until the start of sample interval `count`."""
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_impulse(model, slot):
+            next_row = int(model[slot + ROW]) + impulses.NEXT
+            while lanes[next_row, 0] < impulses.after_start(count, model[at.SAMPLE_INTERVAL]):
+                take_impulse(model, slot, lanes, 0.0, 0)
+
+
+@borrowing_kernel
+def write_impulses(model, lanes, intervals, found):
+    """Write the impulses within sample intervals since the start of an episode.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    lanes
+        (rows, 1) float64: the lane at the start; the rows of the impulses are written.
+    intervals
+        Number of the sample intervals.
+    found
+        (k, 4) written: see `mm_gym.simulation.recording.Recording.impulses`.
+
+    Returns
+    -------
+    int
+        Their number; beyond k they are only counted.
+    """
+    step, k = model[at.SAMPLE_INTERVAL], 0
+    for n in range(intervals):
+        count = float(n)
+        pass_impulses(model, lanes, count)
+        elapsed = next_impulse(model, lanes, count, 0)
+        while elapsed < step:
+            v1, v2 = take_impulses(model, lanes, count, elapsed, 0)
+            if k < found.shape[0]:
+                found[k, 0], found[k, 1], found[k, 2], found[k, 3] = count, elapsed, v1, v2
+            k += 1
+            elapsed = next_impulse(model, lanes, count, 0)
+    return k
 
 
 @borrowing_kernel
@@ -327,9 +428,14 @@ def is_record(model, slot):
 
 
 @borrowing_kernel
-def add_records(model, lanes, interval, first, last):
+def is_impulse(model, slot):
+    """Tell whether a part is impulses."""
+    return int(model[slot + KIND]) == IMPULSE
+
+
+@borrowing_kernel
+def add_records(model, lanes, clock, first, last):
     """Add the records to the jets of a sample interval of the lanes first .. last - 1."""
-    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
     step = model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)

@@ -38,6 +38,13 @@ def propagate(model, lanes, first, last):
 
 
 @borrowing_kernel
+def shorten(model, piece):
+    """Give a piece of a sample interval its part of the tolerance."""
+    part = piece[at.SAMPLE_INTERVAL] / model[at.SAMPLE_INTERVAL]
+    piece[rows.TOLERANCE] = model[rows.TOLERANCE] * part
+
+
+@borrowing_kernel
 def write_reciprocals(model, c):
     """Write 1 / n for every order n."""
     for n in range(int(model[rows.ORDER])):
