@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.crossing import at_none, by_pieces, by_superposition, unchanged
-from mm_gym.kernels.excitation import apply_first_impulses, excite, excited, has_corners
+from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
+from mm_gym.kernels.impulses import apply_first_impulses
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score

@@ -14,21 +14,23 @@ import math
 
 import numpy as np
 
-from mm_gym.kernels import impulses
+from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.corners import next_corner, write_jets
 from mm_gym.kernels.excitation import (
     ROW,
-    STRIDE,
     add_records,
-    apply_first_impulses,
     excited,
-    has_impulses,
     intervals_since,
     is_impulse,
-    next_impulse,
     part_count,
     part_slot,
+)
+from mm_gym.kernels.impulses import (
+    STRIDE,
+    apply_first_impulses,
+    has_impulses,
+    next_impulse,
     some_impulse,
     take_impulse,
     take_impulses,
@@ -49,11 +51,11 @@ def by_superposition(propagate, respond):
     @borrowing_kernel
     @named_after(propagate)
     def add_few(model, slot, lanes, clock, first, last):
-        row, step = int(model[slot + ROW]) + impulses.NEXT, model[at.SAMPLE_INTERVAL]
+        row, step = int(model[slot + ROW]) + process.NEXT, model[at.SAMPLE_INTERVAL]
         for i in range(first, last):
             count = intervals_since(clock, lanes[at.BEGAN, i])
-            since = impulses.earliest(count, step)
-            while lanes[row, i] < impulses.before_end(count, step):
+            since = process.earliest(count, step)
+            while lanes[row, i] < process.before_end(count, step):
                 elapsed = lanes[row, i] - count * step
                 v1, v2 = take_impulse(model, slot, lanes, since, i)
                 respond(model, lanes, step - elapsed, v1, v2, i)
@@ -68,7 +70,7 @@ def by_superposition(propagate, respond):
             row, step = int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
             for start in range(first, last, STRIDE):
                 stop = min(start + STRIDE, last)
-                if impulses.some_inside(lanes, row, clock, step, start, stop):
+                if process.some_inside(lanes, row, clock, step, start, stop):
                     add_few(model, slot, lanes, clock, start, stop)
 
     @borrowing_kernel

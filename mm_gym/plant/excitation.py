@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import impulses, interpolation, noise, record
+from mm_gym.kernels import impulse_process, interpolation, noise, record
 from mm_gym.kernels import layout as at
 from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
@@ -271,8 +271,12 @@ KINDS: dict[str, Kind[Any]] = {
     "kanai_tajimi": _filtered(SOIL, passes_velocity=True),
     "clough_penzien": _filtered(SOIL | HIGH_PASS, passes_velocity=True),
     "impulse": Kind(
-        fields={"size": impulses.SIZE, "rate": impulses.RATE, "time": impulses.TIME},
-        rows=impulses.ROWS,
+        fields={
+            "size": impulse_process.SIZE,
+            "rate": impulse_process.RATE,
+            "time": impulse_process.TIME,
+        },
+        rows=impulse_process.ROWS,
         code=kernels.IMPULSE,
         interval=_impulse_interval,
         slots=_impulse_slots,

@@ -22,9 +22,8 @@ from mm_gym.kernels.excitation import (
     ROW,
     SIZE,
     TARGET,
-    pass_impulses,
-    write_impulses,
 )
+from mm_gym.kernels.impulses import pass_impulses, write_impulses
 from mm_gym.kernels.interpolation import ROUND_OFF
 
 if TYPE_CHECKING:
