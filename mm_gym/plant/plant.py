@@ -10,6 +10,7 @@ import numpy as np
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.excitation import FIRST
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of
 from mm_gym.state_space.transition import massless_transition, transition
@@ -215,6 +216,7 @@ class Plant:
 
 @lru_cache(maxsize=4096)
 def _at_interval(plant: Plant, interval: float) -> Plant:
-    # Without the excitation: thousands of plants would hold as many copies of a record.
-    support = replace(plant.support, sample_interval=interval, excitation=np.zeros(2))
+    # Without the excitation: thousands of plants would hold as many copies of a record. Impulses
+    # come between the intervals that they propagate.
+    support = replace(plant.support, sample_interval=interval, excitation=np.zeros(FIRST))
     return replace(plant, support=support, model=plant.method.constants(support, plant.settings))

@@ -216,7 +216,7 @@ class Scene(Part):
         Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
     )
 
-    def __init__(self, **data: object) -> None:
+    def __init__(self, /, **data: object) -> None:
         try:
             super().__init__(**data)
         except SceneError as error:
@@ -236,7 +236,7 @@ class Scene(Part):
         """Sixteen hexadecimal digits that identify the content of the scene."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
-    def replace(self, **values: object) -> Scene:
+    def replace(self, /, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.
 
         Values are those of a scene file: ranges may be lists. A part of another kind begins with
