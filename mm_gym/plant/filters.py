@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import noise
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 ROWS = {
-    kernels.IMPULSE: kernels.IMPULSE_ROWS,
+    kernels.IMPULSE: process.ROWS,
     kernels.FILTER: noise.FILTER_ROWS,
 }
 
@@ -77,11 +78,12 @@ def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
     """Return the random impulses of a lane (rows,)."""
     found: list[RandomImpulses] = []
     for _, slots, first in _parts(support, kernels.IMPULSE):
-        size = float(row[first + kernels.IMPULSE_SIZE])
+        own = slots[kernels.OWN :]
+        size = float(row[first + process.SIZE])
         low, high = (size, size)
-        if slots[kernels.IS_RANGE] > 0.0:
-            low, high = float(slots[kernels.LOWEST]), float(slots[kernels.HIGHEST])
-        rate = float(row[first + kernels.RATE])
+        if own[process.IS_RANGE] > 0.0:
+            low, high = float(own[process.LOWEST]), float(own[process.HIGHEST])
+        rate = float(row[first + process.RATE])
         if rate > 0.0:
             square = (low**2 + low * high + high**2) / 3.0
             ground = bool(slots[kernels.TARGET] > 0.0)

@@ -139,7 +139,7 @@ def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
         _own(plant, one.recording, drawn.values[:, i]) for i, one in enumerate(truth.episodes)
     ]
     try:
-        states = np.array([_end(recordings[i], int(n)) for i, n in truth.places])
+        states = np.array([_end(recordings[int(i)], int(n)) for i, n in truth.places])
     except SimulationError:
         return np.full(len(truth.places), np.inf)
     scales = np.array([one.scale for one in truth.episodes])[truth.places[:, 0]]
