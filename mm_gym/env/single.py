@@ -8,9 +8,17 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag_of, scene_of
+from mm_gym.env.arguments import (
+    FLOAT32,
+    checked_actions,
+    checked_options,
+    flag_of,
+    python_integer,
+    scene_of,
+)
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
@@ -29,11 +37,8 @@ if TYPE_CHECKING:
     from mm_gym.env.arguments import Changes, SceneLike
     from mm_gym.env.terms import InfoLevel
 
-SEEDS = 2**63
-"""Number of seeds to choose from where none is given."""
 
-
-class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
+class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
@@ -93,6 +98,9 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     Any drawn field, or part of the initial state, can be set by its dotted name:
     `reset(options={"initial.sphere_offset": 0.01})`.
 
+    The seed of `reset` is an integer, of NumPy too. Without one, a first reset draws it from
+    `np_random`, and so does the first one after `np_random` was set; later ones continue.
+
     Episode End
     -----------
     Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds
@@ -119,8 +127,7 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
     Arguments
     ---------
     scene
-        A `Scene`, the id of a registered task, the path of a TOML file, or what such a file says as
-        a dictionary.
+        A `Scene`, the id of a registered task, or the path of a TOML file.
     changes
         Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
         of a scene file; a range is a list.
@@ -156,7 +163,6 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
             self.scene = limited(self.scene, changes, limit)
         self._leads_time_limit = limit is not None and limit.steps != self.scene.control.steps
         self.render_mode = render_mode
-        self._seeded = False
         self._running = False
         self._prepare()
         self.metadata = self.metadata | {"render_fps": frames_per_second(self.plant)}
@@ -214,7 +220,10 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         return float(self._lanes.drawn(name)[0])
 
     def reset(
-        self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
+        self,
+        *,
+        seed: int | np.integer | None = None,
+        options: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see the class for `options`.
 
@@ -225,10 +234,11 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
         """
         self._lead_time_limit()
         fixed = self._lanes.checked(checked_options(options))
+        seed = python_integer(seed)
         super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
-            self._seeded = True
+        if seed is not None or self._draws_seed:
+            self._lanes.seed(self._drawn_seed() if seed is None else seed)
+            self._draws_seed = False
         self._lanes.restart(fixed=fixed)
         self._running = True
         if self._renderer is not None:
@@ -293,14 +303,14 @@ class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray])
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact state, random stream included, for `set_state`."""
-        flags = {"running": self._running, "seeded": self._seeded}
+        flags = {"running": self._running, "seeded": not self._draws_seed}
         return self._lanes.snapshot() | flags
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
         self._lanes.restore(state, np.array([not running]))
-        self._running, self._seeded = running, seeded
+        self._running, self._draws_seed = running, not seeded
         if self._renderer is not None:
             self._renderer.note(watched=False)
 

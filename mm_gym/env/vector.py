@@ -19,11 +19,13 @@ from mm_gym.env.arguments import (
     checked_seeds,
     flag_of,
     flags_of,
+    python_integer,
     scene_of,
 )
+from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.pictures import RENDER_MODES, renderer_of
-from mm_gym.env.single import SEEDS
+from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
@@ -39,12 +41,14 @@ if TYPE_CHECKING:
     from gymnasium import Space
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.arguments import Changes, SceneLike, Seeds
     from mm_gym.env.terms import InfoLevel
     from mm_gym.scene.scene import Scene
 
 
-class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
+class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
+    Specified, Seeded, LaneAccess, Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
+):
     """Many independent episodes of one scene.
 
     Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
@@ -106,12 +110,13 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         self._copy = copy
         self._threads = checked_count(threads, "threads")
         self._seeded = False
+        self._own = {}
         self._prepare()
         self.metadata["render_fps"] = frames_per_second(self.plant)
         self.single_action_space = action_space(self.plant)
         self.single_observation_space: Space[Any] = observation_space(self.plant)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._shape = (num_envs, *self.single_action_space.shape)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._shape = (self.num_envs, *self.single_action_space.shape)
 
     def _limited(self, scene: Scene, changes: Changes | None, steps: int | None) -> Scene:
         """Return the scene with the number of control steps that the caller, or his, asks for.
@@ -156,10 +161,13 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: Seeds | None = None,
         options: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
+
+        A seed gives lane i the seed + i; a sequence or array has one for each lane, and None where
+        a lane continues its stream. See `MovingMassEnv` for `np_random`.
 
         Other options set drawn fields by dotted name, as in `MovingMassEnv`: a number, or one per
         lane.
@@ -182,17 +190,22 @@ class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray
         observations, *_, state, applied = self._outputs()
         return observations, self._info(state, applied)
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+    def _seed(self, seed: Seeds | None, mask: NDArray[np.bool_]) -> None:
         """Seed the lanes of the mask; without a seed, they continue their streams."""
-        if seed is None or isinstance(seed, int):
-            super().reset(seed=seed)
+        if isinstance(seed, np.ndarray) and seed.ndim == 0:
+            seed = seed.item()
+        if seed is None or isinstance(seed, int | np.integer):
+            given = python_integer(seed)
+            super().reset(seed=given)
         else:
-            seed = checked_seeds(seed, self.num_envs)
+            given = checked_seeds(seed, self.num_envs)
         if not self._seeded:
-            self._lanes.seed(int(self.np_random.integers(SEEDS)))
-            self._seeded = True
-        if seed is not None:
-            self._lanes.seed(seed, mask)
+            self._lanes.seed(self._drawn_seed())
+        elif self._draws_seed and not isinstance(given, int):
+            self._lanes.seed(self._drawn_seed(), mask)
+        self._seeded, self._draws_seed = True, False
+        if given is not None:
+            self._lanes.seed(given, mask)
 
     def step(
         self, actions: NDArray[np.floating]
