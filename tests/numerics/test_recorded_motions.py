@@ -43,6 +43,10 @@ SPACINGS = {
 }
 
 
+CLOSE = 1e-14
+"""Instants that are so near [s] are one: SciPy cannot step from one to the next."""
+
+
 class Motion:
     """A random record, and the interpolant that is true of it."""
 
@@ -74,6 +78,10 @@ class Motion:
         stops = np.unique(np.concatenate([[0.0], inner, instants]))
         state, states = None, {}
         for start, end in pairwise(stops):
+            if end - start < CLOSE:
+                states[end] = state
+                state = np.add(state, [0.0, 0.0, *jumps.get(end, (0.0, 0.0))])
+                continue
             # The line through two points inside: at an end the record may jump.
             first, last = 0.75 * start + 0.25 * end, 0.25 * start + 0.75 * end
             slope = (self.at(last) - self.at(first)) / (last - first)
