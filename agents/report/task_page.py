@@ -24,7 +24,7 @@ HEAD = """# Tasks
 
 `gymnasium.make("mm_gym/PreStretch-v0")` after `import mm_gym`, or
 `gymnasium.make("mm_gym:mm_gym/PreStretch-v0")` without it. Each task is also a scene file in
-`configs/scenes/`, to be changed and given as `scene=`.
+`configs/scenes/`, to be changed and given as `scene=`; single fields change with `changes=`.
 
 ## What there is to gain
 

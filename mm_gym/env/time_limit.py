@@ -50,13 +50,15 @@ def limit_of_maker() -> Limit | None:
     frame = currentframe()
     while frame is not None:
         if frame.f_code in MAKERS:
-            return _limit(frame.f_locals)
+            return _limit(dict(frame.f_locals))
         frame = frame.f_back
     return None
 
 
 def _limit(names: Mapping[str, Any]) -> Limit | None:
     """Return the limit from the local names of `gymnasium.make` or `make_vec`."""
+    if not names.keys() >= {"env_spec", "env_spec_kwargs", "kwargs"}:  # another Gymnasium
+        return None
     spec, merged = names["env_spec"], names["env_spec_kwargs"]
     # An argument of make's own; one of many that make_vec passes on.
     given = (names["kwargs"] | names).get("max_episode_steps")
