@@ -16,7 +16,10 @@ def collected(**arguments):
     """Whole episodes, as RLlib's own environment runner collects them from the native lanes."""
     config = (
         PPOConfig()
-        .environment("mm_gym:mm_gym/CarriageForce-v0", env_config={"changes": CHANGES, **arguments})
+        .environment(
+            "mm_gym:mm_gym/CarriageForce-v0",
+            env_config={"changes": CHANGES, "info": "none", **arguments},
+        )
         .env_runners(
             num_env_runners=0,
             num_envs_per_env_runner=4,

@@ -19,8 +19,6 @@ def test_blocks_of_the_page_run(tmp_path):
     assert "return -" in run_page("stable-baselines3", tmp_path)
 
 
-# Stable-Baselines3 asks for pictures, whether they are drawn or not.
-@pytest.mark.filterwarnings("ignore:.*initialised with render_mode='rgb_array':UserWarning")
 @pytest.mark.parametrize(
     "make",
     [
