@@ -11,6 +11,7 @@ from agents.controllers.controller import columns
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Reads, Values
     from mm_gym import MovingMassVectorEnv, Scene
 
 
@@ -18,6 +19,7 @@ class RandomActions:
     """Actions drawn uniformly, the same in every evaluation."""
 
     name = "random actions"
+    reads: Reads = "observation"
 
     def __init__(self, scene: Scene) -> None:
         self.columns = len(columns(scene))
@@ -26,6 +28,6 @@ class RandomActions:
         """Begin the random numbers anew."""
         self.generator = np.random.default_rng(0)
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return actions drawn from [-1, 1]."""
         return self.generator.uniform(-1.0, 1.0, (len(observation), self.columns))
