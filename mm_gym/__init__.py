@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from mm_gym.env.vector import MovingMassVectorEnv as MovingMassVectorEnv
     from mm_gym.errors import ActionError as ActionError
     from mm_gym.errors import CompileError as CompileError
+    from mm_gym.errors import DesignError as DesignError
     from mm_gym.errors import SceneError as SceneError
     from mm_gym.errors import SimulationError as SimulationError
     from mm_gym.plant.compile import compile_scene as compile_scene
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "ActionError": "errors",
     "CompileError": "errors",
+    "DesignError": "errors",
     "MovingMassEnv": "env.single",
     "MovingMassVectorEnv": "env.vector",
     "Plant": "plant.plant",

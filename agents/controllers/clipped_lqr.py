@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym import compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -31,9 +32,15 @@ class ClippedLQR:
     ----------
     price
         of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
+
+    Raises
+    ------
+    DesignError
+        If the carriage is unstable at rest.
     """
 
     def __init__(self, scene: Scene, stretch: float, price: float) -> None:
+        require_stable_rest(scene, "clipped LQR")
         self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"
         self.command, self.lead = StretchCommand(scene), Lead(scene)
         self.stiffness = scene.springs.stiffness

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
@@ -30,6 +31,7 @@ class FrequencyTracking:
     """
 
     def __init__(self, scene: Scene, estimator: FrequencyEstimator) -> None:
+        require_stable_rest(scene, "frequency tracking")
         self.name = f"frequency tracking, {estimator.name}"
         self.estimator, self.command = estimator, StretchCommand(scene)
         self.mass, self.stiffness = scene.sphere.mass, scene.springs.stiffness

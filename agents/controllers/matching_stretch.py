@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym.analysis import stretch_for_stiffness
 
@@ -23,12 +24,15 @@ class MatchingStretch:
 
     Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
     frequency an undamped absorber stills the carriage.
+
+    Raises `DesignError` if the carriage is unstable at rest.
     """
 
     name = "matching stretch (knows the frequency)"
     reads: Reads = "episode"
 
     def __init__(self, scene: Scene) -> None:
+        require_stable_rest(scene, "matching stretch")
         self.command = StretchCommand(scene)
 
     def reset(self, env: MovingMassVectorEnv) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from agents.controllers.errors import DesignError
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym import compile_scene
 
@@ -33,6 +34,7 @@ class OnOffStiffness:
     """
 
     def __init__(self, scene: Scene, stretch: float) -> None:
+        require_stable_rest(scene, "on-off stiffness")
         self.name = f"on-off stiffness about {stretch:.2f}"
         self.command, self.lead = StretchCommand(scene), Lead(scene)
         a, _ = compile_scene(scene).linear(stretch)

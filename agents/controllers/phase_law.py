@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -20,9 +21,12 @@ class PhaseLaw:
     vanishes. Below resonance of the absorber the mean is positive and the springs should soften
     (stretch more); above, stiffen. Nagarajaiah, *Adaptive passive, semiactive, smart tuned mass
     dampers*, Struct. Control Health Monit. 16 (2009).
+
+    Raises `DesignError` if the carriage is unstable at rest.
     """
 
     def __init__(self, scene: Scene, gain: float = 1.0) -> None:
+        require_stable_rest(scene, "phase law")
         self.name = f"phase law, gain {gain:.2g}"
         self.gain = gain
         self.command = StretchCommand(scene)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.lead import Lead
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
@@ -32,6 +33,7 @@ class ResettingStiffness:
     """
 
     def __init__(self, scene: Scene, *, passive: bool) -> None:
+        require_stable_rest(scene, "resetting stiffness")
         self.name = f"resetting stiffness, {'passive' if passive else 'may inject energy'}"
         self.passive = passive
         self.command, self.lead = StretchCommand(scene), Lead(scene)

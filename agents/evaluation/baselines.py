@@ -34,6 +34,7 @@ from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import PredictiveControl
 from agents.controllers.resetting_stiffness import ResettingStiffness
+from agents.controllers.stable_rest import has_stable_rest
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 
@@ -68,33 +69,48 @@ def baselines(scene: Scene) -> list[Controller]:
 
 
 def classical_laws(scene: Scene) -> list[Feedback]:
-    """Return the tuned laws, from the observation."""
+    """Return the tuned laws, from the observation.
+
+    Those that tune the springs about an unstable middle of the carriage are left out.
+    """
+    stable = has_stable_rest(scene)
     match columns(scene):
         case ("force",):
             return [*regulators(scene), best_velocity_feedback(scene)]
         case ("stretch",):
-            return [
-                best_phase_law(scene),
-                best_clipped_lqr(scene),
-                best_on_off_stiffness(scene),
-                *resetting_laws(scene),
-                *frequency_trackers(scene),
-            ]
+            return tuning_laws(scene) if stable else []
         case _:
-            return [best_lqr_at_constant_stretch(scene), best_lqr_with_clipped_lqr(scene)]
+            held = best_lqr_at_constant_stretch(scene)
+            return [held, best_lqr_with_clipped_lqr(scene)] if stable else [held]
+
+
+def tuning_laws(scene: Scene) -> list[Feedback]:
+    """Return the tuned laws of the stretch."""
+    return [
+        best_phase_law(scene),
+        best_clipped_lqr(scene),
+        best_on_off_stiffness(scene),
+        *resetting_laws(scene),
+        *frequency_trackers(scene),
+    ]
 
 
 def informed_laws(scene: Scene) -> list[Controller]:
     """Return the laws that know what an agent does not."""
-    if FREQUENCY in scene.randomization and columns(scene) == ("stretch",):
+    known = FREQUENCY in scene.randomization and has_stable_rest(scene)
+    if known and columns(scene) == ("stretch",):
         return [MatchingStretch(scene)]
     return []
 
 
 def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
-    """Return the law of least cost among those that depend on the present state alone."""
+    """Return the law of least cost among those that depend on the present state alone.
+
+    Where there is none, it is no control.
+    """
     simple = [controller for controller in laws if not isinstance(controller.law, REMEMBER)]
-    return min(simple, key=lambda controller: _cost(scene, controller)).law
+    still = Feedback(scene, no_control(scene))
+    return min(simple or [still], key=lambda controller: _cost(scene, controller)).law
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeAlias, TypeGuard, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -20,16 +20,27 @@ if TYPE_CHECKING:
 FLOAT32 = np.dtype(np.float32)
 
 
-def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
-    """Return a scene given by itself, a task's id or a file's path; it must have an actuator."""
+SceneLike: TypeAlias = "Scene | str | PathLike[str] | Mapping[str, object]"
+"""A scene, a task's id, a file's path, or a scene as plain data."""
+
+Changes: TypeAlias = "Mapping[str, object]"
+"""Dotted name -> value."""
+
+
+def scene_of(scene: SceneLike, changes: Changes | None = None) -> Scene:
+    """Return a scene with some fields changed by dotted name; it must have an actuator."""
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
+    elif isinstance(scene, Mapping):
+        scene = Scene.of(scene)
     if not isinstance(scene, Scene):
         msg = (
-            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id or the path of a "
-            "TOML file"
+            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id, the path of a "
+            "TOML file, or what such a file says as a dictionary"
         )
         raise SceneError(msg)
+    if changes is not None:
+        scene = scene.replace(**_checked_changes(changes))
     if scene.actuation.force is None and scene.actuation.stretch is None:
         msg = (
             "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
@@ -38,12 +49,26 @@ def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
     return scene
 
 
-def checked_count(number: int, name: str) -> int:
-    """Return an integer of at least 1, or raise `SceneError`."""
-    if type(number) is not int or number < 1:
+def _checked_changes(changes: object) -> dict[str, object]:
+    if isinstance(changes, Mapping):
+        values = dict(cast("Mapping[str, object]", changes))
+        if all(isinstance(name, str) for name in values):
+            return values
+    msg = f"changes: got {changes!r}; allowed: a dictionary of values by dotted name"
+    raise SceneError(msg)
+
+
+def is_integer(value: object) -> TypeGuard[int | np.integer]:
+    """Tell whether a value is an integer of Python or NumPy; booleans are not."""
+    return type(value) is int or isinstance(value, np.integer)
+
+
+def checked_count(number: int | np.integer, name: str) -> int:
+    """Return an integer of at least 1 as Python's, or raise `SceneError`."""
+    if not is_integer(number) or number < 1:
         msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
         raise SceneError(msg)
-    return number
+    return int(number)
 
 
 def checked_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

@@ -11,23 +11,25 @@ from gymnasium.error import ResetNeeded
 from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag_of, scene_of
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.spaces import action_space, observation_space
+from mm_gym.env.specification import Specified
+from mm_gym.env.time_limit import let_follow, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from os import PathLike
 
+    from gymnasium.envs.registration import EnvSpec
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.scene.scene import Scene
+    from mm_gym.env.arguments import Changes, SceneLike
 
 SEEDS = 2**63
 """Number of seeds to choose from where none is given."""
 
 
-class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
+class MovingMassEnv(Specified, Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
@@ -101,7 +103,18 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     Arguments
     ---------
     scene
-        A `Scene`, the id of a registered task, or the path of a TOML file.
+        A `Scene`, the id of a registered task, the path of a TOML file, or what such a file says as
+        a dictionary.
+    changes
+        Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
+        of a scene file; a range is a list.
+
+    Through Gymnasium
+    -----------------
+    `gymnasium.make` takes the same arguments, and ``max_episode_steps``, which sets
+    `control.steps`, to fewer or more; `changes` may not say otherwise. Without it, Gymnasium's
+    `TimeLimit` follows the scene, and so does `spec.max_episode_steps`. `spec` is plain data and
+    can be written as JSON.
 
     Version History
     ---------------
@@ -112,9 +125,16 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     _prepared = frozenset({"plant", "_lanes", "_advance", "_views"})
 
     def __init__(
-        self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None
+        self,
+        scene: SceneLike,
+        *,
+        changes: Changes | None = None,
+        render_mode: str | None = None,
     ) -> None:
-        self.scene = scene_of(scene)
+        self.scene, limit = scene_of(scene, changes), limit_of_maker()
+        if limit is not None:
+            self.scene = limited(self.scene, changes, limit)
+        self._leads_time_limit = limit is not None and limit.steps != self.scene.control.steps
         self.render_mode = render_mode
         self._seeded = False
         self._running = False
@@ -138,6 +158,21 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
             column[:4],
             column[lanes.applied_rows],
         )
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` makes this environment from, as plain data, or None."""
+        self._lead_time_limit()
+        return super().spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
+        Specified.spec.__set__(self, spec)
+
+    def _lead_time_limit(self) -> None:
+        """Let the `TimeLimit` that `gymnasium.make` puts around it have the scene's steps."""
+        if self._leads_time_limit:
+            self._leads_time_limit = not let_follow(self, self.scene.control.steps)
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -165,6 +200,7 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         SceneError
             If a name or value is not allowed.
         """
+        self._lead_time_limit()
         fixed = self._lanes.checked(checked_options(options))
         super().reset(seed=seed)
         if seed is not None or not self._seeded:

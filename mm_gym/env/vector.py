@@ -24,37 +24,42 @@ from mm_gym.env.arguments import (
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.single import SEEDS
 from mm_gym.env.spaces import action_space, observation_space
+from mm_gym.env.specification import Specified
+from mm_gym.env.time_limit import Limit, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from os import PathLike
 
     from gymnasium import Space
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.env.arguments import Changes, SceneLike
     from mm_gym.scene.scene import Scene
 
 
-class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class MovingMassVectorEnv(Specified, Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
     """Many independent episodes of one scene.
 
     Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
 
     Parameters
     ----------
-    scene
-        A `Scene`, the id of a registered task, or the path of a TOML file.
+    scene, changes
+        As for `MovingMassEnv`.
     num_envs
         Number of lanes.
+    max_episode_steps
+        Sets `control.steps`; may be left out.
     autoreset_mode
         Any of Gymnasium's three: a finished lane is reset in the next step (the default), in the
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
         ``reset(options={"reset_mask": mask})``.
     copy
-        If false, the returned arrays are views of memory that the next step overwrites.
+        If false, observations and the arrays of ``info`` are read-only views of memory that the
+        next step overwrites. Rewards, terminated and truncated are always the caller's own.
     threads
         Number of numba's threads among which the lanes of a step are divided; results do not depend
         on it. Useful from some thousand lanes on, if as many processors are free and numba finds
@@ -73,16 +78,18 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
 
     def __init__(
         self,
-        scene: Scene | str | PathLike[str],
+        scene: SceneLike,
         num_envs: int = 1,
         *,
+        changes: Changes | None = None,
+        max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = checked_count(num_envs, "num_envs")
-        self.scene = scene_of(scene)
+        self.scene = self._limited(scene_of(scene, changes), changes, max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
@@ -95,11 +102,21 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._shape = (num_envs, *self.single_action_space.shape)
 
+    def _limited(self, scene: Scene, changes: Changes | None, steps: int | None) -> Scene:
+        """Return the scene with the number of control steps that the caller, or his, asks for.
+
+        `make_vec` passes that of the registered task if it is asked for none.
+        """
+        limit = limit_of_maker()
+        if limit is None and steps not in (None, -1):
+            limit = Limit(checked_count(steps, "max_episode_steps"), is_asked=True)
+        return scene if limit is None else limited(scene, changes, limit)
+
     def _prepare(self) -> None:
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._views = [array.T for array in lanes.outputs]
+        self._views = [_read_only(array.T) for array in lanes.outputs]
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
@@ -262,9 +279,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, rewards, terminated, truncated, states and what was applied."""
-        if not self._copy:
-            return self._views
-        return [array.T for array in copies or self._lanes.copies()]
+        if self._copy:
+            return [array.T for array in copies or self._lanes.copies()]
+        observed, rewards, terminated, truncated, state, applied = self._views
+        return observed, rewards.copy(), terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
@@ -287,3 +305,10 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = seeded
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

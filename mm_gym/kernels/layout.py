@@ -9,12 +9,17 @@ from __future__ import annotations
 OK = 0
 ENDED = 1  # an episode ended in one of the lanes
 NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
-TOO_MANY_EVENTS = 3
-TOO_MANY_SERIES = 4
-DIVERGED = 5
-COLLAPSED = 6
+ESCAPED = 3
+TOO_MANY_EVENTS = 4
+TOO_MANY_SERIES = 5
+DIVERGED = 6
+COLLAPSED = 7
 
 MESSAGES: dict[int, str] = {
+    ESCAPED: (
+        "escape: carriage.cubic_coefficient < 0 drives the carriage ever faster away from the "
+        "middle; objective.displacement_limit ends such an episode instead"
+    ),
     TOO_MANY_EVENTS: (
         "more changes of the friction's regime in one control step than can be followed; "
         "shorten control.time_step"

@@ -94,7 +94,8 @@ class Plant:
         Notes
         -----
         The middle stands for a range, the tangent at rest for a cubic spring, and the slope in
-        stick for dry friction.
+        stick for dry friction. Rest is x1 = 0, which is unstable with
+        ``carriage.linear_coefficient`` < 0: A then has a positive eigenvalue.
 
         Raises
         ------

@@ -25,6 +25,7 @@ from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Sprin
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
+from mm_gym.task_files import DEFAULT_STEPS
 
 if TYPE_CHECKING:
     from mm_gym.scene.dotted_names import Data
@@ -80,7 +81,7 @@ class Control(Part):
 
     time_step: Positive = 0.01
     """dt [s], the length of a control step"""
-    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
+    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = DEFAULT_STEPS
     """number of control steps in an episode"""
 
 
@@ -230,10 +231,13 @@ class Scene(Part):
     def replace(self, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.
 
+        Values are those of a scene file: ranges may be lists. A part of another kind begins with
+        the defaults of that kind.
+
         Raises
         ------
         SceneError
-            If a name is unknown, or the copy is not valid.
+            If a name is unknown, or the copy is not valid: with every finding, as for a file.
 
         Examples
         --------
@@ -241,8 +245,7 @@ class Scene(Part):
         0.2
         """
         data = self._dump()
-        for name, value in values.items():
-            put(data, name, value)
+        put(data, values)
         return Scene.of(data)
 
     def _dump(self) -> dict[str, Data]:

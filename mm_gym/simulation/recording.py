@@ -100,7 +100,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         If the propagation cannot be completed.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    status = plant.method.entries.run(
+    status = plant.method.entries.run_of(excited=plant.support.sampled)(
         plant.model,
         plant.task,
         lanes.values,
@@ -111,7 +111,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         recording.applied[first:last],
         recording.jets[first:last],
     )
-    lanes.raise_for(status)
+    lanes.raise_for(status, unfinished=1)
 
 
 def column(recording: Recording, row: int, elapsed: float, duration: float) -> Array:

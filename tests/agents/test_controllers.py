@@ -13,12 +13,19 @@ from tasks import (
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import ConstantStretch, no_control
 from agents.controllers.controller import columns
+from agents.controllers.errors import DesignError
 from agents.controllers.feedback import Feedback
 from agents.controllers.matching_stretch import MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.stretch_command import StretchCommand
-from agents.evaluation.baselines import baselines, best_constant_stretch, regulators
+from agents.evaluation.baselines import (
+    baselines,
+    best_constant_stretch,
+    classical_laws,
+    informed_laws,
+    regulators,
+)
 from agents.evaluation.episodes import evaluate
 from mm_gym import MovingMassVectorEnv
 
@@ -140,3 +147,19 @@ def test_random_actions_repeat_themselves() -> None:
 def test_stretch_command_refuses_a_scene_without_it() -> None:
     with pytest.raises(ValueError, match="stretch actuator"):
         StretchCommand(CARRIAGE_FORCE)
+
+
+DRAWN = dict(PRE_STRETCH.randomization) | {"carriage.linear_coefficient": (-0.5, 1.0)}
+
+
+@pytest.mark.parametrize(
+    "changes", [{"carriage.linear_coefficient": -1.0}, {"randomization": DRAWN}]
+)
+def test_laws_that_tune_springs_refuse_an_unstable_middle_by_name(
+    changes: dict[str, object],
+) -> None:
+    scene = PRE_STRETCH.replace(**changes, **{"carriage.cubic_coefficient": 1e4})
+    for law in (MatchingStretch, PhaseLaw, lambda scene: ClippedLQR(scene, 2.0, 0.1)):
+        with pytest.raises(DesignError, match=r"linear_coefficient: got .* at least 0"):
+            law(scene)
+    assert classical_laws(scene) == informed_laws(scene) == []

@@ -9,12 +9,19 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import kernel
-from mm_gym.kernels.laws import carriage_force, pair_force, stiffness
+from mm_gym.kernels.laws import (
+    carriage_force,
+    escape_distance,
+    has_escaped,
+    pair_force,
+    stiffness,
+)
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
 # Coefficients of one lane.
-_BY_M1, _BY_M2, _K1, _ALPHA, _BETA, _D, _C, _K2, _K0, _L0, _STRETCH, _FORCE, _SIZE = range(13)
+_BY_M1, _BY_M2, _K1, _ALPHA, _BETA, _D, _C, _K2, _K0, _L0, _STRETCH, _FORCE = range(12)
+_ESCAPE, _SIZE = 12, 13
 
 
 @kernel
@@ -24,7 +31,7 @@ def propagate_rk4(model, lanes, first, last):
     h, status = model[at.SAMPLE_INTERVAL] / substeps, at.OK
     p, y, stage, slope, total = np.empty(_SIZE), np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     for i in range(first, last):
-        _load(lanes, i, p)
+        _load(lanes, i, model[at.SAMPLE_INTERVAL], p)
         for row in range(4):
             y[row] = lanes[row, i]
         for k in range(substeps):
@@ -38,7 +45,9 @@ def propagate_rk4(model, lanes, first, last):
                     total[row] += weight * slope[row]
             for row in range(4):
                 y[row] += h * total[row]
-        status = max(status, _store(lanes, i, y))
+            if has_escaped(y[0], y[2], p[_ESCAPE]):
+                break
+        status = max(status, _store(lanes, i, y, p[_ESCAPE]))
     return status
 
 
@@ -49,7 +58,7 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     h, status = model[at.SAMPLE_INTERVAL] / substeps, at.OK
     p, y, slope = np.empty(_SIZE), np.empty(4), np.empty(4)
     for i in range(first, last):
-        _load(lanes, i, p)
+        _load(lanes, i, model[at.SAMPLE_INTERVAL], p)
         for row in range(4):
             y[row] = lanes[row, i]
         for k in range(substeps):
@@ -58,18 +67,21 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
             y[3] += h * slope[3]
             y[0] += h * y[2]
             y[1] += h * y[3]
-        status = max(status, _store(lanes, i, y))
+            if has_escaped(y[0], y[2], p[_ESCAPE]):
+                break
+        status = max(status, _store(lanes, i, y, p[_ESCAPE]))
     return status
 
 
 @kernel
-def _load(lanes, i, p):
-    """Write what the equations of lane i need to p (_SIZE,), in SI units."""
+def _load(lanes, i, duration, p):
+    """Write what the equations of lane i need to p (_SIZE,), in SI units, over a duration [s]."""
     p[_BY_M1], p[_BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
     p[_K1], p[_ALPHA], p[_BETA] = lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i]
     p[_D], p[_C], p[_FORCE] = lanes[at.D, i], lanes[at.C, i], lanes[at.FORCE, i]
     p[_K0], p[_L0], p[_STRETCH] = lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i]
     p[_K2] = stiffness(p[_K0], p[_STRETCH])
+    p[_ESCAPE] = escape_distance(lanes[at.M1, i], p[_K1], p[_ALPHA], p[_BETA], duration)
 
 
 @kernel
@@ -115,10 +127,10 @@ def _field(model, lanes, i, p, y, elapsed, finite, slope):
 
 
 @kernel
-def _store(lanes, i, y):
-    """Write the state back if it is finite."""
+def _store(lanes, i, y, escape):
+    """Write the state back if it is finite; return the status."""
     if not abs(y[0]) + abs(y[1]) + abs(y[2]) + abs(y[3]) < np.inf:
         return at.DIVERGED
     for row in range(4):
         lanes[row, i] = y[row]
-    return at.OK
+    return at.ESCAPED if has_escaped(y[0], y[2], escape) else at.OK

@@ -63,11 +63,14 @@ class Taylor(Method):
             )
             raise CompileError(msg)
         # Each sample interval gets an equal part of the control step's tolerance.
+        # About an unstable place the errors of a step's beginning grow until its end.
+        growth = support.growth_rate * support.sample_interval * support.intervals_per_step
         tolerance = MARGIN * max(settings.tolerance, TIGHTEST) / support.intervals_per_step
+        tolerance *= math.exp(-growth)
         model[series.ORDER] = _order(settings.tolerance)
         model[series.TOLERANCE] = tolerance
         model[series.HAS_FRICTION] = support.slips
-        model[series.IS_CUBIC] = high[at.BETA] > 0.0
+        model[series.IS_CUBIC] = support.is_cubic
         model[series.IS_FINITE] = high[at.L0] > 0.0
         return model
 

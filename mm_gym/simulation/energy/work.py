@@ -60,7 +60,8 @@ class Work:
         Energy lost in the carriage's damper and in the interface.
     throughput
         The first instant's energy, and the absolute work of every step and kind added up: the scale
-        of the balance's round-off.
+        of the balance's round-off. Where the carriage's spring has a negative coefficient, the
+        largest `gross_energy` so far takes the place of the first instant's energy.
     """
 
     control: Array
@@ -81,6 +82,13 @@ def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     carriage = plain(laws.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     springs = spring_energy(p, x2 - x1, stretch)
     return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
+
+
+def gross_energy(p: Array, state: Array, stretch: Array) -> Array:
+    """Return the energies (n,) [J] of `mechanical_energy` added up by their magnitudes."""
+    q = p.copy()
+    q[[at.ALPHA, at.BETA]] = np.abs(p[[at.ALPHA, at.BETA]])
+    return mechanical_energy(q, state, stretch)
 
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
@@ -109,6 +117,9 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
         throughput[i] += np.abs(part)
     totals -= totals[0].copy()
     scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
+    p, stretch = recording.parameters, recording.applied[np.minimum(place.row, recording.last), 1]
+    if min(p[at.ALPHA], p[at.BETA]) < 0.0:  # energies of both signs cancel
+        scale += np.maximum.accumulate(gross_energy(p, state, stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
 
@@ -141,8 +152,10 @@ def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) ->
     p = recording.parameters
     if stops_at_corners(recording.plant):
         return np.array([_piecewise(recording, int(row), duration) for row in rows]).reshape(-1, 2)
-    nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
-    kernel = rate_series_kernel if nonlinear else rate_kernel
+    nonlinear = p[at.BETA] != 0.0 or p[at.L0] > 0.0
+    # The exact forms bound the motion between kinks by an energy, which has no lower bound here.
+    unbounded = p[at.ALPHA] < 0.0 and p[at.VR] > 0.0
+    kernel = rate_series_kernel if nonlinear or unbounded else rate_kernel
     times = recording.plant.support.sample_interval * rows.astype(np.float64)
     jets = jets_over(recording, rows, 0.0, duration)
     start = (recording.starts[rows], recording.applied[rows], jets, times)
