@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         ("explain", _explain, "say which model a scene compiles to, and why"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
         ("tune", _tune, "find the stretch and damping that suit a scene best"),
+        ("render", _render, "draw one episode without an agent as PNG, or as video (.mp4)"),
         ("work-precision", _work_precision, "measure error against time, and recommend settings"),
     ):
         command = commands.add_parser(name, help=text, description=text)
@@ -75,6 +76,10 @@ def _parser() -> argparse.ArgumentParser:
             _add_options(command)
         if name == "tune":
             _add_tuning(command)
+        if name == "render":
+            command.add_argument("--out", metavar="FILE", required=True)
+            command.add_argument("--seed", type=_seed, default=0, metavar="N")
+            command.add_argument("--steps", type=_count, metavar="N", help="control steps")
         if name == "work-precision":
             command.add_argument("--out", metavar="DIR", help="write CSV table and PNG figure")
             command.add_argument("--seed", type=_seed, default=0, metavar="N")
@@ -121,6 +126,16 @@ def _seed(text: str) -> int:
 
 
 _seed.__name__ = "seed"  # for argparse's message: invalid seed value
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise ValueError
+    return count
+
+
+_count.__name__ = "count"
 
 
 def _validate(options: argparse.Namespace) -> None:
@@ -193,6 +208,14 @@ def _tune(options: argparse.Namespace) -> None:
     if outputs:
         found.plot(outputs[1])
         found.to_toml(outputs[0])
+
+
+def _render(options: argparse.Namespace) -> None:
+    from mm_gym.rendering.episode import draw_episode  # noqa: PLC0415 - nothing else needs it
+
+    scene = load_scene(options.scene)
+    check_outputs([options.out], _inputs(options.scene, scene))
+    draw_episode(scene, options.out, seed=options.seed, steps=options.steps)
 
 
 def _work_precision(options: argparse.Namespace) -> None:

@@ -177,6 +177,7 @@ class VectorEnvAdapter(VecEnv):
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)  # pyright: ignore[reportUnknownMemberType] - SB3 and Gymnasium write a bare Space
         self._every_info = every_info
+        self.metadata = self.metadata | {"render_fps": env.metadata.get("render_fps", 30)}
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, np.int64)
         self._began = time.time()

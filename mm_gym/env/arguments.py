@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 FLOAT32 = np.dtype(np.float32)
 
 
-SceneLike: TypeAlias = "Scene | str | PathLike[str] | Mapping[str, object]"
-"""A scene, a task's id, a file's path, or a scene as plain data."""
+SceneLike: TypeAlias = "Scene | str | PathLike[str]"
+"""A scene, a task's id, or a file's path."""
+
+Seeds: TypeAlias = "int | np.integer | Sequence[int | np.integer | None] | NDArray[np.integer]"
+"""A seed, or one for each lane."""
 
 Changes: TypeAlias = "Mapping[str, object]"
 """Dotted name -> value."""
@@ -31,12 +34,10 @@ def scene_of(scene: SceneLike, changes: Changes | None = None) -> Scene:
     """Return a scene with some fields changed by dotted name; it must have an actuator."""
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
-    elif isinstance(scene, Mapping):
-        scene = Scene.of(scene)
     if not isinstance(scene, Scene):
         msg = (
-            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id, the path of a "
-            "TOML file, or what such a file says as a dictionary"
+            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id or the path of a "
+            "TOML file"
         )
         raise SceneError(msg)
     if changes is not None:
@@ -106,19 +107,23 @@ def checked_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     return array
 
 
-def checked_seeds(seeds: Sequence[int | None], count: int) -> Sequence[int | None]:
+def python_integer(seed: int | np.integer | None) -> int | None:
+    """Return an integer of NumPy as Python's; leave all else for Gymnasium to check."""
+    return int(seed) if isinstance(seed, np.integer) else seed
+
+
+def checked_seeds(seeds: Seeds, count: int) -> list[int | None]:
     """Return a seed per lane, None for those that keep their stream, or raise `SceneError`."""
-    if (
-        not isinstance(seeds, Sequence)
-        or len(seeds) != count
-        or not all(seed is None or (type(seed) is int and seed >= 0) for seed in seeds)
-    ):
-        msg = (
-            f"seed: got {seeds!r}; allowed: a Python integer of at least 0, "
-            f"or a sequence of {count} of them"
-        )
-        raise SceneError(msg)
-    return seeds
+    given = seeds.tolist() if isinstance(seeds, np.ndarray) else seeds
+    if isinstance(given, Sequence) and len(cast("Sequence[int | None]", given)) == count:
+        own = [python_integer(seed) for seed in cast("Sequence[int | None]", given)]
+        if all(seed is None or (type(seed) is int and seed >= 0) for seed in own):
+            return own
+    msg = (
+        f"seed: got {seeds!r}; allowed: an integer of at least 0, or a sequence or array of "
+        f"{count} of them"
+    )
+    raise SceneError(msg)
 
 
 def checked_actions(

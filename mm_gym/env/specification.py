@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, cast
 
 from gymnasium.envs import registration
 
+from mm_gym.env.time_limit import STEPS
 from mm_gym.scene.dotted_names import plain
+from mm_gym.scene.scene import Scene
+from mm_gym.task_files import ids
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
-
-    from mm_gym.scene.scene import Scene
 
 
 class Specified:
@@ -30,21 +31,24 @@ class Specified:
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = None if spec is None else written(spec, self.scene.control.steps)
+        self._spec = None if spec is None else written(spec, self.scene)
 
 
-def written(spec: EnvSpec, steps: int) -> EnvSpec:
-    """Return a specification with plain arguments and this number of control steps."""
+def written(spec: EnvSpec, scene: Scene) -> EnvSpec:
+    """Return a specification with plain arguments that make an environment of the scene.
+
+    A `Scene` that was given becomes changes of a task's.
+    """
     own = copy.copy(spec)
-    own.kwargs = {
-        name: _plain(value) for name, value in spec.kwargs.items() if name != "max_episode_steps"
-    }
-    own.max_episode_steps = steps
+    given = {name: value for name, value in spec.kwargs.items() if name != "max_episode_steps"}
+    own.max_episode_steps = scene.control.steps
     task = registration.registry.get(spec.id)
-    if task is None or steps != task.max_episode_steps:
-        return own
-    if own.kwargs.get("scene") != task.kwargs.get("scene"):  # it may say another number
-        own.kwargs["changes"] = (own.kwargs.get("changes") or {}) | {"control.steps": steps}
+    name = None if task is None else task.kwargs.get("scene")
+    if isinstance(given.get("scene"), Scene):
+        given |= {"scene": name if isinstance(name, str) else ids()[0], "changes": dict(scene)}
+    elif name != given.get("scene"):  # it may say another number than the task's
+        given["changes"] = {**(given.get("changes") or {}), STEPS: scene.control.steps}
+    own.kwargs = {key: _plain(value) for key, value in given.items()}
     return own
 
 

@@ -140,6 +140,8 @@ class _IntermediateImplementation(_Implementation):
         name, bitcode, fndesc, environment, signature = payload
         library = IntermediateCode.loaded(target_context.codegen(), name, bitcode)
         return compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
             library=library,
             fndesc=fndesc,
             environment=environment,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.kernels import corners
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.kernels.escapes import are_terminated
-from mm_gym.kernels.excitation import excite
+from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
+from mm_gym.kernels.impulses import apply_first_impulses
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
@@ -29,6 +30,7 @@ class Entries(NamedTuple):
     advance_unexcited: Callable[..., int]
     run_unexcited: Callable[..., int]
     propagate: Callable[..., int]
+    cross: Callable[..., int]
     stops_at_corners: bool
 
     def advance_of(self, *, excited: bool) -> Callable[..., int]:
@@ -44,6 +46,8 @@ def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    respond: Callable[..., None] | None = None,
+    shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
@@ -56,14 +60,24 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    respond
+        For linear plants, the kernel that adds a response to an impulse, see
+        `mm_gym.kernels.crossing.by_superposition`. Without it `propagate` takes sample intervals of
+        any length up to the model's, and stops at impulses.
+    shorten
+        What else it needs for that, see `mm_gym.kernels.crossing.by_pieces`.
     stops_at_corners
-        Whether the method stops at the corners of records: it propagates intervals of any length.
+        Whether it stops at the corners of records too.
     """
-    cross = corners.between_corners(propagate) if stops_at_corners else corners.at_once(propagate)
+    if respond is not None:
+        cross = by_superposition(propagate, respond)
+    else:
+        cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
     return Entries(
-        *_entries(cross, excite, at_once),
-        *_entries(unexcited(propagate), leave, at_once),
+        *_entries(cross, excite, excite_and_apply, at_once),
+        *_entries(unexcited(propagate), leave, leave, at_once),
         propagate,
+        cross,
         stops_at_corners,
     )
 
@@ -73,12 +87,20 @@ def leave(model, lanes, streams, interval, first, last):
     """Do nothing in place of `excite`."""
 
 
+@borrowing_kernel
+def excite_and_apply(model, lanes, streams, interval, first, last):
+    """Excite, and apply the impulses at the interval's start, so that a recording shows them."""
+    excite(model, lanes, streams, interval, first, last)
+    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    apply_first_impulses(model, lanes, clock, first, last)
+
+
 def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
     """Return a kernel that propagates through a sample interval without sampled excitation."""
 
     @borrowing_kernel
     @named_after(propagate)
-    def move(model, lanes, interval, first, last):  # noqa: ARG001 - that of `corners.at_once` has it
+    def move(model, lanes, interval, first, last):  # noqa: ARG001 - those of `crossing` have it
         return propagate(model, lanes, first, last)
 
     return move
@@ -87,11 +109,13 @@ def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
 def _entries(
     cross: Callable[..., int],
     disturb: Callable[..., None],
+    disturb_and_apply: Callable[..., None],
     at_once: Callable[[Callable[..., int]], Callable[..., int]],
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return kernels that make a control step and run a simulation.
 
-    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it.
+    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
+    `disturb_and_apply` also applies the impulses at the interval's start.
     """
     step = at_once(in_turn(cross, disturb))
 
@@ -162,7 +186,7 @@ def _entries(
             steer(task, lanes, commands[n, 0], commands[n, 1])
             for interval in range(int(model[at.INTERVALS])):
                 k = n * int(model[at.INTERVALS]) + interval
-                disturb(model, lanes, streams, interval, 0, 1)
+                disturb_and_apply(model, lanes, streams, interval, 0, 1)
                 applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]

@@ -10,6 +10,7 @@ code, as a whole. And the compiler leaves out its passes for what no kernel cont
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from numba.core import compiler, sigutils, typed_passes, typing, untyped_passes
@@ -84,7 +85,12 @@ class OnceDispatcher(CPUDispatcher):
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, object]) -> None:
         super().__init__(function, targetoptions=dict(options))
-        self._cache = KernelCache(function)
+        del self._cache  # numba's, which keeps nothing
+
+    @cached_property
+    def _cache(self) -> KernelCache:
+        """The machine code on disk. To find a place for it takes longer than to load it."""
+        return KernelCache(self.py_func)
 
     def compile(self, sig: Kinds) -> Callable[..., Any]:
         """Return the machine code for arguments of some types."""
@@ -112,12 +118,14 @@ class KernelDispatcher(OnceDispatcher):
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, object]) -> None:
         super().__init__(function, options)
-        self._flags = Flags()
-        self.targetdescr.options.parse_as_flags(self._flags, dict(options))
-        self._flags.no_compile = True
-        self._flags.no_cpython_wrapper = self._flags.no_cfunc_wrapper = True
-        self._intermediate_cache = KernelCache(function, intermediate=True)
         self._intermediate: dict[Kinds, CompileResult] = {}
+
+    @cached_property
+    def _flags(self) -> Flags:
+        flags = Flags()
+        self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        return flags
 
     def get_call_template(self, args: Kinds, kws: Mapping[str, Any]) -> tuple[Any, ...]:
         """Return what numba types a call of this kernel in another one by."""
@@ -136,9 +144,8 @@ class KernelDispatcher(OnceDispatcher):
         with global_compiler_lock:
             result = self._intermediate.get(kinds)
             if result is None:
-                result, _ = self._intermediate_cache.loaded_or_made(
-                    kinds, self.targetctx, lambda: self._lower(kinds)
-                )
+                cache = KernelCache(self.py_func, intermediate=True)
+                result, _ = cache.loaded_or_made(kinds, self.targetctx, lambda: self._lower(kinds))
                 self._intermediate[kinds] = result
                 key = result.fndesc
                 self.targetctx.insert_user_function(key, key, [result.library])

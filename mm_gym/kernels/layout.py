@@ -110,5 +110,5 @@ SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none i
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise
 NO_ROW = -1
 
-OBSERVATION_BOUND = 1e6
-"""Scaled observations are clipped to this magnitude, so that the observation space is bounded."""
+OBSERVATION_BOUND = 3.4028234663852886e38
+"""Largest number of single precision: an observation beyond it is shown as this."""

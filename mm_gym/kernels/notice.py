@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-SECONDS_PER_BYTE = 1.8e-4
-"""Processor time over the size of the byte code of all kernels compiled, measured on a Zen 5 core
-by ``python -m benchmarks startup``; on other machines it is more or less."""
+SECONDS_PER_BYTE = 2.2e-4
+"""Processor time over the size of the byte code of all kernels compiled, measured for the
+tasks on a Zen 5 core; on other machines, and beside other processes, it is more or less."""
 
 _expected: set[Any] = set()
 _announced: list[float] = []
@@ -24,10 +24,11 @@ def expect(*kernels: Callable[..., Any]) -> None:
 
 def announce(kernel: Callable[..., Any]) -> None:
     """Say once in a process, and on a terminal only, that kernels are compiled and for how long."""
-    if _announced or not sys.stderr.isatty():
+    if _announced or sys.stderr is None or not sys.stderr.isatty():
         return
     _announced.append(seconds(kernel, *_expected))
-    print(f"mm_gym: compiling once, about {_announced[0]:.0f} s", file=sys.stderr, flush=True)  # noqa: T201
+    about = max(1, round(_announced[0]))
+    print(f"mm_gym: compiling once, about {about} s", file=sys.stderr, flush=True)  # noqa: T201
 
 
 def seconds(*kernels: Callable[..., Any]) -> float:

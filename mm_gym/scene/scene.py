@@ -140,6 +140,13 @@ def _sees_springs(channels: tuple[str, ...], kind: str) -> str | None:
     return f"sensors.channels: {seen[0]!r} needs springs; set springs.kind"
 
 
+def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
+    seen = [channel for channel in channels if CHANNELS[channel].scale == "limit"]
+    if actuator is not None or not seen:
+        return None
+    return f"sensors.channels: {seen[0]!r} needs an actuator; set actuation.force"
+
+
 def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -> str | None:
     if initial is None or actuator is not None:
         return None
@@ -203,12 +210,13 @@ class Scene(Part):
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("actuation.stretch", "springs.kind"), _has_springs),
         Rule(("sensors.channels", "springs.kind"), _sees_springs),
+        Rule(("sensors.channels", "actuation.force"), _sees_force),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
         Rule(("initial.stretch", *WITHIN), _initial_within_limits),
         Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
     )
 
-    def __init__(self, **data: object) -> None:
+    def __init__(self, /, **data: object) -> None:
         try:
             super().__init__(**data)
         except SceneError as error:
@@ -228,7 +236,7 @@ class Scene(Part):
         """Sixteen hexadecimal digits that identify the content of the scene."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
-    def replace(self, **values: object) -> Scene:
+    def replace(self, /, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.
 
         Values are those of a scene file: ranges may be lists. A part of another kind begins with

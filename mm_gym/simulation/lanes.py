@@ -86,6 +86,8 @@ class Lanes:
         self._bind_steps()
         self._bind_episodes()
         expect(self._advance, episodes.start, episodes.show_first)
+        if plant.support.sampled:
+            expect(begin_excitation)
 
     def _allocate(self) -> None:
         plant, count = self.plant, self.count

@@ -265,7 +265,9 @@ def test_number_of_lanes_is_checked(scene, count):
         MovingMassVectorEnv(scene, count)
 
 
-@pytest.mark.parametrize("seed", [[-1, 0, 1], [True, 0, 1], [0, 1], "abc", np.int64(3), 1.0])
+@pytest.mark.parametrize(
+    "seed", [[-1, 0, 1], [True, 0, 1], [0, 1], "abc", 1.0, np.arange(4), np.ones(3), {0, 1, 2}]
+)
 def test_seeds_are_checked(scene, seed):
     env = MovingMassVectorEnv(scene, 3)
     with pytest.raises(SceneError, match="seed: got"):

@@ -333,3 +333,28 @@ def test_friction_that_may_slip_is_not_taken_for_viscous() -> None:
     assert compile_scene(held).kind == "smooth nonlinear"
     soft = held.replace(**{"carriage.linear_coefficient": 1.0, "carriage.cubic_coefficient": -1e4})
     assert compile_scene(soft).kind == "switched nonlinear"
+
+
+@pytest.mark.parametrize("excess_energy", [1e-3, 1e-4, 1e-6, -1e-4])
+def test_a_step_that_climbs_the_hill_and_leaves_it_keeps_its_tolerance(
+    excess_energy: float,
+) -> None:
+    # Errors grow by up to exp(8.9) in this step; aimed at as on a stable spring, they would be
+    # 1.2 times the tolerance.
+    place, hill = 0.3 * PLACE, 0.25 * 400.0 * PLACE**2
+    below = 400.0 * (0.5 * place**2 - 0.25 * place**4 / PLACE**2)
+    velocity = -float(np.sqrt(2.0 * max(0.0, below + excess_energy * hill) / 0.1))
+    scene = BISTABLE.replace(
+        interface={"kind": "none"},
+        **{
+            "carriage.damping": 0.0,
+            "initial.carriage_displacement": place,
+            "initial.carriage_velocity": velocity,
+            "control.time_step": 0.14,
+            "solver.tolerance": 1e-3,
+        },
+    )
+    start = np.array([place, place + 0.02, velocity, 0.0])
+    want, scale = ControlStep(scene, 0.0, 0.0, 1.0).end(start)
+    got = simulate(scene, duration=0.14).state[-1]
+    assert error(got, want, scale) <= 0.1 * scene.solver.tolerance

@@ -16,6 +16,7 @@ from numba.core.codegen import JITCPUCodegen
 import mm_gym
 from mm_gym.__main__ import main
 from mm_gym.kernels import cache, episodes, jit, notice
+from mm_gym.kernels.dispatcher import KernelDispatcher
 from mm_gym.kernels.lock import locked
 from mm_gym.simulation import warm as warm_module
 from mm_gym.simulation.lanes import Lanes
@@ -35,6 +36,10 @@ def half(x):
 @kernel
 def quarter(x):
     return half(half(x))
+
+@kernel
+def eighth(x):
+    return half(half(half(x)))
 """
 
 COMPILED_HERE = """
@@ -104,6 +109,7 @@ def module(tmp_path, monkeypatch):
     def load():
         spec = importlib.util.spec_from_file_location("module", path)
         module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
         spec.loader.exec_module(module)
         return module
 
@@ -162,6 +168,24 @@ def test_only_what_python_calls_becomes_machine_code(module):
     assert len(kernels.quarter.overloads) == 1
     assert not kernels.half.overloads
     assert kernels.half(2.0) == 1.0, "Python may call it nevertheless"
+
+
+def test_code_that_kernels_link_is_loaded_and_becomes_machine_code_for_python(module):
+    assert module().quarter(2.0) == 0.5
+    kernels = module()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(kernels.half), "_lower", refused_but_for(kernels.eighth))
+        assert kernels.eighth(2.0) == 0.25
+        assert kernels.half(2.0) == 1.0
+    assert module().half(2.0) == 1.0
+
+
+def refused_but_for(kernel, lower=KernelDispatcher._lower):
+    def only(self, kinds):
+        assert self is kernel, "it is on disk"
+        return lower(self, kinds)
+
+    return only
 
 
 def test_code_made_for_one_processor_is_not_used_on_another(module, monkeypatch):

@@ -44,6 +44,13 @@ def propagate(model, lanes, first, last):
 
 
 @borrowing_kernel
+def shorten(model, piece):
+    """Give a piece of a sample interval its part of the tolerance."""
+    part = piece[at.SAMPLE_INTERVAL] / model[at.SAMPLE_INTERVAL]
+    piece[rows.TOLERANCE] = model[rows.TOLERANCE] * part
+
+
+@borrowing_kernel
 def write_reciprocals(model, c):
     """Write 1 / n for every order n, and the length of a sample interval [s]."""
     c[rows.DURATION] = model[at.SAMPLE_INTERVAL]

@@ -46,7 +46,7 @@ class Taylor(Method):
         "the length of each series from its last terms"
     )
     kinds = tuple(kind for kind in KINDS if kind != MASSLESS)
-    entries = build(blocks_kernel.propagate, stops_at_corners=True)
+    entries = build(blocks_kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
