@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 LANES, STEPS, SEED = 64, 200, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""
 
-LEAST = 1e-6
+LEAST = 1e-5
 """Least standard deviation of a state's disturbance in a step over its scale [-]."""
 
 ORDER = 8
@@ -51,11 +51,15 @@ def deviations(scene: Scene) -> Values:
 
 def covariance(scene: Scene) -> Values:
     """Return the covariance (4, 4) of what a control step adds to the model's prediction."""
+    flat = deviations(scene).reshape(-1, 4)
+    return flat.T @ flat / len(flat) + np.diag((LEAST * state_scales(scene)) ** 2)
+
+
+def state_scales(scene: Scene) -> Values:
+    """Return the sizes (4,) of x1, x2 [m], v1, v2 [m/s] by which they are of order one."""
     objective = scene.objective
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
-    scales = np.array([displacement, displacement, velocity, velocity])
-    flat = deviations(scene).reshape(-1, 4)
-    return flat.T @ flat / len(flat) + np.diag((LEAST * scales) ** 2)
+    return np.array([displacement, displacement, velocity, velocity])
 
 
 def prediction_weights(scene: Scene) -> Values:

@@ -8,7 +8,7 @@ import control
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.disturbance import covariance
+from agents.controllers.disturbance import covariance, state_scales
 from agents.controllers.errors import DesignError
 from agents.controllers.model import Model
 from mm_gym import compile_scene
@@ -29,8 +29,8 @@ ROWS = {
 }
 """The channels that show the state: rows of C in y = C x. The others are not used."""
 
-FLOOR = 1e-6
-"""Least noise of a channel over its scale [-]: observations are in single precision."""
+FLOOR = 1e-4
+"""Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
 
 STRETCHES = 9
 """Number of stretches at which the estimator's gain is computed; the nearest is used."""
@@ -39,11 +39,11 @@ STRETCHES = 9
 class ObservedState:
     """Estimate the state from what an agent observes.
 
-    Without delay and noise, if the channels show the whole state, it is read off. Otherwise the
-    scene's own model, which knows no disturbance, predicts each frame, and the frame corrects it by
-    the gain of the stationary Kalman filter (`control.dlqe`) of the plant linearised about rest; of
-    a delayed frame the model predicts the present. The covariance of what disturbs the model is
-    measured on simulated episodes.
+    Without noise, if the channels show the whole state, it is read off. Otherwise the scene's own
+    model, which knows no disturbance, predicts each frame, and the frame corrects it by the gain of
+    the stationary Kalman filter (`control.dlqe`) of the plant linearised about rest; the covariance
+    of what disturbs the model is measured on simulated episodes. From a late frame the model
+    predicts the present.
 
     Raises
     ------
@@ -62,19 +62,20 @@ class ObservedState:
         self.c = np.array([ROWS[plant.channels[i]] for i in self.shown]).reshape(-1, 4)
         noise = np.array([plant.observed[i].noise for i in self.shown])
         self.noise = np.maximum(noise, FLOOR * self.unit[self.shown])
-        self.whole = np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004 - x1, x2, v1, v2
-        self.exact = self.whole and self.delay == 0 and not noise.any()
+        whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
+        self.exact = bool(whole and not noise.any())
+        self.predicts = self.delay > 0 or not self.exact
         self.stretch = (
             plant.channels.index("stretch")
             if "stretch" in plant.channels and scene.actuation.stretch is not None
             else None
         )
-        self.gains = np.empty(0) if self.exact else self._gains()
+        self.gains = np.linalg.pinv(self.c)[None] if self.exact else self._gains()
 
     def begin(self, lanes: int) -> None:
         """Forget the last episodes."""
         self.actuators = Actuators(self.scene)
-        self.model = None if self.exact else Model(self.scene, lanes)
+        self.model = Model(self.scene, lanes) if self.predicts else None
         self.step = 0
         self.pending: list[Values] = []
 
@@ -85,10 +86,9 @@ class ObservedState:
         if self.step == 0:
             self.actuators.begin(self._first_applied(frame))
             self.estimate = shown @ np.linalg.pinv(self.c).T
-        elif self.exact:
-            self.estimate = shown @ np.linalg.pinv(self.c).T
         elif self.step > self.delay:
-            self._correct(shown)
+            applied = self.pending.pop(0)
+            self.estimate = shown @ self.gains[0].T if self.exact else self._next(applied, shown)
         self.step += 1
         return self._present(), self.actuators.applied
 
@@ -96,15 +96,14 @@ class ObservedState:
         """Advance the model of the actuators."""
         self.pending.append(self.actuators.advance(action))
 
-    def _correct(self, shown: Values) -> None:
-        """Predict the state of the frame that has come, and correct it."""
-        assert self.model is not None  # noqa: S101 - made unless the state is exact
-        applied = self.pending.pop(0)
+    def _next(self, applied: Values, shown: Values) -> Values:
+        """Return the estimate at the frame that has come: predicted, then corrected."""
+        assert self.model is not None  # noqa: S101 - made unless the state is read off
         self.model.begin(self.estimate)
         predicted = self.model.advance(applied)[0].copy()
         gain = self.gains[self._nearest(applied)]
         missed = shown - predicted @ self.c.T
-        self.estimate = predicted + np.einsum("nij,nj->ni", gain, missed)
+        return predicted + np.einsum("nij,nj->ni", gain, missed)
 
     def _present(self) -> Values:
         """Return the state now: the newest frame's, moved on by what was applied since."""
@@ -139,16 +138,24 @@ class ObservedState:
 
     def _gains(self) -> Values:
         """Return the filter's gains (stretches, 4, channels)."""
-        plant, disturbance = compile_scene(self.scene), covariance(self.scene)
-        noise = np.diag(self.noise**2)
+        plant = compile_scene(self.scene)
+        names = ", ".join(plant.channels)
+        if not self.shown:
+            msg = f"sensors.channels: the state cannot be estimated from {names}"
+            raise DesignError(msg)
+        # In units of the scales, in which the Riccati equation is well conditioned.
+        units = state_scales(self.scene)
+        c = self.c * units / self.unit[self.shown, None]
+        disturbance = covariance(self.scene) / np.outer(units, units)
+        noise = np.diag((self.noise / self.unit[self.shown]) ** 2)
         gains: list[Values] = []
         for stretch in self._grid():
-            a, _ = plant.discrete(stretch)
+            a = plant.discrete(stretch)[0] * units / units[:, None]
             try:
-                _, p, _ = control.dlqe(a, np.eye(4), self.c, disturbance, noise)
+                _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise)
             except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
-                names = ", ".join(plant.channels)
                 msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
                 raise DesignError(msg) from error
-            gains.append(p @ self.c.T @ np.linalg.inv(self.c @ p @ self.c.T + noise))
+            gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + noise)
+            gains.append(gain * units[:, None] / self.unit[self.shown])
         return np.stack(gains)

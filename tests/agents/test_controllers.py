@@ -36,8 +36,9 @@ RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
 def test_constant_stretch_reaches_and_holds_it_at_the_rate_limit(scene) -> None:
     result = evaluate(scene, Feedback(scene, ConstantStretch(scene, 2.5)), episodes=20)
     assert np.all(np.abs(np.diff(result.applied[:, :, 0], axis=0)) <= 0.04 + 1e-12)
-    # 1 to 3 takes 50 steps at 0.04 a step; then it stays, up to the rounding of action and stretch.
-    np.testing.assert_allclose(result.applied[51:, :, 0], 2.5, rtol=1e-12)
+    # 1 to 3 takes 50 steps at 0.04 a step; then it stays, up to the single precision in
+    # which the first stretch was observed.
+    np.testing.assert_allclose(result.applied[51:, :, 0], 2.5, rtol=2e-7)
 
 
 @pytest.mark.parametrize("scene", [PRE_STRETCH, RATE], ids=["position", "rate"])
@@ -48,7 +49,8 @@ def test_no_control_holds_the_initial_stretch(scene) -> None:
     controller.reset(env)
     for _ in range(5):
         observation, *_, info = env.step(controller.act(observation, info))
-    np.testing.assert_allclose(info["applied"], start, rtol=1e-14)
+    # It is observed in single precision.
+    np.testing.assert_allclose(info["applied"], start, rtol=2e-7)
 
 
 def test_matching_stretch_inverts_the_spring_law() -> None:

@@ -77,11 +77,8 @@ class LateCrash:
     reads: Reads = "observation"
 
     def __init__(self, scene: Scene, step: int) -> None:
-        self.name, self.step, self.law = (
-            f"crash from step {step}",
-            step,
-            Feedback(scene, LQR(scene)),
-        )
+        self.name, self.step = f"crash from step {step}", step
+        self.law = Feedback(scene, LQR(scene))
 
     def reset(self, env: MovingMassVectorEnv) -> None:
         self.count = 0
@@ -102,8 +99,11 @@ def test_no_early_end_is_better_than_an_episode_within_the_limits() -> None:
     # 2.8 N: 7 mm for good, which costs much more than to regulate and to crash at last.
     laws = [no_control(scene), LQR(scene), ConstantForce(scene, 2.8), ConstantForce(scene, 2.0)]
     results = [
-        evaluate(scene, Feedback(scene, law), episodes=40)
-        for law in [*laws, *(LateCrash(scene, step) for step in CRASHES)]
+        evaluate(scene, controller, episodes=40)
+        for controller in [
+            *(Feedback(scene, law) for law in laws),
+            *(LateCrash(scene, step) for step in CRASHES),
+        ]
     ]
     crashed = [np.abs(result.displacement[-1]) * 0.01 > 0.012 for result in results]
     assert all(ended.all() for ended in crashed[len(laws) :])

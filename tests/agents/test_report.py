@@ -65,7 +65,7 @@ def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
 def test_files_state_costs_first_and_ratios_of_costs(tmp_path) -> None:
     write_scores([STILL, RESTLESS], tmp_path / "scores.csv")
     rows = rows_of(tmp_path / "scores.csv")
-    assert list(rows[0])[:2] == ["controller", "cost [-]"]
+    assert list(rows[0])[:3] == ["controller", "reads", "cost [-]"]
     assert float(rows[1]["cost [-]"]) == pytest.approx(0.4, rel=1e-14)
     assert float(rows[1]["ratio to reference [-]"]) == pytest.approx(2.0, rel=1e-14)
     assert float(rows[1]["rms of x1 / scale [-]"]) == pytest.approx(0.05, rel=1e-14)
