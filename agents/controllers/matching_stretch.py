@@ -1,4 +1,4 @@
-"""The matching stretch: an absorber tuned to a known frequency, the classical neutraliser."""
+"""The matching stretch: an absorber tuned to a force whose frequency is known."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Reads, Values
     from mm_gym import MovingMassVectorEnv, Scene
 
 FREQUENCY = "excitation.0.frequency"
@@ -28,6 +29,7 @@ class MatchingStretch:
     """
 
     name = "matching stretch (knows the frequency)"
+    reads: Reads = "episode"
 
     def __init__(self, scene: Scene) -> None:
         require_stable_rest(scene, "matching stretch")
@@ -38,6 +40,6 @@ class MatchingStretch:
         k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
         self.stretch = stretch_for_stiffness(k2, env.drawn("springs.stiffness"))
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return the action towards the matching stretch."""
         return self.command(self.stretch, info["applied"][:, -1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +10,8 @@ from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym import MovingMassVectorEnv, Scene
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
 
 
 class PhaseLaw:
@@ -35,12 +34,12 @@ class PhaseLaw:
         rate = self.command.actuator.rate_limit
         self.stroke = self.command.time_step * rate if rate is not None else np.inf
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the action of the law, saturated at the actuator's rate."""
-        x1, x2 = info["state"][:, 0], info["state"][:, 1]
-        present = info["applied"][:, -1]
+        x1, x2 = state[:, 0], state[:, 1]
+        present = applied[:, -1]
         unsaturated = self.gain * self.command.time_step * x1 * (x2 - x1) / self.unit
         return self.command(present + np.clip(unsaturated, -self.stroke, self.stroke), present)

@@ -11,6 +11,7 @@ from agents.controllers.controller import columns
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Reads, Values
     from mm_gym import MovingMassVectorEnv, Scene
 
 
@@ -24,6 +25,7 @@ class RandomActions:
     """
 
     name = "random actions"
+    reads: Reads = "observation"
 
     def __init__(self, scene: Scene, generator: np.random.Generator | None = None) -> None:
         self.columns = len(columns(scene))
@@ -33,6 +35,6 @@ class RandomActions:
         """Begin the random numbers anew, unless their generator was given."""
         self.generator = np.random.default_rng(0) if self.given is None else self.given
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return actions drawn from [-1, 1]."""
         return self.generator.uniform(-1.0, 1.0, (len(observation), self.columns))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from agents.controllers.lqr import DesignError
+from agents.controllers.errors import DesignError
 
 if TYPE_CHECKING:
     from mm_gym import Scene

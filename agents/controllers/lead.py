@@ -1,0 +1,47 @@
+"""The state some time ahead, for laws that switch springs which take time to stretch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import expm
+
+from mm_gym import compile_scene
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
+
+STRETCHES = 41
+"""Number of stretches at which the transition is computed; the nearest is used."""
+
+
+class Lead:
+    """Move a state ahead by half the time in which the springs cross their range, and by their lag.
+
+    The present stretch is taken to stay, and no force to act. Without it, a switch comes a quarter
+    of a period late where springs need half a period to cross.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        actuator = scene.actuation.stretch
+        if actuator is None:
+            msg = "actuation.stretch: missing; the scene must have a stretch actuator"
+            raise ValueError(msg)
+        self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
+        rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
+        self.time = 0.5 * self.range / rate + actuator.lag
+        plant = compile_scene(scene)
+        self.transitions = np.stack(
+            [
+                expm(plant.linear(self.low + share * self.range)[0] * self.time)
+                for share in np.linspace(0.0, 1.0, STRETCHES)
+            ]
+        )
+
+    def __call__(self, state: Values, stretch: Values) -> Values:
+        """Return the states (lanes, 4) ahead, from those now and the stretches (lanes,)."""
+        share = np.clip((stretch - self.low) / self.range, 0.0, 1.0)
+        nearest = np.rint(share * (STRETCHES - 1)).astype(np.intp)
+        return np.einsum("nij,nj->ni", self.transitions[nearest], state)
