@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.controller import FULL_STATE, OBSERVATION
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -18,6 +20,7 @@ class Both:
 
     def __init__(self, force: Controller, stretch: Controller) -> None:
         self.name = f"{force.name} + {stretch.name}"
+        self.reads = FULL_STATE if FULL_STATE in (force.reads, stretch.reads) else OBSERVATION
         self.force, self.stretch = force, stretch
 
     def reset(self, env: MovingMassVectorEnv) -> None:

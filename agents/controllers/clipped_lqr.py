@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import control
 import numpy as np
 
+from agents.controllers.controller import FULL_STATE
 from agents.controllers.lqr import state_weight
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym import compile_scene
@@ -32,6 +33,8 @@ class ClippedLQR:
     price
         of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
+
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene, stretch: float, price: float) -> None:
         self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.controllers.both import Both
-from agents.controllers.controller import columns
+from agents.controllers.controller import OBSERVATION, columns
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 class ConstantAction:
     """The same action throughout."""
+
+    reads = OBSERVATION
 
     def __init__(self, scene: Scene, action: float = 0.0) -> None:
         self.name = "zero action" if action == 0.0 else f"constant action {action:.3f}"
@@ -34,6 +36,8 @@ class ConstantAction:
 
 class ConstantForce:
     """Push with one force [N]."""
+
+    reads = OBSERVATION
 
     def __init__(self, scene: Scene, force: float = 0.0) -> None:
         actuator = scene.actuation.force
@@ -53,6 +57,8 @@ class ConstantForce:
 
 class ConstantStretch:
     """Go to one stretch [-] and stay; by default stay at the one that the episode begins with."""
+
+    reads = OBSERVATION
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
         self.name = "initial stretch" if stretch is None else f"constant stretch {stretch:.3f}"

@@ -11,10 +11,24 @@ if TYPE_CHECKING:
     from mm_gym import MovingMassVectorEnv, Scene
 
 
+FULL_STATE, OBSERVATION = "full state", "observation"
+"""What a law may read: the true state and what is drawn, which no sensor shows, or what an agent
+sees and what its own actuators have reached."""
+
+
 class Controller(Protocol):
-    """A law that acts on many lanes at once."""
+    """A law that acts on many lanes at once.
+
+    Attributes
+    ----------
+    name
+        As in tables and figures.
+    reads
+        `FULL_STATE` or `OBSERVATION`.
+    """
 
     name: str
+    reads: str
 
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Prepare for the episodes that have just begun in the lanes of `env`."""

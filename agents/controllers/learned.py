@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from agents.controllers.controller import OBSERVATION
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 
 class Learned:
     """The mean action of a trained policy."""
+
+    reads = OBSERVATION
 
     def __init__(self, policy: Policy, name: str = "learned") -> None:
         self.policy = policy

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import control
 import numpy as np
 
-from mm_gym import compile_scene
+from agents.controllers.controller import FULL_STATE
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,10 +26,6 @@ It is well above the round-off of entries of order one, and far below a usable i
 
 RESIDUAL, INDEFINITE = 1e-9, 1e-12
 """Bounds, relative to P, on the Riccati residual and on the size of a negative eigenvalue."""
-
-
-class DesignError(ValueError):
-    """A controller cannot be designed for the scene; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +159,8 @@ class LQR:
     """Feed the measured state back through the optimal gain."""
 
     name = "LQR"
+
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
         self.design = design(scene, stretch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from agents.controllers.controller import FULL_STATE
 from agents.controllers.stretch_command import StretchCommand
 from mm_gym.analysis import stretch_for_stiffness
 
@@ -25,6 +26,8 @@ class MatchingStretch:
     """
 
     name = "matching stretch (knows the frequency)"
+
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene) -> None:
         self.command = StretchCommand(scene)

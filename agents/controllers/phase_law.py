@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.controller import FULL_STATE
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ class PhaseLaw:
     (stretch more); above, stiffen. Nagarajaiah, *Adaptive passive, semiactive, smart tuned mass
     dampers*, Struct. Control Health Monit. 16 (2009).
     """
+
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene, gain: float = 1.0) -> None:
         self.name = f"phase law, gain {gain:.2g}"

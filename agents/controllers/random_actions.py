@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import OBSERVATION, columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +18,8 @@ class RandomActions:
     """Actions drawn uniformly, the same in every evaluation."""
 
     name = "random actions"
+
+    reads = OBSERVATION
 
     def __init__(self, scene: Scene) -> None:
         self.columns = len(columns(scene))

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.controller import FULL_STATE
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -18,6 +20,8 @@ class VelocityFeedback:
     It takes energy out whatever the springs. Balas, *Direct velocity feedback control of large
     space structures*, J. Guid. Control 2 (1979).
     """
+
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene, gain: float) -> None:
         actuator = scene.actuation.force

@@ -16,11 +16,13 @@ from agents.controllers.constant import (
     no_control,
 )
 from agents.controllers.controller import columns
-from agents.controllers.lqr import LQR, DesignError
+from agents.controllers.lqg import LQG
+from agents.controllers.lqr import LQR
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +48,7 @@ def baselines(scene: Scene) -> list[Controller]:
     still = [no_control(scene)]
     if scene.actuation.stretch is not None:
         still.insert(0, best_constant_stretch(scene))
-    return [*still, *classical_laws(scene), *informed_laws(scene)]
+    return [*still, *classical_laws(scene), *output_feedback(scene), *informed_laws(scene)]
 
 
 def classical_laws(scene: Scene) -> list[Controller]:
@@ -58,6 +60,16 @@ def classical_laws(scene: Scene) -> list[Controller]:
             return [best_phase_law(scene), best_clipped_lqr(scene)]
         case _:
             return [best_lqr_at_constant_stretch(scene), best_lqr_with_clipped_lqr(scene)]
+
+
+def output_feedback(scene: Scene) -> list[Controller]:
+    """Return the laws that read the observation alone: an LQG if one can be designed."""
+    if columns(scene) != ("force",):
+        return []
+    try:
+        return [LQG(scene)]
+    except DesignError:
+        return []
 
 
 def informed_laws(scene: Scene) -> list[Controller]:

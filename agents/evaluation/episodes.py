@@ -30,8 +30,8 @@ class Evaluation:
 
     Attributes
     ----------
-    name
-        The controller's name.
+    name, reads
+        The controller's name, and what it may read: "full state" or "observation".
     penalties
         (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
         [-]; see `evaluate`.
@@ -45,6 +45,7 @@ class Evaluation:
     """
 
     name: str
+    reads: str
     penalties: NDArray[np.float64]
     returns: NDArray[np.float64]
     frequency: NDArray[np.float64] | None
@@ -142,6 +143,7 @@ def evaluate(
     limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
     return Evaluation(
         name=controller.name,
+        reads=controller.reads,
         penalties=-rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit,
         returns=rewards.sum(axis=0),
         frequency=None if band is None else options[FREQUENCY],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.controller import FULL_STATE
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ class Planner:
     """
 
     name = "planner (knows the episode)"
+    reads = FULL_STATE
 
     def __init__(self, scene: Scene, law: Controller, effort: Effort | None = None) -> None:
         if scene.objective.displacement_limit or scene.objective.rail_half_length:

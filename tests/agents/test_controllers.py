@@ -87,11 +87,12 @@ def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
 
 
 def test_regulator_beats_no_control_on_the_yardstick() -> None:
-    zero, lqr, damper = (
+    zero, lqr, damper, lqg = (
         evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE)
     )
     assert np.all(lqr.returns > zero.returns)
     assert lqr.cost < damper.cost < zero.cost
+    assert lqg.cost < damper.cost  # from the observation, which shows the whole state here
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -65,6 +65,8 @@ def test_ending_an_episode_early_does_not_lower_its_cost() -> None:
 class LateCrash:
     """A good regulator that pushes with full force from some step on."""
 
+    reads = "full state"
+
     def __init__(self, scene: Scene, step: int) -> None:
         self.name, self.step, self.law = f"crash from step {step}", step, LQR(scene)
 

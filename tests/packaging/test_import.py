@@ -12,7 +12,7 @@ EXTRAS = ["torch", "stable_baselines3", "control", "matplotlib", "pygame", "tyro
 PUBLIC = [
     "work_precision",
     *["Scene", "load_scene", "SceneError", "CompileError", "ActionError", "SimulationError"],
-    "DesignError",
+    *["DesignError", "LinearSystem"],
     *["compile_scene", "Plant", "simulate", "Trajectory", "MovingMassEnv", "MovingMassVectorEnv"],
 ]
 
