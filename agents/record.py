@@ -15,14 +15,13 @@ import numpy as np
 import tyro
 from pydantic import Field, JsonValue, model_validator
 
-from agents.controllers.lqr import DesignError
 from agents.policies import PolicyError
 from agents.recording.dataset import DatasetError, free_id, write
 from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
 from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
 from agents.training.runs import RunError
-from mm_gym import ActionError, SceneError, SimulationError, load_scene
+from mm_gym import ActionError, DesignError, SceneError, SimulationError, load_scene
 from mm_gym.scene import Part
 from mm_gym.task_files import path_of
 

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from mm_gym.scene.toml_file import load_scene as load_scene
     from mm_gym.simulation.simulate import simulate as simulate
     from mm_gym.simulation.trajectory import Trajectory as Trajectory
+    from mm_gym.state_space.linear_system import LinearSystem as LinearSystem
 
 _MODULES = {
     "ActionError": "errors",
     "CompileError": "errors",
     "DesignError": "errors",
+    "LinearSystem": "state_space.linear_system",
     "MovingMassEnv": "env.single",
     "MovingMassVectorEnv": "env.vector",
     "Plant": "plant.plant",

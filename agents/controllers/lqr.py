@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import control
 import numpy as np
 
-from agents.controllers.errors import DesignError
-from mm_gym import compile_scene
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

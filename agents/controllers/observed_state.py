@@ -9,9 +9,8 @@ import numpy as np
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.disturbance import covariance, state_scales
-from agents.controllers.errors import DesignError
 from agents.controllers.model import Model
-from mm_gym import compile_scene
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import control
 import numpy as np
 
-from agents.controllers.errors import DesignError
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
 from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
-from mm_gym import compile_scene
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values

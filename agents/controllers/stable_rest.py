@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from agents.controllers.errors import DesignError
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from mm_gym import Scene

@@ -19,7 +19,6 @@ from agents.controllers.constant import (
     no_control,
 )
 from agents.controllers.controller import columns
-from agents.controllers.errors import DesignError
 from agents.controllers.feedback import Feedback
 from agents.controllers.frequency_estimators import (
     FrequencyLockedLoop,
@@ -27,6 +26,7 @@ from agents.controllers.frequency_estimators import (
     ShortTimeFourier,
 )
 from agents.controllers.frequency_tracking import FrequencyTracking, reachable_band
+from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.observed_state import ObservedState
@@ -37,6 +37,7 @@ from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.stable_rest import has_stable_rest
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,7 +66,8 @@ def baselines(scene: Scene) -> list[Controller]:
     still: list[Controller] = [Feedback(scene, no_control(scene))]
     if scene.actuation.stretch is not None:
         still.insert(0, best_constant_stretch(scene))
-    return [*still, *classical_laws(scene), *informed_laws(scene)]
+    laws = [*classical_laws(scene), *output_feedback(scene), *informed_laws(scene)]
+    return [*still, *laws]
 
 
 def classical_laws(scene: Scene) -> list[Feedback]:
@@ -82,6 +84,16 @@ def classical_laws(scene: Scene) -> list[Feedback]:
         case _:
             held = best_lqr_at_constant_stretch(scene)
             return [held, best_lqr_with_clipped_lqr(scene)] if stable else [held]
+
+
+def output_feedback(scene: Scene) -> list[Controller]:
+    """Return the LQG of a force, which filters the observation, if one can be designed."""
+    if columns(scene) != ("force",):
+        return []
+    try:
+        return [LQG(scene)]
+    except DesignError:
+        return []
 
 
 def tuning_laws(scene: Scene) -> list[Feedback]:

@@ -12,6 +12,7 @@ from agents.evaluation.baselines import (
     best_without_memory,
     classical_laws,
     informed_laws,
+    output_feedback,
     predictive_control,
 )
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
@@ -45,6 +46,7 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
         scored("random", scene, RandomActions(scene)),
         scored("constant", scene, best_constant(scene, HELD_OUT_SEED)),
         *scores,
+        *(scored("law", scene, law) for law in output_feedback(scene)),
         scored("predictive", scene, predictive_control(scene, best)),
         *(scored("informed", scene, law) for law in informed_laws(scene)),
         scored("planner", scene, Planner(scene, best)),

@@ -126,7 +126,8 @@ def _play_batch(
     starts, steps = [(observation, info["state"], info["applied"])], []
     alive, length = np.ones(len(seeds), np.bool_), np.zeros(len(seeds), np.int64)
     while True:
-        action = exploration.applied_to(controller.act(observation, info))
+        known = {} if controller.reads == "observation" else info
+        action = exploration.applied_to(controller.act(observation, known))
         observation, reward, terminated, truncated, info = env.step(action)
         starts.append((observation, info["state"], info["applied"]))
         steps.append((action, reward, terminated, truncated))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
+from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
@@ -15,6 +16,7 @@ from agents.evaluation.baselines import (
     best_constant,
     best_lqr_at_constant_stretch,
     best_lqr_with_clipped_lqr,
+    best_on_off_stiffness,
     best_phase_law,
     best_velocity_feedback,
     regulators,
@@ -38,7 +40,7 @@ RANDOM = "random"
 
 ALWAYS: Mapping[str, Make] = {
     RANDOM: RandomActions,
-    "no-control": no_control,
+    "no-control": lambda scene: Feedback(scene, no_control(scene)),
     "best-constant": best_constant,
 }
 """Laws for any actuators. Those called best are tuned on the validation episodes."""
@@ -48,7 +50,11 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "lqr": lambda scene: regulators(scene)[0],
         "velocity-feedback": best_velocity_feedback,
     },
-    ("stretch",): {"phase-law": best_phase_law, "clipped-lqr": best_clipped_lqr},
+    ("stretch",): {
+        "phase-law": best_phase_law,
+        "clipped-lqr": best_clipped_lqr,
+        "on-off-stiffness": best_on_off_stiffness,
+    },
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
         "lqr-and-clipped-lqr": best_lqr_with_clipped_lqr,

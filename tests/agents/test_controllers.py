@@ -13,7 +13,6 @@ from tasks import (
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import ConstantStretch, no_control
 from agents.controllers.controller import columns
-from agents.controllers.errors import DesignError
 from agents.controllers.feedback import Feedback
 from agents.controllers.matching_stretch import MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
@@ -27,7 +26,7 @@ from agents.evaluation.baselines import (
     regulators,
 )
 from agents.evaluation.episodes import evaluate
-from mm_gym import MovingMassVectorEnv
+from mm_gym import DesignError, MovingMassVectorEnv
 
 RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
 
@@ -96,11 +95,13 @@ def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
 
 
 def test_regulator_beats_no_control_on_the_yardstick() -> None:
-    zero, lqr, damper = (
+    zero, lqr, damper, lqg = (
         evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE)
     )
     assert np.all(lqr.returns > zero.returns)
     assert lqr.cost < damper.cost < zero.cost
+    # The first frame shows the whole state: nothing is lost in estimating it.
+    assert lqg.cost == pytest.approx(lqr.cost, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-from agents.controllers.lqr import LQR, DesignError, design
-from mm_gym import MovingMassVectorEnv, Scene, compile_scene
+from agents.controllers.lqr import LQR, design
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 
 LONG = CARRIAGE_FORCE.replace(
     **{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0}

@@ -6,7 +6,6 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, 
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.constant import no_control
-from agents.controllers.errors import DesignError
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.model import Model
@@ -14,7 +13,7 @@ from agents.controllers.observed_state import ObservedState
 from agents.controllers.true_state import TrueState
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import evaluate
-from mm_gym import MovingMassVectorEnv
+from mm_gym import DesignError, MovingMassVectorEnv
 
 LAGGING = HYBRID.replace(
     **{
