@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
 from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
+from agents.controllers.lqg import LQG
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
@@ -19,7 +21,12 @@ from agents.evaluation.baselines import (
     best_on_off_stiffness,
     best_phase_law,
     best_velocity_feedback,
+    best_without_memory,
+    classical_laws,
+    frequency_trackers,
+    predictive_control,
     regulators,
+    resetting_laws,
 )
 from agents.policies import load_policy
 from agents.training.runs import Run, RunError
@@ -42,18 +49,24 @@ ALWAYS: Mapping[str, Make] = {
     RANDOM: RandomActions,
     "no-control": lambda scene: Feedback(scene, no_control(scene)),
     "best-constant": best_constant,
+    "predictive-control": lambda scene: predictive_control(
+        scene, best_without_memory(scene, classical_laws(scene))
+    ),
 }
 """Laws for any actuators. Those called best are tuned on the validation episodes."""
 
 LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     ("force",): {
         "lqr": lambda scene: regulators(scene)[0],
+        "lqg": LQG,
         "velocity-feedback": best_velocity_feedback,
     },
     ("stretch",): {
         "phase-law": best_phase_law,
         "clipped-lqr": best_clipped_lqr,
         "on-off-stiffness": best_on_off_stiffness,
+        "resetting-stiffness-passive": lambda scene: resetting_laws(scene)[0],
+        "resetting-stiffness": lambda scene: resetting_laws(scene)[1],
     },
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
@@ -62,16 +75,26 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
 }
 """Laws for the actuators that a scene has."""
 
+TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
+"""Laws that look for the frequency of a harmonic force, by how they do, as `frequency_trackers`."""
+
 
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
     found = {**ALWAYS, **LAWS[columns(scene)]}
     if scene.actuation.force is not None and scene.objective.effort_weight == 0.0:
-        found.pop("lqr", None)
-        found.pop("lqr-and-clipped-lqr", None)
-    if FREQUENCY in scene.randomization and columns(scene) == ("stretch",):
-        found["matching-stretch"] = MatchingStretch
+        for name in ("lqr", "lqg", "lqr-and-clipped-lqr"):  # they need a price of the force
+            found.pop(name, None)
+    if columns(scene) == ("stretch",):
+        if {part.kind for part in scene.excitation} == {"harmonic"}:
+            found |= {name: partial(_tracker, number) for number, name in enumerate(TRACKERS)}
+        if FREQUENCY in scene.randomization:
+            found["matching-stretch"] = MatchingStretch
     return found
+
+
+def _tracker(number: int, scene: Scene) -> Controller:
+    return frequency_trackers(scene)[number]
 
 
 def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controller:

@@ -141,7 +141,7 @@ def test_noise_has_its_deviation_and_stays_in_the_action_space():
 @pytest.mark.parametrize("scene", [CARRIAGE_FORCE, PRE_STRETCH, HYBRID])
 def test_laws_of_a_scene_have_an_action_for_each_actuator(scene):
     names = {
-        1: {"random", "no-control", "best-constant"},
+        1: {"random", "no-control", "best-constant", "predictive-control"},
         2: {"random", "no-control", "best-constant", "lqr", "lqr-and-clipped-lqr"},
     }
     applicable = laws(scene)
@@ -149,6 +149,18 @@ def test_laws_of_a_scene_have_an_action_for_each_actuator(scene):
         actuator is not None for actuator in (scene.actuation.force, scene.actuation.stretch)
     )
     assert names[actuators] <= set(applicable)
+
+
+@pytest.mark.slow  # most laws are tuned first
+@pytest.mark.parametrize("name", TASKS)
+def test_every_law_of_a_task_plays(name):
+    scene = TASKS[name]
+    generator = np.random.default_rng(1)
+    for controller in laws(scene):
+        law = law_of(controller, scene, generator)
+        exploration = Exploration(0.0, generator)
+        (batch,) = play(name, law, [1, 2], lanes=2, exploration=exploration, arguments={})
+        assert all(len(episode.rewards) == scene.control.steps for episode in batch)
 
 
 def test_regulator_is_recorded_by_its_name(capsys):
