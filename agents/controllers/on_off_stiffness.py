@@ -24,7 +24,8 @@ class OnOffStiffness:
     P solves A' P + P A + Q = 0 for the plant at one stretch and the reward's weight Q, so x' P x
     is the cost to go of that passive plant, and each choice lowers it. Onoda, Endo, Tamaoki and
     Watanabe, *Vibration suppression by variable-stiffness members*, AIAA J. 29 (1991); Leitmann,
-    *Semiactive control for vibration attenuation*, J. Intell. Mater. Syst. Struct. 5 (1994).
+    *Semiactive control for vibration attenuation*, Journal of Intelligent Material Systems and
+    Structures 5 (1994).
 
     Raises
     ------

@@ -1,5 +1,10 @@
 """Do the classical laws do what their sources say?"""
 
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from tasks import (
@@ -27,6 +32,10 @@ from agents.evaluation.baselines import (
 )
 from agents.evaluation.episodes import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
 
 RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
 
@@ -104,14 +113,39 @@ def test_regulator_beats_no_control_on_the_yardstick() -> None:
     assert lqg.cost == pytest.approx(lqr.cost, rel=1e-3)
 
 
+@cache
+def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
+    scene = TASKS[name].replace(**{"control.steps": 10})
+    return scene, baselines(scene)
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_baselines_that_act_on_its_actuators(name) -> None:
-    scene = TASKS[name].replace(**{"control.steps": 10})
+    scene, found = short_baselines(name)
     width = len(columns(scene))
-    found = baselines(scene)
     assert len(found) >= 3
     for controller in found:
         assert evaluate(scene, controller, episodes=3).applied.shape[2] == width
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_hidden_state_does_not_change_what_claims_the_observation(name) -> None:
+    scene, found = short_baselines(name)
+    env = MovingMassVectorEnv(scene, 3)
+    for controller in found:
+        if controller.reads != "observation":
+            continue
+        actions = []
+        for scrambled in (False, True):
+            observation, info = env.reset(seed=5)
+            controller.reset(env)
+            for _ in range(8):
+                if scrambled:
+                    info = {key: np.full_like(info[key], np.nan) for key in info}
+                action = controller.act(observation, info)
+                actions.append(action)
+                observation, *_, info = env.step(action)
+        np.testing.assert_array_equal(actions[:8], actions[8:], err_msg=controller.name)
 
 
 def test_clipped_regulator_takes_energy_out_of_switched_springs() -> None:
