@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from mm_gym import compile_scene
+from mm_gym.analysis import spring_stiffness
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
@@ -32,13 +33,11 @@ class Lead:
         self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
         rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
         self.time = 0.5 * self.range / rate + actuator.lag
-        plant = compile_scene(scene)
-        self.transitions = np.stack(
-            [
-                expm(plant.linear(self.low + share * self.range)[0] * self.time)
-                for share in np.linspace(0.0, 1.0, STRETCHES)
-            ]
-        )
+        stretches = self.low + self.range * np.linspace(0.0, 1.0, STRETCHES)
+        k2 = spring_stiffness(stretches, scene.springs.stiffness)
+        soft, stiff = (compile_scene(scene).linear(s)[0] for s in (stretches[-1], stretches[0]))
+        share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
+        self.transitions = expm((soft + share[:, None, None] * (stiff - soft)) * self.time)
 
     def __call__(self, state: Values, stretch: Values) -> Values:
         """Return the states (lanes, 4) ahead, from those now and the stretches (lanes,)."""
