@@ -15,10 +15,10 @@ demo: $(INSTALLED)
 	$(RUN) -m agents.demo
 
 test: $(INSTALLED)
-	$(RUN) -m pytest -m "not slow"
+	$(RUN) -m pytest -n auto --dist loadfile -m "not slow"
 
 test-slow: $(INSTALLED)
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n auto --dist loadfile
 
 # The pages on clients that the extras do not bring; one of them: make rllib.
 test-clients: $(CLIENTS)

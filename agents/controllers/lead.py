@@ -22,7 +22,8 @@ class Lead:
     """Move a state ahead by half the time in which the springs cross their range, and by their lag.
 
     The present stretch is taken to stay, and no force to act. Without it, a switch comes a quarter
-    of a period late where springs need half a period to cross.
+    of a period late where springs need half a period to cross. Springs that need more than the
+    sphere's fastest period do not switch within it, and for them there is no lead but the lag.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -32,7 +33,10 @@ class Lead:
             raise ValueError(msg)
         self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
         rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
-        self.time = 0.5 * self.range / rate + actuator.lag
+        crossing = self.range / rate
+        stiffest = spring_stiffness(self.low, scene.springs.stiffness)
+        period = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
+        self.time = actuator.lag + (0.5 * crossing if crossing < period else 0.0)
         stretches = self.low + self.range * np.linspace(0.0, 1.0, STRETCHES)
         k2 = spring_stiffness(stretches, scene.springs.stiffness)
         soft, stiff = (compile_scene(scene).linear(s)[0] for s in (stretches[-1], stretches[0]))
