@@ -5,18 +5,26 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BENCH := .venv-bench
+PINS ?= constraints.txt
+CLIENTS := rl_zoo3 rllib skrl tianshou torchrl
 
-.PHONY: demo test test-slow check bench tasks clean
+.PHONY: demo test test-slow test-clients $(CLIENTS) check bench tasks clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
 	$(RUN) -m agents.demo
 
 test: $(INSTALLED)
-	$(RUN) -m pytest -m "not slow"
+	$(RUN) -m pytest -n auto --dist loadfile -m "not slow"
 
 test-slow: $(INSTALLED)
-	$(RUN) -m pytest
+	$(RUN) -m pytest -n auto --dist loadfile
+
+# The pages on clients that the extras do not bring; one of them: make rllib.
+test-clients: $(CLIENTS)
+
+$(CLIENTS): %: .venv-%/.installed
+	.venv-$*/bin/python -m pytest -W default tests/clients/test_$*.py
 
 check: $(INSTALLED)
 	$(RUN) -m ruff check .
@@ -53,5 +61,12 @@ $(BENCH)/.installed: pyproject.toml constraints.txt
 	$(BENCH)/bin/python -m pip install --quiet -c $(BENCH)/constraints.txt -e ".[all]" --group bench
 	@touch $@
 
+# An environment for each: a client, RLlib, accepts one version of gymnasium only.
+$(CLIENTS:%=.venv-%/.installed): .venv-%/.installed: pyproject.toml constraints.txt
+	$(call install,.venv-$*)
+	sed "/^gymnasium==/d" $(PINS) > .venv-$*/constraints.txt
+	.venv-$*/bin/python -m pip install --quiet -c .venv-$*/constraints.txt -e . --group $*
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(BENCH) dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) dist .pytest_cache .ruff_cache .hypothesis

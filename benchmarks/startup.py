@@ -1,41 +1,93 @@
-"""Start-up times: the import, and the first step of a new environment with a warm cache."""
+"""Start-up times: the import, and the first step with and without compiled code on disk."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.report import table
+from mm_gym.task_files import ids
 
+STEP = (
+    "import gymnasium, mm_gym; e = gymnasium.make('{}'); e.reset(seed=0); "
+    "e.step(e.action_space.sample())"
+)
 SCRIPTS = {
     "`import numpy, gymnasium, numba`": "import numpy, gymnasium, numba",
     "`import mm_gym`": "import mm_gym",
-    "make, reset and step CarriageForce": (
-        "import gymnasium, mm_gym; e = gymnasium.make('mm_gym/CarriageForce-v0'); e.reset(seed=0); "
-        "e.step(e.action_space.sample())"
-    ),
-    "make, reset and step PreStretch": (
-        "import gymnasium, mm_gym; e = gymnasium.make('mm_gym/PreStretch-v0'); e.reset(seed=0); "
-        "e.step(e.action_space.sample())"
-    ),
+    "make, reset and step CarriageForce": STEP.format("mm_gym/CarriageForce-v0"),
+    "make, reset and step PreStretch": STEP.format("mm_gym/PreStretch-v0"),
 }
 ROUNDS = 5
+WORKERS = 10
+
+TIMED = """
+import resource, time
+start = time.perf_counter()
+{}
+used = resource.getrusage(resource.RUSAGE_SELF)
+print(used.ru_utime + used.ru_stime, time.perf_counter() - start)
+"""
+"""Prints the processor time of the process, and the time of the script [s]."""
+
+EMPTY = """Without compiled code on disk: each scene in a process and a folder of its own, then all
+in one folder, where kernels that tasks have in common are compiled once; then {workers} processes
+that step CarriageForce at once, in a folder of theirs. The processor time is that of whole
+processes; other processes of a shared machine change it less than the time that passes.
+"""
 
 
 def startup() -> str:
-    """Return the section on start-up: each script in its own process, in turns."""
+    """Return the sections on start-up: each script in its own process, in turns."""
     seconds: dict[str, list[float]] = {name: [] for name in SCRIPTS}
     for _ in range(ROUNDS + 1):
         for name, script in SCRIPTS.items():
-            timed = (
-                f"import time; t = time.perf_counter(); {script}; print(time.perf_counter() - t)"
-            )
-            done = subprocess.run(
-                [sys.executable, "-c", timed], capture_output=True, text=True, check=True
-            )
-            seconds[name].append(float(done.stdout.split()[-1]))
+            seconds[name].append(_finished(_started(script))[1])
     # The first round fills the caches.
     rows = [(name, f"{np.median(values[1:]):.2f}") for name, values in seconds.items()]
-    return f"## Start-up, warm cache\n\n{table(('process', 'seconds'), rows)}\n"
+    warm = f"## Start-up, warm cache\n\n{table(('process', 'seconds'), rows)}\n"
+    return f"{warm}\n## Start-up, empty cache\n\n{EMPTY.format(workers=WORKERS)}\n{empty()}\n"
+
+
+def empty() -> str:
+    """Return the table of first steps without compiled code on disk."""
+    rows = []
+    with TemporaryDirectory() as common:
+        for name in ids():
+            with TemporaryDirectory() as folder:
+                alone = _finished(_started(STEP.format(name), folder))
+            shared = _finished(_started(STEP.format(name), common))
+            rows.append((name, *(f"{value:.1f}" for value in (*alone, *shared))))
+    with TemporaryDirectory() as folder:
+        script = STEP.format("mm_gym/CarriageForce-v0")
+        processes = [_started(script, folder) for _ in range(WORKERS)]
+        times = np.array([_finished(process) for process in processes])
+    rows.append(
+        (f"{WORKERS} at once", f"{times[:, 0].sum():.1f}", f"{times[:, 1].max():.1f}", "", "")
+    )
+    header = ("first step of", "processor seconds", "seconds", "in one folder", "seconds")
+    return table(header, rows)
+
+
+def _started(script: str, folder: str | None = None) -> subprocess.Popen[str]:
+    """Start a script that prints its times, with its compiled code in a folder."""
+    place = {} if folder is None else {"NUMBA_CACHE_DIR": folder}
+    return subprocess.Popen(
+        [sys.executable, "-c", TIMED.format(script)],
+        env=os.environ | place,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _finished(process: subprocess.Popen[str]) -> tuple[float, float]:
+    """Return processor time and time of a started script [s]."""
+    out, _ = process.communicate()
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, process.args)
+    used, passed = out.split()[-2:]
+    return float(used), float(passed)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from mm_gym.env.vector import MovingMassVectorEnv as MovingMassVectorEnv
     from mm_gym.errors import ActionError as ActionError
     from mm_gym.errors import CompileError as CompileError
+    from mm_gym.errors import DesignError as DesignError
     from mm_gym.errors import SceneError as SceneError
     from mm_gym.errors import SimulationError as SimulationError
     from mm_gym.plant.compile import compile_scene as compile_scene
@@ -19,10 +20,13 @@ if TYPE_CHECKING:
     from mm_gym.scene.toml_file import load_scene as load_scene
     from mm_gym.simulation.simulate import simulate as simulate
     from mm_gym.simulation.trajectory import Trajectory as Trajectory
+    from mm_gym.state_space.linear_system import LinearSystem as LinearSystem
 
 _MODULES = {
     "ActionError": "errors",
     "CompileError": "errors",
+    "DesignError": "errors",
+    "LinearSystem": "state_space.linear_system",
     "MovingMassEnv": "env.single",
     "MovingMassVectorEnv": "env.vector",
     "Plant": "plant.plant",

@@ -11,14 +11,21 @@ from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
-from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError, suggest
+from mm_gym.errors import (
+    ActionError,
+    CompileError,
+    DesignError,
+    SceneError,
+    SimulationError,
+    suggest,
+)
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_findings, compile_scene
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
 from mm_gym.simulation.simulate import simulate
-from mm_gym.task_files import is_id, path_of
+from mm_gym.task_files import ids, is_id, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         SceneError,
         CompileError,
         ActionError,
+        DesignError,
         SimulationError,
         DependencyNotInstalled,
         OSError,
@@ -56,6 +64,8 @@ def _parser() -> argparse.ArgumentParser:
         ("validate", _validate, "check scene files, and print every finding"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
+        ("tune", _tune, "find the stretch and damping that suit a scene best"),
+        ("render", _render, "draw one episode without an agent as PNG, or as video (.mp4)"),
         ("work-precision", _work_precision, "measure error against time, and recommend settings"),
     ):
         command = commands.add_parser(name, help=text, description=text)
@@ -64,15 +74,25 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run)
         if name == "simulate":
             _add_options(command)
+        if name == "tune":
+            _add_tuning(command)
+        if name == "render":
+            command.add_argument("--out", metavar="FILE", required=True)
+            command.add_argument("--seed", type=_seed, default=0, metavar="N")
+            command.add_argument("--steps", type=_count, metavar="N", help="control steps")
         if name == "work-precision":
             command.add_argument("--out", metavar="DIR", help="write CSV table and PNG figure")
             command.add_argument("--seed", type=_seed, default=0, metavar="N")
             lanes = "lanes stepped side by side where costs are measured; by default 1"
             command.add_argument("--lanes", type=int, default=1, metavar="N", help=lanes)
+    text = "compile what scenes need, all tasks by default, and keep it for later processes"
+    command = commands.add_parser("warm", help=text, description=text)
+    command.add_argument("scene", metavar="TASK or SCENE.toml", nargs="*")
+    command.set_defaults(run=_warm)
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
-    text = "draw the paper's figures and compare its numbers"
+    text = "draw the paper's figures, and one of a bistable carriage; compare the paper's numbers"
     command = commands.add_parser("paper", help=text, description=text)
     command.add_argument("--figure", metavar="NAME", help="one figure only, such as fig10")
     command.add_argument("--out", metavar="DIR", required=True)
@@ -89,6 +109,17 @@ def _add_options(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
 
 
+def _add_tuning(tune: argparse.ArgumentParser) -> None:
+    text = "force or ground; by default what the scene's excitation moves"
+    tune.add_argument("--excitation", metavar="NAME", help=text)
+    text = "what is kept small; by default carriage_displacement"
+    tune.add_argument("--channel", metavar="NAME", default="carriage_displacement", help=text)
+    text = "h_infinity (the default), h2 or stability"
+    tune.add_argument("--criterion", metavar="NAME", default="h_infinity", help=text)
+    text = "write the tuned scene, and its frequency response as PNG; needs mm_gym[plot]"
+    tune.add_argument("--out", metavar="DIR", help=text)
+
+
 def _seed(text: str) -> int:
     seed = int(text)
     if seed < 0:
@@ -97,6 +128,16 @@ def _seed(text: str) -> int:
 
 
 _seed.__name__ = "seed"  # for argparse's message: invalid seed value
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise ValueError
+    return count
+
+
+_count.__name__ = "count"
 
 
 def _validate(options: argparse.Namespace) -> None:
@@ -138,6 +179,45 @@ def _simulate(options: argparse.Namespace) -> None:
         trajectory.to_csv(options.csv)
     if options.plot is not None:
         trajectory.plot(options.plot)
+
+
+def _warm(options: argparse.Namespace) -> None:
+    from mm_gym.simulation.warm import warm  # noqa: PLC0415 - other commands do not need it
+
+    names: list[str] = options.scene or ids()
+    scenes = [(name, load_scene(name)) for name in names]
+    total = 0.0
+    for count, (name, scene) in enumerate(scenes, 1):
+        print(f"{count}/{len(scenes)} {name}: ", end="", flush=True)
+        seconds = warm(scene)
+        print(f"{seconds:.1f} s", flush=True)
+        total += seconds
+    print(f"compiled, {total:.1f} s in total")
+
+
+def _tune(options: argparse.Namespace) -> None:
+    from mm_gym.tuning import tune  # noqa: PLC0415 - it imports SciPy's optimisers
+
+    scene = load_scene(options.scene)
+    outputs: list[Path] = []
+    if options.out is not None:
+        outputs = _in_folder(options.out, ["tuned.toml", "response.png"])
+        check_outputs(outputs, _inputs(options.scene, scene))
+    found = tune(
+        scene, excitation=options.excitation, channel=options.channel, criterion=options.criterion
+    )
+    print(found.table())
+    if outputs:
+        found.plot(outputs[1])
+        found.to_toml(outputs[0])
+
+
+def _render(options: argparse.Namespace) -> None:
+    from mm_gym.rendering.episode import draw_episode  # noqa: PLC0415 - nothing else needs it
+
+    scene = load_scene(options.scene)
+    check_outputs([options.out], _inputs(options.scene, scene))
+    draw_episode(scene, options.out, seed=options.seed, steps=options.steps)
 
 
 def _work_precision(options: argparse.Namespace) -> None:

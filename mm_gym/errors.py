@@ -21,6 +21,14 @@ class CompileError(ValueError):
     """No method covers the scene within its bound, or the chosen one does not apply to it."""
 
 
+class DesignError(ValueError):
+    """A controller or an absorber cannot be designed for the scene; the message says why."""
+
+
+class OutOfReachError(DesignError):
+    """No stretch of the scene's springs gives a stiffness."""
+
+
 class ActionError(ValueError):
     """An action has the wrong type or shape, or is not finite. The state is unchanged."""
 

@@ -20,6 +20,9 @@ Not possessive: before Python 3.11.5 possessive groups may match too much."""
 NUMERIC = re.compile(r"[+-]?(?:\.?\d|(?:nan|inf|infinity)\b)", re.ASCII | re.IGNORECASE)
 """Start of a cell that is a number, or was meant to be one."""
 
+GLUED = re.compile(r"(?<=[0-9.])(?=[+-])", re.ASCII)
+"""Place between two numbers that only a sign separates."""
+
 PLAIN = re.compile(r"[0-9.+\-EeDd \t\n]*+")
 FORTRAN = str.maketrans("Dd", "Ee")
 
@@ -32,6 +35,12 @@ def apart(cell: str) -> list[str]:
     parts = NUMBER.findall(cell)
     joined = "".join(parts) == cell and all("." in part for part in parts)
     return parts if joined and all(part[0] in "+-" for part in parts[1:]) else [cell]
+
+
+def glued_floats(text: str) -> NDArray[np.float64] | None:
+    """Return the numbers in a text as `apart` splits them, or None if one has no decimal point."""
+    values = floats(GLUED.sub(" ", text))
+    return values if values is not None and text.count(".") == len(values) else None
 
 
 def floats(text: str) -> NDArray[np.float64] | None:

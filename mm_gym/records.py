@@ -17,7 +17,16 @@ import numpy as np
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
-from mm_gym.record_numbers import FORTRAN, LARGEST, NUMBER, NUMERIC, apart, floats, table
+from mm_gym.record_numbers import (
+    FORTRAN,
+    LARGEST,
+    NUMBER,
+    NUMERIC,
+    apart,
+    floats,
+    glued_floats,
+    table,
+)
 from mm_gym.record_units import ACCELERATION_UNITS, FORCE_UNITS, UNITS, contradiction
 
 if TYPE_CHECKING:
@@ -236,9 +245,11 @@ def _read_peer(
 
 def _numbers(file: Path, number: int, block: str) -> NDArray[np.float64]:
     """Return the numbers in any columns of a block of lines."""
-    values = floats(block.replace(",", " "))
-    if values is not None:
-        return values
+    text = block.replace(",", " ")
+    for read in (floats, glued_floats):  # the slow way below finds what is wrong
+        values = read(text)
+        if values is not None:
+            return values
     rows = [line.replace(",", " ").split() for line in block.split("\n")]
     rows = [[part for cell in row for part in apart(cell)] for row in rows]
     return _values(file, rows, range(number, number + len(rows)))

@@ -7,11 +7,15 @@ Such a file is all that a new task needs.
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 from mm_gym.errors import SceneError, suggest
 
 FOLDER = Path(__file__).with_name("tasks")
+
+DEFAULT_STEPS = 400
+"""Control steps in an episode of a scene that states no number."""
 
 _VERSION = re.compile(r"_v(\d+)$")
 _ID = re.compile(r"mm_gym/[^/.]+|.*-v\d+")
@@ -35,6 +39,24 @@ def path_of(task: str) -> Path:
         msg = f"task: {task!r} is not a task of mm_gym{nearest}; allowed: {', '.join(files)}"
         raise SceneError(msg)
     return files[task]
+
+
+def steps_of(task: str) -> int | None:
+    """Return the control steps in an episode of a task, or None if its file is no scene.
+
+    Without the checks of a scene, which would take longer than all else that registers the tasks.
+    """
+    try:
+        data = tomllib.loads(path_of(task).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    match data.get("control", {}):
+        case {"steps": int(steps)} if steps > 0:
+            return steps
+        case {"steps": _}:
+            return None
+        case _:
+            return DEFAULT_STEPS
 
 
 def _files() -> dict[str, Path]:

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import MovingMassVectorEnv
+    from agents.controllers.controller import Law, Values
 
 
 class Both:
     """One law for the force and one for the stretch."""
 
-    def __init__(self, force: Controller, stretch: Controller) -> None:
+    def __init__(self, force: Law, stretch: Law) -> None:
         self.name = f"{force.name} + {stretch.name}"
         self.force, self.stretch = force, stretch
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Prepare both."""
-        self.force.reset(env)
-        self.stretch.reset(env)
+        self.force.begin(lanes)
+        self.stretch.begin(lanes)
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the two columns."""
-        laws = (self.force, self.stretch)
-        return np.concatenate([law.act(observation, info) for law in laws], axis=1)
+        return np.concatenate([law.action(state, applied) for law in (self.force, self.stretch)], 1)

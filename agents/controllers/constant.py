@@ -13,23 +13,25 @@ from agents.controllers.stretch_command import StretchCommand
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller
+    from agents.controllers.controller import Law, Reads, Values
     from mm_gym import MovingMassVectorEnv, Scene
 
 
 class ConstantAction:
     """The same action throughout."""
 
+    reads: Reads = "observation"
+
     def __init__(self, scene: Scene, action: float = 0.0) -> None:
         self.name = "zero action" if action == 0.0 else f"constant action {action:.3f}"
-        self.action = np.full(len(columns(scene)), action)
+        self.values = np.full(len(columns(scene)), action)
 
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return the action for every lane."""
-        return np.tile(self.action, (len(observation), 1))
+        return np.tile(self.values, (len(observation), 1))
 
 
 class ConstantForce:
@@ -41,14 +43,14 @@ class ConstantForce:
             msg = "actuation.force: missing; there is no force to hold"
             raise ValueError(msg)
         self.name = f"constant force {force:.3f} N" if force else "no force"
-        self.action = force / actuator.limit
+        self.value = force / actuator.limit
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the force over the limit."""
-        return np.full((len(observation), 1), self.action)
+        return np.full((len(state), 1), self.value)
 
 
 class ConstantStretch:
@@ -59,13 +61,13 @@ class ConstantStretch:
         self.stretch = stretch
         self.command = StretchCommand(scene)
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Forget the last episode's stretch."""
-        self.wanted: NDArray[np.float64] | None = None
+        self.wanted: Values | None = None
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the action towards the stretch."""
-        present: NDArray[np.float64] = info["applied"][:, -1]
+        present = applied[:, -1]
         if self.wanted is None:
             self.wanted = present.copy()
             if self.stretch is not None:
@@ -73,13 +75,13 @@ class ConstantStretch:
         return self.command(self.wanted, present)
 
 
-def constant_stretch(scene: Scene, stretch: float | None = None) -> Controller:
+def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:
     """Return the law that holds a stretch, as `ConstantStretch`, and pushes with no force."""
     law = ConstantStretch(scene, stretch)
     return law if scene.actuation.force is None else Both(ConstantForce(scene), law)
 
 
-def no_control(scene: Scene) -> Controller:
+def no_control(scene: Scene) -> Law:
     """Return the law of no force and of the stretch that the episode begins with."""
     no_stretch = scene.actuation.stretch is None
     law = ConstantForce(scene) if no_stretch else constant_stretch(scene)

@@ -1,8 +1,8 @@
-"""The protocol of all controllers."""
+"""The protocols of controllers, of the laws in them, and of where a law gets the state from."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
     import numpy as np
@@ -10,16 +10,26 @@ if TYPE_CHECKING:
 
     from mm_gym import MovingMassVectorEnv, Scene
 
+    Values: TypeAlias = NDArray[np.float64]
+
+Reads: TypeAlias = Literal["observation", "full state", "episode"]
+"""What a controller may read: what an agent sees; the true state besides; also what was drawn."""
+
 
 class Controller(Protocol):
-    """A law that acts on many lanes at once."""
+    """What acts on many lanes at once."""
 
     name: str
+
+    @property
+    def reads(self) -> Reads:
+        """What it reads; only who reads the full state is given `info`."""
+        ...
 
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Prepare for the episodes that have just begun in the lanes of `env`."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return actions (lanes, k) in [-1, 1].
 
         Parameters
@@ -27,10 +37,47 @@ class Controller(Protocol):
         observation
             (lanes, n): what an agent sees.
         info
-            What a law of control theory may know besides: "state" (lanes, 4), x1, x2 [m], v1, v2
-            [m/s]; "applied" (lanes, k), the force [N] and the stretch [-] that are actuated.
+            "state" (lanes, 4), x1, x2 [m], v1, v2 [m/s]; "applied" (lanes, k), the force [N] and
+            the stretch [-] that are actuated. Empty for a controller that reads the observation.
         """
         ...
+
+
+class Law(Protocol):
+    """A control law: from the state to the action."""
+
+    name: str
+
+    def begin(self, lanes: int) -> None:
+        """Prepare for so many new episodes."""
+
+    def action(self, state: Values, applied: Values) -> Values:
+        """Return actions (lanes, k), which are clipped to [-1, 1] afterwards.
+
+        Parameters
+        ----------
+        state
+            (lanes, 4): x1, x2 [m], v1, v2 [m/s].
+        applied
+            (lanes, k): the force [N] and the stretch [-] that the actuators have.
+        """
+        ...
+
+
+class StateSource(Protocol):
+    """What tells a law the state: the truth, or an estimate from the observation."""
+
+    reads: Reads
+
+    def begin(self, lanes: int) -> None:
+        """Prepare for so many new episodes."""
+
+    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
+        """Return the states (lanes, 4) and what the actuators have (lanes, k)."""
+        ...
+
+    def send(self, action: Values) -> None:
+        """Take note of the actions (lanes, k) that were chosen."""
 
 
 def columns(scene: Scene) -> tuple[str, ...]:

@@ -8,12 +8,15 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Reads, Values
     from agents.policies import Policy
     from mm_gym import MovingMassVectorEnv
 
 
 class Learned:
     """The mean action of a trained policy."""
+
+    reads: Reads = "observation"
 
     def __init__(self, policy: Policy, name: str = "learned") -> None:
         self.policy = policy
@@ -23,6 +26,6 @@ class Learned:
         """Refuse a policy for other observations or actions: raise `PolicyError`."""
         self.policy.check(env.single_observation_space.shape[0], env.single_action_space.shape[0])
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return the policy's mean action."""
         return self.policy.act(observation)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import control
 import numpy as np
 
-from mm_gym import compile_scene
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym import MovingMassVectorEnv, Scene
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
 
 STATES = ("x1", "x2", "v1", "v2")
 
@@ -25,10 +26,6 @@ It is well above the round-off of entries of order one, and far below a usable i
 
 RESIDUAL, INDEFINITE = 1e-9, 1e-12
 """Bounds, relative to P, on the Riccati residual and on the size of a negative eigenvalue."""
-
-
-class DesignError(ValueError):
-    """A controller cannot be designed for the scene; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +156,7 @@ def _check(
 
 
 class LQR:
-    """Feed the measured state back through the optimal gain."""
+    """Feed the state back through the optimal gain."""
 
     name = "LQR"
 
@@ -168,9 +165,9 @@ class LQR:
         assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
         self.limit = scene.actuation.force.limit
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return -gain @ state over the force limit; the environment clips it."""
-        return info["state"][:, self.design.states] @ (-self.design.gain.T / self.limit)
+    def action(self, state: Values, applied: Values) -> Values:
+        """Return -gain @ state over the force limit."""
+        return state[:, self.design.states] @ (-self.design.gain.T / self.limit)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym import MovingMassVectorEnv, Scene
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
 
 
 class PhaseLaw:
@@ -21,9 +21,12 @@ class PhaseLaw:
     vanishes. Below resonance of the absorber the mean is positive and the springs should soften
     (stretch more); above, stiffen. Nagarajaiah, *Adaptive passive, semiactive, smart tuned mass
     dampers*, Struct. Control Health Monit. 16 (2009).
+
+    Raises `DesignError` if the carriage is unstable at rest.
     """
 
     def __init__(self, scene: Scene, gain: float = 1.0) -> None:
+        require_stable_rest(scene, "phase law")
         self.name = f"phase law, gain {gain:.2g}"
         self.gain = gain
         self.command = StretchCommand(scene)
@@ -31,12 +34,12 @@ class PhaseLaw:
         rate = self.command.actuator.rate_limit
         self.stroke = self.command.time_step * rate if rate is not None else np.inf
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the action of the law, saturated at the actuator's rate."""
-        x1, x2 = info["state"][:, 0], info["state"][:, 1]
-        present = info["applied"][:, -1]
+        x1, x2 = state[:, 0], state[:, 1]
+        present = applied[:, -1]
         unsaturated = self.gain * self.command.time_step * x1 * (x2 - x1) / self.unit
         return self.command(present + np.clip(unsaturated, -self.stroke, self.stroke), present)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym import MovingMassVectorEnv, Scene
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
 
 
 class VelocityFeedback:
@@ -27,9 +26,9 @@ class VelocityFeedback:
         self.name = f"velocity feedback, {gain:.2g} N s/m"
         self.gain = gain / actuator.limit
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, lanes: int) -> None:
         """Nothing to prepare."""
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
+    def action(self, state: Values, applied: Values) -> Values:
         """Return the force over the limit."""
-        return np.clip(-self.gain * info["state"][:, 2:3], -1.0, 1.0)
+        return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0)

@@ -14,7 +14,7 @@ from mm_gym import MovingMassVectorEnv
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller
+    from agents.controllers.controller import Controller, Reads
     from mm_gym import Scene
 
 HELD_OUT_SEED = 1_000_000
@@ -32,6 +32,8 @@ class Evaluation:
     ----------
     name
         The controller's name.
+    reads
+        What it read: "observation", "full state" or "episode".
     penalties
         (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
         [-]; see `evaluate`.
@@ -45,6 +47,7 @@ class Evaluation:
     """
 
     name: str
+    reads: Reads
     penalties: NDArray[np.float64]
     returns: NDArray[np.float64]
     frequency: NDArray[np.float64] | None
@@ -123,8 +126,9 @@ def evaluate(
     for step in range(steps):
         for record in (displacement, applied):
             record[step] = record[step - 1]
+        known = {} if controller.reads == "observation" else info
         observation, reward, terminated, truncated, info = env.step(
-            controller.act(observation, info)
+            controller.act(observation, known)
         )
         displacement[step, alive] = info["state"][alive, 0]
         rewards[step, alive] = reward[alive]
@@ -142,6 +146,7 @@ def evaluate(
     limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
     return Evaluation(
         name=controller.name,
+        reads=controller.reads,
         penalties=-rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit,
         returns=rewards.sum(axis=0),
         frequency=None if band is None else options[FREQUENCY],

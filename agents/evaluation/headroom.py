@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 from agents.controllers.constant import ConstantAction
 from agents.controllers.random_actions import RandomActions
-from agents.evaluation.baselines import best_constant, classical_laws, informed_laws
+from agents.evaluation.baselines import (
+    best_constant,
+    best_without_memory,
+    classical_laws,
+    informed_laws,
+    output_feedback,
+    predictive_control,
+)
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.planner import Planner
 from agents.evaluation.statistics import interval
@@ -26,20 +33,23 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
     Returns
     -------
     list of dict
-        Of each: its role, its name, its cost with the ends of a 95 % interval, and its rms of
-        x1 / displacement_scale. Roles: "zero", "random", "constant" (the best on these very
-        episodes), "law" (tuned on others), "informed" (knows what an agent does not), "planner".
+        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, and
+        its rms of x1 / displacement_scale. Roles: "zero", "random", "constant" (the best on these
+        very episodes), "law" (tuned on others), "predictive", "informed" (knows what an agent does
+        not), "planner".
     """
     laws = classical_laws(scene)
     scores = [scored("law", scene, law) for law in laws]
-    best = min(range(len(laws)), key=lambda i: scores[i]["cost"])
+    best = best_without_memory(scene, laws)
     return [
         scored("zero", scene, ConstantAction(scene)),
         scored("random", scene, RandomActions(scene)),
         scored("constant", scene, best_constant(scene, HELD_OUT_SEED)),
         *scores,
+        *(scored("law", scene, law) for law in output_feedback(scene)),
+        scored("predictive", scene, predictive_control(scene, best)),
         *(scored("informed", scene, law) for law in informed_laws(scene)),
-        scored("planner", scene, Planner(scene, laws[best])),
+        scored("planner", scene, Planner(scene, best)),
     ]
 
 
@@ -48,6 +58,6 @@ def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | f
     result = evaluate(scene, controller, episodes=EPISODES)
     low, high = interval(result.penalties)
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
-    return {"role": role, "controller": result.name} | {
+    return {"role": role, "controller": result.name, "reads": result.reads} | {
         name: float(f"{value:.6g}") for name, value in values.items()
     }

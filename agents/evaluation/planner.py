@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller
+    from agents.controllers.controller import Law, Reads
     from mm_gym import Scene
 
     Plans = NDArray[np.float64]
@@ -45,14 +45,15 @@ class Effort:
 class Planner:
     """Try plans over a window of the episode, from the exact state, and follow the best.
 
-    It knows the disturbance to come, which no agent can, and starts from a law's own plan. Its cost
-    is reachable if the future is known; better may exist. De Boer et al., *A tutorial on the
-    cross-entropy method*, Ann. Oper. Res. 134 (2005).
+    It knows the disturbance to come, which no agent can, and starts from the own plan of a law
+    without memory. Its cost is reachable if the future is known; better may exist. De Boer et al.,
+    *A tutorial on the cross-entropy method*, Ann. Oper. Res. 134 (2005).
     """
 
     name = "planner (knows the episode)"
+    reads: Reads = "episode"
 
-    def __init__(self, scene: Scene, law: Controller, effort: Effort | None = None) -> None:
+    def __init__(self, scene: Scene, law: Law, effort: Effort | None = None) -> None:
         if scene.objective.displacement_limit or scene.objective.rail_half_length:
             msg = "objective: the planner needs episodes that do not end early"
             raise ValueError(msg)
@@ -66,7 +67,7 @@ class Planner:
         self.trial = MovingMassVectorEnv(
             self.scene, env.num_envs, autoreset_mode="Disabled", copy=False
         )
-        self.law.reset(env)
+        self.law.begin(env.num_envs)
         self.step = 0
         self.plan: Plans = np.empty((0, *env.action_space.shape))
         self.age = 0
@@ -74,36 +75,28 @@ class Planner:
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
         """Return the next action of the plan; plan again every `Effort.hold` steps."""
         if self.step % self.effort.hold == 0:
-            self.plan = self._improved(self.plan[self.age :], observation, info)
+            self.plan = self._improved(self.plan[self.age :], info)
             self.age = 0
         self.step += 1
         self.age += 1
         return self.plan[self.age - 1]
 
-    def _improved(
-        self, old: Plans, observation: NDArray[np.float32], info: dict[str, Any]
-    ) -> Plans:
+    def _improved(self, old: Plans, info: dict[str, Any]) -> Plans:
         state = self.env.get_state()
         length = min(self.effort.window, self.scene.control.steps - self.step)
-        first = self._plan_of_law(state, observation, info, length)
+        first = self._plan_of_law(state, info, length)
         if len(old):
             kept = np.concatenate([old[:length], first[len(old) :]])
             better = self._worth(state, kept) > self._worth(state, first)
             first = np.where(better[:, None], kept, first)
         return self._searched(state, first)
 
-    def _plan_of_law(
-        self,
-        state: Mapping[str, Any],
-        observation: NDArray[np.float32],
-        info: dict[str, Any],
-        length: int,
-    ) -> Plans:
+    def _plan_of_law(self, state: Mapping[str, Any], info: dict[str, Any], length: int) -> Plans:
         self.trial.set_state(state)
         plan = np.empty((length, *self.trial.action_space.shape))
         for i in range(length):
-            plan[i] = np.clip(self.law.act(observation, info), -1.0, 1.0)
-            observation, *_, info = self.trial.step(plan[i])
+            plan[i] = np.clip(self.law.action(info["state"], info["applied"]), -1.0, 1.0)
+            *_, info = self.trial.step(plan[i])
         return plan
 
     def _searched(self, state: Mapping[str, Any], best: Plans) -> Plans:

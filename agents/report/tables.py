@@ -24,6 +24,7 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
         path,
         [
             "controller",
+            "reads",
             "cost [-]",
             "ratio to reference [-]",
             "rms of x1 / scale [-]",
@@ -31,6 +32,7 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
         ],
         [
             [result.name for result in results],
+            [result.reads for result in results],
             [result.cost for result in results],
             [result.cost / results[0].cost for result in results],
             [result.rms for result in results],
@@ -62,11 +64,13 @@ def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
     count, reference = results[0].returns.size, results[0]
     table = Table(title=f"cost: root of the mean of -reward per step, {count} held-out episodes")
     table.add_column("controller", no_wrap=True)
+    table.add_column("reads")
     for heading in ("cost", "ratio", "rms x1", "return"):
         table.add_column(heading, justify="right")
     for result in sorted(results, key=lambda result: result.cost):
         table.add_row(
             result.name,
+            result.reads,
             f"{result.cost:.3f}",
             f"{result.cost / reference.cost:.2f}",
             f"{result.rms:.3f}",

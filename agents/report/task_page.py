@@ -24,14 +24,16 @@ HEAD = """# Tasks
 
 `gymnasium.make("mm_gym/PreStretch-v0")` after `import mm_gym`, or
 `gymnasium.make("mm_gym:mm_gym/PreStretch-v0")` without it. Each task is also a scene file in
-`configs/scenes/`, to be changed and given as `scene=`.
+`configs/scenes/`, to be changed and given as `scene=`; single fields change with `changes=`.
 
 ## What there is to gain
 
 **Cost** is the root of the mean of -reward over all steps of 100 held-out episodes; where only the
 displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
 percentiles over episodes. The best constant is the best in hindsight, on these very episodes; laws
-are tuned on others. The planner knows the disturbance to come, and improves on the best law in each
+are tuned on others. Controllers read what an agent observes, those marked otherwise also the true
+state, or all of the episode. Predictive control tries plans on a model that does not know the
+disturbance to come. The planner knows the disturbance to come, and improves on the best law in each
 episode by the cross-entropy method. Its cost is reachable if the future is known; better may exist.
 **Headroom** is 1 - cost / cost of the best constant.
 
@@ -94,10 +96,11 @@ def _section(name: str, rows: Sequence[Row]) -> str:
     file = path_of(name)
     constant = _least(rows, "constant")
     scores = markdown(
-        ["controller", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
+        ["controller", "reads", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
         [
             [
                 str(row["controller"]),
+                str(row["reads"]),
                 f"{row['cost']:.4g}",
                 f"{row['low']:.4g} to {row['high']:.4g}",
                 percent(1 - float(row["cost"]) / constant),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from typing import TYPE_CHECKING, Annotated, Self
 
-import tyro
-from pydantic import Field, Strict, model_validator
+from pydantic import Field, JsonValue, Strict, model_validator
+from tyro import cli
+from tyro.constructors import PrimitiveConstructorSpec
 
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.files import read_toml
@@ -18,6 +20,17 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+Changes = Annotated[
+    dict[str, JsonValue],
+    PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="JSON",
+        instance_from_str=lambda texts: json.loads(texts[0]),
+        is_instance=lambda value: isinstance(value, dict),
+        str_from_instance=lambda value: [json.dumps(value)],
+    ),
+]
+"""Dotted name -> value; one argument on the command line."""
 
 SEED_BITS, LANE_BITS = 32, 31
 """Bits of a training's seed, and of the number of a lane."""
@@ -56,6 +69,8 @@ class TrainSettings(Part):
     """a registered id"""
     scene: str | None = None
     """path of a scene file to use instead of the task's own"""
+    changes: Changes = Field(default_factory=dict[str, JsonValue])
+    """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     name: str = "run"
     """folder under `runs`"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
@@ -85,8 +100,15 @@ class TrainSettings(Part):
         return self
 
     def load_scene(self) -> Scene:
-        """Return the scene to train on; raise `SceneError` if its file cannot be read."""
-        return load_scene(self.task if self.scene is None else self.scene)
+        """Return the scene to train on.
+
+        Raises
+        ------
+        SceneError
+            If its file cannot be read, or a change is not allowed.
+        """
+        scene = load_scene(self.task if self.scene is None else self.scene)
+        return scene.replace(**self.changes)
 
 
 def _is_plain(name: str) -> bool:
@@ -116,4 +138,4 @@ def settings_from_command_line(description: str) -> TrainSettings:
     default = TrainSettings()
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0))
-    return tyro.cli(TrainSettings, default=default, args=arguments, description=description)
+    return cli(TrainSettings, default=default, args=arguments, description=description)

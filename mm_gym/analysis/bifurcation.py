@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, cast
@@ -10,6 +11,7 @@ import numpy as np
 
 from mm_gym.analysis.bifurcation_kernel import final_offsets
 from mm_gym.analysis.values import row_of
+from mm_gym.analysis.wells import Spring
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
@@ -44,9 +46,10 @@ def asymptotic_offset(scene: Scene) -> float:
 
     Without springs, m2 v2 + c (x2 - x1) is constant (eq. 8 of docs/model.md), so that the offset
     tends to its initial value plus m2 v2(0) / c. With c = 0 a sphere at rest stays where it is,
-    and the carriage returns to its rest position. Springs bring the offset to zero. Under dry
-    friction the same holds after the last slip, with c = mu1 F_N / v_r; the motion is followed
-    until its energy is too small for another slip.
+    and the carriage returns to its rest position: x1 = 0, or one of its two wells, which a
+    simulation finds. Springs bring the offset to zero. Under dry friction the same holds after the
+    last slip, with c = mu1 F_N / v_r; the motion is followed until its energy is too small for
+    another slip.
 
     Parameters
     ----------
@@ -63,7 +66,7 @@ def asymptotic_offset(scene: Scene) -> float:
     SceneError
         If a field is a range, the scene has excitation, or the motion never settles.
     SimulationError
-        If the last slip is too late to be reached.
+        If the last slip is too late to be reached, or the carriage escapes.
     """
     lane = row_of(scene, "asymptotic_offset")[:, None]
     return float(_offsets(lambda _: scene, lane, lambda _: None)[0])
@@ -152,11 +155,13 @@ def _offsets(
     kind = scene_of(0)
     _refuse_driven(kind)
     if kind.interface.kind != "dry_friction":
-        offsets = np.array([_from_first_integral(lane) for lane in lanes.T])
+        offsets = np.array([_from_first_integral(p, i, scene_of) for i, p in enumerate(lanes.T)])
         report(lanes.shape[1])
         return offsets
     offsets = np.empty(lanes.shape[1])
-    nonlinear = np.any(lanes[at.BETA] > 0.0) or np.any(lanes[at.L0] > 0.0)
+    for lane in lanes[:, (lanes[at.ALPHA] < 0.0) | (lanes[at.BETA] < 0.0)].T:
+        _refuse_without_well(lane)
+    nonlinear = np.any(lanes[at.BETA] != 0.0) or np.any(lanes[at.L0] > 0.0)
     ends = np.minimum(np.arange(0, offsets.size, CHUNK) + CHUNK, offsets.size)
 
     def work(last: int) -> int:
@@ -181,11 +186,27 @@ def _refuse_driven(scene: Scene) -> None:
         raise SceneError(msg)
 
 
-def _from_first_integral(p: NDArray[np.float64]) -> float:
+def _refuse_without_well(p: NDArray[np.float64]) -> None:
+    if not Spring.of(p).has_well:
+        msg = (
+            f"carriage.linear_coefficient: got {p[at.ALPHA]} with cubic_coefficient = "
+            f"{p[at.BETA]}; allowed: one of them greater than 0; no place holds the carriage"
+        )
+        raise SceneError(msg)
+
+
+def _from_first_integral(
+    p: NDArray[np.float64], index: int, scene_of: Callable[[int], Scene]
+) -> float:
     """Return the asymptotic offset [m] of a lane (rows,) without dry friction."""
     x1, x2, _, v2 = p[:4]
-    c, d = p[at.C], p[at.D]
+    c, d, spring = p[at.C], p[at.D], Spring.of(p)
     still = x1 == 0.0 and p[at.V1] == 0.0
+    resting = still and x2 == 0.0 and v2 == 0.0
+    if min(spring.alpha, spring.beta) < 0.0 and not resting and not (still and c == 0.0):
+        _refuse_without_well(p)
+        if spring.beta < 0.0 < c + d and not _is_held(p, p[:4]):
+            _first_state(scene_of(index), _is_held)  # or it escapes
     if p[at.K0] > 0.0:
         if c + d > 0.0 or (still and x2 == 0.0 and v2 == 0.0):
             return 0.0
@@ -196,42 +217,75 @@ def _from_first_integral(p: NDArray[np.float64]) -> float:
     if v2 != 0.0:
         msg = f"initial.sphere_velocity: got {v2}; a free sphere that moves never stops"
         raise SceneError(msg)
-    if d > 0.0 or still:
+    if still:
         return float(x2)
+    if d > 0.0:
+        return float(x2 - _rest(p, spring, scene_of(index) if spring.is_bistable else None))
     msg = "carriage.damping: got 0, and the sphere is free: the carriage never comes to rest"
     raise SceneError(msg)
 
 
-def _follow(scene: Scene) -> float:
-    """Return the asymptotic offset [m] of a nonlinear motion with friction, by simulation."""
+def _rest(p: NDArray[np.float64], spring: Spring, scene: Scene | None) -> float:
+    """Return where a damped carriage under a free sphere comes to rest [m]."""
+    if spring.alpha == spring.beta == 0.0:
+        return float(p[at.X1] + p[at.M1] * p[at.V1] / p[at.D])  # d x1 + m1 v1 is constant
+    if scene is None:
+        return 0.0
+
+    def has_chosen(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+        x1, _, v1, _ = state
+        return bool(0.5 * p[at.M1] * v1**2 + spring.energy(x1) < 0.0)  # below the middle
+
+    return math.copysign(spring.place, _first_state(scene, has_chosen)[1][0])
+
+
+def _is_held(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+    """Tell whether the energy left is too little to leave the carriage's well."""
+    return Spring.of(p).holds(float(state[0]), _energy(p, state))
+
+
+def _energy(p: NDArray[np.float64], state: NDArray[np.float64]) -> float:
+    return float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
+
+
+def _first_state(
+    scene: Scene, holds: Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lane (rows,) and the first state (4,) of a motion of which a condition holds."""
     plant, steps = compile_scene(scene), FIRST_STEPS
     while steps <= MOST_STEPS:
         trajectory = simulate(plant, duration=steps * plant.time_step)
-        p, damping = trajectory.parameters, float(trajectory.parameters[at.C])
         for state in trajectory.state:
-            if _sticks_for_good(p, state, damping):
-                x1, x2, _, v2 = state
-                return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / damping)
+            if holds(trajectory.parameters, state):
+                return trajectory.parameters, state
         steps *= 2
-    msg = f"no final stick in {MOST_STEPS} control steps; lengthen control.time_step"
+    msg = f"the motion does not settle in {MOST_STEPS} control steps; lengthen control.time_step"
     raise SimulationError(msg)
 
 
-def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64], damping: float) -> bool:
-    """Tell whether the energy left is too little to slip; see `stays_slower`."""
-    m1, m2, k1, vr = p[at.M1], p[at.M2], p[at.K1], p[at.VR]
-    reduced = m1 * m2 / (m1 + m2)
-    twice = 2.0 * float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
+def _follow(scene: Scene) -> float:
+    """Return the asymptotic offset [m] of a nonlinear motion with friction, by simulation."""
+    p, state = _first_state(scene, _sticks_for_good)
+    x1, x2, _, v2 = state
+    return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / p[at.C])
+
+
+def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+    """Tell whether the energy left is too little to slip; see `stays_slower`.
+
+    Friction that provably never slips was compiled to a viscous interface, without v_r.
+    """
+    m1, m2, vr, spring = p[at.M1], p[at.M2], p[at.VR], Spring.of(p)
+    reduced, energy = m1 * m2 / (m1 + m2), _energy(p, state)
+    if not spring.holds(float(state[0]), energy):
+        return False
+    if vr == 0.0:
+        return True
+    twice = 2.0 * max(0.0, energy - spring.least_energy)
     if np.sqrt(twice) <= vr * np.sqrt(reduced):
         return True
     if p[at.K0] > 0.0 or abs(state[3] - state[2]) > vr:
         return False
-    # The largest |x1| that the carriage's spring allows with this energy.
-    alpha, beta = p[at.ALPHA], p[at.BETA]
-    square = twice / (k1 * alpha) if alpha > 0.0 else np.inf
-    if beta > 0.0:
-        square = min(square, np.sqrt(2.0 * twice / (k1 * beta)))
-    furthest = np.sqrt(square)
-    drive = k1 * (alpha + beta * square) * furthest / m1 + p[at.D] / m1 * np.sqrt(twice / (m1 + m2))
-    rate = damping / reduced + p[at.D] * m2 / (m1 * (m1 + m2))
+    drive = spring.largest_force(energy) / m1 + p[at.D] / m1 * np.sqrt(twice / (m1 + m2))
+    rate = p[at.C] / reduced + p[at.D] * m2 / (m1 * (m1 + m2))
     return bool(drive <= rate * vr)

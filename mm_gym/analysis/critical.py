@@ -116,6 +116,9 @@ def _check(scene: Scene) -> None:
     problem = ""
     if scene.interface.kind != "dry_friction":
         problem = f"interface.kind: got {scene.interface.kind!r}; allowed: 'dry_friction'"
+    elif scene.carriage.linear_coefficient < 0.0:
+        got = f"got {scene.carriage.linear_coefficient}"
+        problem = f"carriage.linear_coefficient: {got}; allowed: at least 0; the motion grows"
     elif scene.carriage.cubic_coefficient:
         problem = "carriage.cubic_coefficient: allowed: 0; the motion in stick must be linear"
     elif scene.springs.kind == "finite_stretch":

@@ -59,7 +59,10 @@ class Modes:
 
     @property
     def damping_ratios(self) -> NDArray[np.float64]:
-        """Damping ratios (n,) [-]; 1 for real eigenvalues and not a number for zero ones."""
+        """Damping ratios (n,) [-].
+
+        1 for negative eigenvalues, -1 for positive ones, and not a number for zero ones.
+        """
         size = np.abs(self.eigenvalues)
         return np.divide(
             -self.eigenvalues.real, size, out=np.full(len(size), np.nan), where=size > 0.0
@@ -70,7 +73,9 @@ def modes(scene: Scene) -> Modes:
     """Return the modes of a scene's linear plant about its rest position.
 
     The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
-    for dry friction.
+    for dry friction. Rest is x1 = 0, also where it is unstable: with
+    ``carriage.linear_coefficient`` < 0 one eigenvalue is positive. About a well of such a
+    spring the modes are those with a linear coefficient of -2 alpha and no cubic one.
 
     Parameters
     ----------
@@ -137,7 +142,7 @@ def _separate(values: Linear) -> bool:
     resistance = c + d
     if resistance == 0.0:
         return False
-    slow = (k1 + k2) / resistance + c / m2 + np.sqrt(k2 / m2)
+    slow = (abs(k1) + k2) / resistance + c / m2 + np.sqrt(k2 / m2)
     return bool(m1 * slow <= NEGLIGIBLE * resistance)
 
 

@@ -40,7 +40,9 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
     """Return the steady response to harmonic excitation (eq. 20 of docs/model.md).
 
     The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
-    for dry friction.
+    for dry friction. With ``carriage.linear_coefficient`` < 0 rest, x1 = 0, is unstable: the
+    response is then the steady solution that no motion approaches by itself, but that a control
+    design needs.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeAlias, TypeGuard, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -20,8 +20,18 @@ if TYPE_CHECKING:
 FLOAT32 = np.dtype(np.float32)
 
 
-def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
-    """Return a scene given by itself, a task's id or a file's path; it must have an actuator."""
+SceneLike: TypeAlias = "Scene | str | PathLike[str]"
+"""A scene, a task's id, or a file's path."""
+
+Seeds: TypeAlias = "int | np.integer | Sequence[int | np.integer | None] | NDArray[np.integer]"
+"""A seed, or one for each lane."""
+
+Changes: TypeAlias = "Mapping[str, object]"
+"""Dotted name -> value."""
+
+
+def scene_of(scene: SceneLike, changes: Changes | None = None) -> Scene:
+    """Return a scene with some fields changed by dotted name; it must have an actuator."""
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
@@ -30,6 +40,8 @@ def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
             "TOML file"
         )
         raise SceneError(msg)
+    if changes is not None:
+        scene = scene.replace(**_checked_changes(changes))
     if scene.actuation.force is None and scene.actuation.stretch is None:
         msg = (
             "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
@@ -38,12 +50,26 @@ def scene_of(scene: Scene | str | PathLike[str]) -> Scene:
     return scene
 
 
-def checked_count(number: int, name: str) -> int:
-    """Return an integer of at least 1, or raise `SceneError`."""
-    if type(number) is not int or number < 1:
+def _checked_changes(changes: object) -> dict[str, object]:
+    if isinstance(changes, Mapping):
+        values = dict(cast("Mapping[str, object]", changes))
+        if all(isinstance(name, str) for name in values):
+            return values
+    msg = f"changes: got {changes!r}; allowed: a dictionary of values by dotted name"
+    raise SceneError(msg)
+
+
+def is_integer(value: object) -> TypeGuard[int | np.integer]:
+    """Tell whether a value is an integer of Python or NumPy; booleans are not."""
+    return type(value) is int or isinstance(value, np.integer)
+
+
+def checked_count(number: int | np.integer, name: str) -> int:
+    """Return an integer of at least 1 as Python's, or raise `SceneError`."""
+    if not is_integer(number) or number < 1:
         msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
         raise SceneError(msg)
-    return number
+    return int(number)
 
 
 def checked_autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
@@ -81,19 +107,23 @@ def checked_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     return array
 
 
-def checked_seeds(seeds: Sequence[int | None], count: int) -> Sequence[int | None]:
+def python_integer(seed: int | np.integer | None) -> int | None:
+    """Return an integer of NumPy as Python's; leave all else for Gymnasium to check."""
+    return int(seed) if isinstance(seed, np.integer) else seed
+
+
+def checked_seeds(seeds: Seeds, count: int) -> list[int | None]:
     """Return a seed per lane, None for those that keep their stream, or raise `SceneError`."""
-    if (
-        not isinstance(seeds, Sequence)
-        or len(seeds) != count
-        or not all(seed is None or (type(seed) is int and seed >= 0) for seed in seeds)
-    ):
-        msg = (
-            f"seed: got {seeds!r}; allowed: a Python integer of at least 0, "
-            f"or a sequence of {count} of them"
-        )
-        raise SceneError(msg)
-    return seeds
+    given = seeds.tolist() if isinstance(seeds, np.ndarray) else seeds
+    if isinstance(given, Sequence) and len(cast("Sequence[int | None]", given)) == count:
+        own = [python_integer(seed) for seed in cast("Sequence[int | None]", given)]
+        if all(seed is None or (type(seed) is int and seed >= 0) for seed in own):
+            return own
+    msg = (
+        f"seed: got {seeds!r}; allowed: an integer of at least 0, or a sequence or array of "
+        f"{count} of them"
+    )
+    raise SceneError(msg)
 
 
 def checked_actions(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import gymnasium
 
-from mm_gym.task_files import ids
+from mm_gym.task_files import ids, steps_of
 
 
 def register_envs() -> None:
     """Register every task that is not registered yet.
 
-    By its id, not by its scene: so specifications can be written as JSON, and no file is read here.
+    By its id, not by its scene: so specifications can be written as JSON, and no scene is checked
+    here.
     """
     for name in ids():
         if name not in gymnasium.registry:
@@ -18,5 +19,6 @@ def register_envs() -> None:
                 id=name,
                 entry_point="mm_gym.env.single:MovingMassEnv",
                 vector_entry_point="mm_gym.env.vector:MovingMassVectorEnv",
+                max_episode_steps=steps_of(name),
                 kwargs={"scene": name},
             )

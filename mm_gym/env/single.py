@@ -8,26 +8,37 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from mm_gym.env.arguments import FLOAT32, checked_actions, checked_options, flag_of, scene_of
+from mm_gym.env.arguments import (
+    FLOAT32,
+    checked_actions,
+    checked_options,
+    flag_of,
+    python_integer,
+    scene_of,
+)
 from mm_gym.env.pickling import Picklable
+from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
+from mm_gym.env.specification import Specified
+from mm_gym.env.terms import TERMS, Terms, checked_level
+from mm_gym.env.time_limit import let_follow, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
+from mm_gym.rendering.playback import frames_per_second
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from os import PathLike
 
+    from gymnasium.envs.registration import EnvSpec
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.scene.scene import Scene
-
-SEEDS = 2**63
-"""Number of seeds to choose from where none is given."""
+    from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.terms import InfoLevel
 
 
-class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
+class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
@@ -53,9 +64,13 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Observation Space
     -----------------
-    `Box(-1e6, 1e6, (history * channels,), float32)`: the channels of `sensors.channels` at the last
+    `Box(low, high, (history * channels,), float32)`: the channels of `sensors.channels` at the last
     `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
     `sensors.noise`. At an episode's start, the first frame stands for those before it.
+
+    Applied force and stretch are bounded by their actuators, unless they have noise; all else is
+    unbounded. A limit of the displacement is no bound, because the step that ends an episode goes
+    beyond it. Numbers too large for single precision are shown as its largest, 3.4e38.
 
     ===============================================  =========================================
     channel                                          scaled by
@@ -69,6 +84,7 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
     stretch [-]                                      actuation.stretch's minimum and maximum
                                                      become -1 and 1
+    applied_force [N]                                1 / actuation.force.limit
     ===============================================  =========================================
 
     Rewards
@@ -82,6 +98,9 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     Any drawn field, or part of the initial state, can be set by its dotted name:
     `reset(options={"initial.sphere_offset": 0.01})`.
 
+    The seed of `reset` is an integer, of NumPy too. Without one, a first reset draws it from
+    `np_random`, and so does the first one after `np_random` was set; later ones continue.
+
     Episode End
     -----------
     Terminated when |x1| exceeds `objective.displacement_limit` or |x2 - x1| exceeds
@@ -89,8 +108,15 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Information
     -----------
-    `state`: (4,) float64, x1, x2 [m], v1, v2 [m/s], ground frame. `applied`: (k,) float64, the
-    force [N] and stretch [-] that the actuators reached.
+    With ``info="light"``, the default: `state`, (4,) float64, x1, x2 [m], v1, v2 [m/s], ground
+    frame; `applied`, (k,) float64, the force [N] and stretch [-] that the actuators reached.
+
+    With ``info="full"`` also the terms of the reward, which is their sum: `reward_displacement`,
+    `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of
+    `objective` is exceeded and else 0, as safe reinforcement learning has it; and `constraint`, the
+    larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1, so negative
+    within the limits, and -1 without any. With ``info="none"`` nothing, for programs that copy each
+    entry.
 
     Continuation
     ------------
@@ -102,23 +128,44 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
     ---------
     scene
         A `Scene`, the id of a registered task, or the path of a TOML file.
+    changes
+        Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
+        of a scene file; a range is a list.
+    info
+        "none", "light" or "full": how much information steps return, see above.
+
+    Through Gymnasium
+    -----------------
+    `gymnasium.make` takes the same arguments, and ``max_episode_steps``, which sets
+    `control.steps`, to fewer or more; `changes` may not say otherwise. Without it, Gymnasium's
+    `TimeLimit` follows the scene, and so does `spec.max_episode_steps`. `spec` is plain data and
+    can be written as JSON.
 
     Version History
     ---------------
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
-    _prepared = frozenset({"plant", "_lanes", "_advance", "_views"})
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012 - Gymnasium's own declaration
+    _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views", "_renderer"})
 
     def __init__(
-        self, scene: Scene | str | PathLike[str], *, render_mode: str | None = None
+        self,
+        scene: SceneLike,
+        *,
+        changes: Changes | None = None,
+        info: InfoLevel = "light",
+        render_mode: str | None = None,
     ) -> None:
-        self.scene = scene_of(scene)
+        self._level = checked_level(info)
+        self.scene, limit = scene_of(scene, changes), limit_of_maker()
+        if limit is not None:
+            self.scene = limited(self.scene, changes, limit)
+        self._leads_time_limit = limit is not None and limit.steps != self.scene.control.steps
         self.render_mode = render_mode
-        self._seeded = False
         self._running = False
         self._prepare()
+        self.metadata = self.metadata | {"render_fps": frames_per_second(self.plant)}
         self.action_space = action_space(self.plant)
         self.observation_space = observation_space(self.plant)
         self._shape = self.action_space.shape
@@ -130,7 +177,9 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, 1)
+        self._terms = Terms(self.plant)
         self._advance = lanes.advance_of(FLOAT32)
+        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         column = lanes.values[:, 0]
         self._views = (
             lanes.observed[:, 0],
@@ -138,6 +187,21 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
             column[:4],
             column[lanes.applied_rows],
         )
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """What `gymnasium.make` makes this environment from, as plain data, or None."""
+        self._lead_time_limit()
+        return super().spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
+        Specified.spec.__set__(self, spec)
+
+    def _lead_time_limit(self) -> None:
+        """Let the `TimeLimit` that `gymnasium.make` puts around it have the scene's steps."""
+        if self._leads_time_limit:
+            self._leads_time_limit = not let_follow(self, self.scene.control.steps)
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -156,7 +220,10 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         return float(self._lanes.drawn(name)[0])
 
     def reset(
-        self, *, seed: int | None = None, options: Mapping[str, ArrayLike] | None = None
+        self,
+        *,
+        seed: int | np.integer | None = None,
+        options: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode; see the class for `options`.
 
@@ -165,15 +232,18 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
         SceneError
             If a name or value is not allowed.
         """
+        self._lead_time_limit()
         fixed = self._lanes.checked(checked_options(options))
+        seed = python_integer(seed)
         super().reset(seed=seed)
-        if seed is not None or not self._seeded:
-            self._lanes.seed(int(self.np_random.integers(SEEDS)) if seed is None else seed)
-            self._seeded = True
+        if seed is not None or self._draws_seed:
+            self._lanes.seed(self._drawn_seed() if seed is None else seed)
+            self._draws_seed = False
         self._lanes.restart(fixed=fixed)
         self._running = True
-        frame, _, state, applied = self._views
-        return frame.copy(), {"state": state.copy(), "applied": applied.copy()}
+        if self._renderer is not None:
+            self._renderer.note()
+        return self._views[0].copy(), self._info(None)
 
     def step(
         self, action: NDArray[np.floating]
@@ -207,17 +277,66 @@ class MovingMassEnv(Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
             self._running = status == at.NOT_FINITE  # the action is refused, nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
+        if self._renderer is not None:
+            self._renderer.note()
         frame, reward, state, applied = self._views
-        info = {"state": state.copy(), "applied": applied.copy()}
+        if self._level == "light":  # the common case
+            info = {"state": state.copy(), "applied": applied.copy()}
+        else:
+            info = self._info(np.asarray(action))
         return frame.copy(), reward.item(), terminated, truncated, info
+
+    def _info(self, action: NDArray[np.floating] | None) -> dict[str, Any]:
+        """Return the information of a step, or of a reset, which has no action."""
+        if self._level == "none":
+            return {}
+        *_, state, applied = self._views
+        info: dict[str, Any] = {"state": state.copy(), "applied": applied.copy()}
+        if self._level == "light":
+            return info
+        lane = self._lanes.values[:4]
+        terms = dict.fromkeys(TERMS, 0.0)
+        if action is not None:
+            terms = {name: row.item() for name, row in self._terms.rewards(lane, action).items()}
+        limits = {name: row.item() for name, row in self._terms.constraint(lane).items()}
+        return info | terms | limits
 
     def get_state(self) -> dict[str, object]:
         """Return the episode's exact state, random stream included, for `set_state`."""
-        flags = {"running": self._running, "seeded": self._seeded}
+        flags = {"running": self._running, "seeded": not self._draws_seed}
         return self._lanes.snapshot() | flags
 
     def set_state(self, state: Mapping[str, object]) -> None:
         """Continue from what `get_state` returned; raise `SceneError` if it does not fit."""
         running, seeded = flag_of(state, "running"), flag_of(state, "seeded")
         self._lanes.restore(state, np.array([not running]))
-        self._running, self._seeded = running, seeded
+        self._running, self._draws_seed = running, not seeded
+        if self._renderer is not None:
+            self._renderer.note(watched=False)
+
+    def render(self) -> NDArray[np.uint8] | list[NDArray[np.uint8]] | None:  # pyright: ignore[reportIncompatibleMethodOverride] - Gymnasium does not declare a frame's type
+        """Return a picture, or the list of those since the last call; show it in mode "human".
+
+        Raises
+        ------
+        DependencyNotInstalled
+            Without pygame-ce.
+        ResetNeeded
+            Before the first reset.
+        """
+        frames = None if self._renderer is None else self._renderer.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
+        """Return keys -> action for `gymnasium.utils.play`; no key is its `noop`, an array too.
+
+        Left and right command -1 and 1 of the first actuator, down and up of a second one.
+        """
+        from mm_gym.rendering.keys import keys_to_action  # noqa: PLC0415 - needs pygame
+
+        return keys_to_action(self.plant.actuators)

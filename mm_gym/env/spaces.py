@@ -8,9 +8,14 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.channels import CHANNELS
 
 if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
+    from mm_gym.plant.task import Observed
+
+ROUNDINGS = 4
+"""At least as many as a kernel makes while it scales a value."""
 
 
 def action_space(plant: Plant) -> Box:
@@ -19,6 +24,33 @@ def action_space(plant: Plant) -> Box:
 
 
 def observation_space(plant: Plant) -> Box:
-    """Return the space of observations: the scaled channels of each frame, oldest frame first."""
-    size = plant.history * len(plant.channels)
-    return Box(-at.OBSERVATION_BOUND, at.OBSERVATION_BOUND, (size,), np.float32)
+    """Return the space of observations: the scaled channels of each frame, oldest frame first.
+
+    Only what the actuators apply is bounded. Noise is normal, velocities have no limit, and the
+    step that ends an episode at a limit of displacement goes beyond it.
+    """
+    bounds = np.array([_bounds(plant, channel) for channel in plant.observed], np.float32)
+    low, high = np.tile(bounds.T, plant.history)
+    return Box(low, high, dtype=np.float32)
+
+
+def _bounds(plant: Plant, channel: Observed) -> tuple[float, float]:
+    """Return the least and largest value of a channel as it is shown; infinite if not known."""
+    limit = plant.task[at.FORCE_LIMIT]
+    reached = {
+        at.FORCE: (-limit, limit),
+        at.STRETCH: (plant.support.low[at.STRETCH], plant.support.high[at.STRETCH]),
+    }
+    low, high = reached.get(CHANNELS[channel.name].row, (-np.inf, np.inf))
+    if channel.noise > 0.0 or not low < high:  # a constant would make a box that cannot be scaled
+        low, high = -np.inf, np.inf
+    return _shown(low, channel, -1), _shown(high, channel, 1)
+
+
+def _shown(value: float, channel: Observed, side: int) -> float:
+    """Return a bound as it is shown, a little farther out on its side for what is rounded."""
+    if np.isinf(value):
+        return value
+    product, shift = value * channel.factor, channel.zero * channel.factor
+    slack = ROUNDINGS * np.finfo(np.float64).eps * (abs(product) + abs(shift))
+    return product - shift + side * slack

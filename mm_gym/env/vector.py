@@ -19,42 +19,55 @@ from mm_gym.env.arguments import (
     checked_seeds,
     flag_of,
     flags_of,
+    python_integer,
     scene_of,
 )
+from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
-from mm_gym.env.single import SEEDS
+from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
+from mm_gym.env.specification import Specified
+from mm_gym.env.terms import TERMS, Terms, checked_level
+from mm_gym.env.time_limit import Limit, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
+from mm_gym.rendering.playback import frames_per_second
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from os import PathLike
 
     from gymnasium import Space
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.env.arguments import Changes, SceneLike, Seeds
+    from mm_gym.env.terms import InfoLevel
     from mm_gym.scene.scene import Scene
 
 
-class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
+    Specified, Seeded, LaneAccess, Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
+):
     """Many independent episodes of one scene.
 
     Lane i equals `MovingMassEnv` seeded ``seed + i``, bitwise.
 
     Parameters
     ----------
-    scene
-        A `Scene`, the id of a registered task, or the path of a TOML file.
+    scene, changes, info
+        As for `MovingMassEnv`. Entries of the information have a row for each lane.
     num_envs
         Number of lanes.
+    max_episode_steps
+        Sets `control.steps`; may be left out.
     autoreset_mode
         Any of Gymnasium's three: a finished lane is reset in the next step (the default), in the
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
         ``reset(options={"reset_mask": mask})``.
     copy
-        If false, the returned arrays are views of memory that the next step overwrites.
+        If false, observations and the arrays of ``info`` are read-only views of memory that the
+        next step overwrites. Rewards, terminated and truncated are always the caller's own.
     threads
         Number of numba's threads among which the lanes of a step are divided; results do not depend
         on it. Useful from some thousand lanes on, if as many processors are free and numba finds
@@ -66,40 +79,63 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     Memory is component-major: observations are (num_envs, n) views in Fortran order.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": RENDER_MODES,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
     _prepared = frozenset(
-        {"plant", "_lanes", "_views", "_finished", "_any_finished", "_everywhere"}
+        {"plant", "_lanes", "_terms", "_rewards", "_views", "_renderer"}
+        | {"_finished", "_any_finished", "_everywhere"}
     )
 
     def __init__(
         self,
-        scene: Scene | str | PathLike[str],
+        scene: SceneLike,
         num_envs: int = 1,
         *,
+        changes: Changes | None = None,
+        info: InfoLevel = "light",
+        max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = checked_count(num_envs, "num_envs")
-        self.scene = scene_of(scene)
+        self._level = checked_level(info)
+        self.scene = self._limited(scene_of(scene, changes), changes, max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
         self._copy = copy
         self._threads = checked_count(threads, "threads")
         self._seeded = False
+        self._own = {}
         self._prepare()
+        self.metadata["render_fps"] = frames_per_second(self.plant)
         self.single_action_space = action_space(self.plant)
         self.single_observation_space: Space[Any] = observation_space(self.plant)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self._shape = (num_envs, *self.single_action_space.shape)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._shape = (self.num_envs, *self.single_action_space.shape)
+
+    def _limited(self, scene: Scene, changes: Changes | None, steps: int | None) -> Scene:
+        """Return the scene with the number of control steps that the caller, or his, asks for.
+
+        `make_vec` passes that of the registered task if it is asked for none.
+        """
+        limit = limit_of_maker()
+        if limit is None and steps not in (None, -1):
+            limit = Limit(checked_count(steps, "max_episode_steps"), is_asked=True)
+        return scene if limit is None else limited(scene, changes, limit)
 
     def _prepare(self) -> None:
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
-        self._views = [array.T for array in lanes.outputs]
+        self._terms = Terms(self.plant)
+        self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
+        self._views = [_read_only(array.T) for array in lanes.outputs]
+        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         self._finished = np.ones(self.num_envs, np.bool_)
         self._any_finished = True
         self._everywhere = np.ones(self.num_envs, np.bool_)
@@ -125,10 +161,13 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: Seeds | None = None,
         options: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
+
+        A seed gives lane i the seed + i; a sequence or array has one for each lane, and None where
+        a lane continues its stream. See `MovingMassEnv` for `np_random`.
 
         Other options set drawn fields by dotted name, as in `MovingMassEnv`: a number, or one per
         lane.
@@ -143,22 +182,30 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         fixed = self._lanes.checked(fields)
         self._seed(seed, mask)
         self._lanes.restart(mask, fixed)
+        self._forget_rewards(mask)
         self._finished[mask] = False
         self._any_finished = bool(self._finished.any())
+        if self._renderer is not None:
+            self._renderer.note()
         observations, *_, state, applied = self._outputs()
         return observations, self._info(state, applied)
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+    def _seed(self, seed: Seeds | None, mask: NDArray[np.bool_]) -> None:
         """Seed the lanes of the mask; without a seed, they continue their streams."""
-        if seed is None or isinstance(seed, int):
-            super().reset(seed=seed)
+        if isinstance(seed, np.ndarray) and seed.ndim == 0:
+            seed = seed.item()
+        if seed is None or isinstance(seed, int | np.integer):
+            given = python_integer(seed)
+            super().reset(seed=given)
         else:
-            seed = checked_seeds(seed, self.num_envs)
+            given = checked_seeds(seed, self.num_envs)
         if not self._seeded:
-            self._lanes.seed(int(self.np_random.integers(SEEDS)))
-            self._seeded = True
-        if seed is not None:
-            self._lanes.seed(seed, mask)
+            self._lanes.seed(self._drawn_seed())
+        elif self._draws_seed and not isinstance(given, int):
+            self._lanes.seed(self._drawn_seed(), mask)
+        self._seeded, self._draws_seed = True, False
+        if given is not None:
+            self._lanes.seed(given, mask)
 
     def step(
         self, actions: NDArray[np.floating]
@@ -193,11 +240,15 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
             status, copies = self._lanes.advance_and_copy(actions)
         else:
             status = self._lanes.advance(actions)
+        if self._level == "full" and status <= at.ENDED:
+            self._rewards = self._terms.rewards(self._lanes.values[:4], actions)
         final = None
         if status or self._any_finished:
             final = self._end_and_restart_episodes(status)
             if final:
                 copies = None  # they are of the end, not of the restart
+        if self._renderer is not None:
+            self._renderer.note()
         observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
         info = self._info(state, applied)
         if final:
@@ -235,8 +286,15 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
     def _restart(self, *, paused: bool = False) -> None:
         """Begin an episode in the finished lanes, see `Lanes.restart`."""
         self._lanes.restart(self._finished, paused=paused)
+        self._forget_rewards(self._finished)
         self._finished[:] = False
         self._any_finished = False
+
+    def _forget_rewards(self, mask: NDArray[np.bool_]) -> None:
+        """Set the terms of the reward to zero in lanes that begin an episode."""
+        if self._level == "full":
+            for row in self._rewards.values():
+                row[mask] = 0.0
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.
@@ -245,13 +303,11 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         """
         mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
         observed, *_, state, applied = self._lanes.outputs
+        info = self._entries(state.T, applied.T)
         last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
         observations = np.full(self.num_envs, None, dtype=object)
         observations[over] = np.fromiter(last, dtype=object, count=len(last))
-        zeroed = {
-            "state": np.where(mask, state, 0.0).T,
-            "applied": np.where(mask, applied, 0.0).T,
-        }
+        zeroed = {name: np.where(mask, rows.T, 0.0).T for name, rows in info.items()}
         masks = {f"_{name}": mask for name in zeroed}
         return {
             "final_obs": observations,
@@ -262,13 +318,40 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, rewards, terminated, truncated, states and what was applied."""
-        if not self._copy:
-            return self._views
-        return [array.T for array in copies or self._lanes.copies()]
+        if self._copy and copies is None and self._level == "none":
+            shown = self._lanes.outputs[:4]
+            return [*(array.copy().T for array in shown), *self._views[4:]]
+        if self._copy:
+            return [array.T for array in copies or self._lanes.copies()]
+        observed, rewards, terminated, truncated, state, applied = self._views
+        return observed, rewards.copy(), terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
-        return {"state": state, "_state": everywhere, "applied": applied, "_applied": everywhere}
+        if self._level == "light":  # the common case
+            return {
+                "state": state,
+                "_state": everywhere,
+                "applied": applied,
+                "_applied": everywhere,
+            }
+        entries = self._entries(state, applied)
+        return entries | {f"_{name}": everywhere for name in entries}
+
+    def _entries(
+        self, state: NDArray[np.float64], applied: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the entries of the information, of all lanes."""
+        if self._level == "none":
+            return {}
+        entries = {"state": state, "applied": applied}
+        if self._level == "light":
+            return entries
+        return entries | self._rewards_and_limits()
+
+    def _rewards_and_limits(self) -> dict[str, NDArray[np.float64]]:
+        copies = {name: row.copy() for name, row in self._rewards.items()}
+        return copies | self._terms.constraint(self._lanes.values[:4])
 
     def get_state(self) -> dict[str, object]:
         """Return the exact state of all lanes, random streams included, for `set_state`.
@@ -287,3 +370,22 @@ class MovingMassVectorEnv(Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarra
         self._finished[...] = finished
         self._any_finished = bool(finished.any())
         self._seeded = seeded
+        if self._renderer is not None:
+            self._renderer.note(watched=False)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return what `MovingMassEnv.render` does for every lane; "human" shows up to nine."""
+        frames = None if self._renderer is None else self._renderer.render()
+        return None if frames is None else tuple(frames)
+
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Gymnasium's signature
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view through which nothing can be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core import caching
+from numba.core.compiler import compile_result
+
+from mm_gym.kernels.intermediate_code import IntermediateCode
+from mm_gym.kernels.lock import locked
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +38,8 @@ _STAMP = (numba.__version__, _digest_of_sources())
 stamp with one file only: a kernel whose helper in another changed would stay stale."""
 
 _DIGEST_SIZE = hashlib.sha256().digest_size
+
+NOT_KEPT = "each process compiles anew, for compiled code cannot be written"
 
 _warned: list[str] = []
 """The warnings of this process: one is enough."""
@@ -119,22 +125,83 @@ class _Entries(caching.IndexDataCacheFile):
             stream.write(hashlib.sha256(content).digest() + content)
 
 
+class _IntermediateImplementation(_Implementation):
+    """How code is saved that others link, see `mm_gym.kernels.dispatcher`."""
+
+    def reduce(self, result: CompileResult) -> tuple[object, ...]:
+        """Return what `rebuild` takes."""
+        fndesc = result.fndesc
+        fndesc.typemap = fndesc.calltypes = None  # as numba's own `reduce` leaves them
+        library = result.library
+        return library.name, library.bitcode(), fndesc, result.environment, result.signature
+
+    def rebuild(self, target_context: Any, payload: tuple[Any, ...]) -> CompileResult:  # noqa: ANN401
+        """Return a result as far as those need it who link it."""
+        name, bitcode, fndesc, environment, signature = payload
+        library = IntermediateCode.loaded(target_context.codegen(), name, bitcode)
+        return compile_result(
+            typing_context=target_context.typing_context,
+            target_context=target_context,
+            library=library,
+            fndesc=fndesc,
+            environment=environment,
+            signature=signature,
+            objectmode=False,
+            lifted=(),
+            reload_init=(),
+        )
+
+
 class KernelCache(caching.FunctionCache):
-    """The compiled code of a kernel on disk; what cannot be written is compiled by each process."""
+    """The compiled code of a kernel on disk; what cannot be written is compiled by each process.
+
+    Parameters
+    ----------
+    py_func
+        The kernel as plain Python.
+    intermediate
+        Whether it is the intermediate code, which others link, or the machine code.
+    """
 
     _impl_class = _Implementation
 
-    def __init__(self, py_func: Callable[..., Any]) -> None:
+    def __init__(self, py_func: Callable[..., Any], *, intermediate: bool = False) -> None:
         super().__init__(py_func)
-        name = f"{self._impl.filename_base}.whole"  # not the name of files without digests
+        if intermediate:
+            self._impl = _IntermediateImplementation(py_func)
+        # Not the name of files without digests.
+        name = f"{self._impl.filename_base}.{'linked' if intermediate else 'whole'}"
         self._cache_file = _Entries(self._cache_path, name, _STAMP)
+        self._lock = Path(self._cache_path) / f"{name}.lock"
+
+    def loaded_or_made(
+        self,
+        sig: object,
+        target_context: Any,  # noqa: ANN401 - numba's
+        make: Callable[[], CompileResult],
+    ) -> tuple[CompileResult, bool]:
+        """Return the code for a signature, and whether it was made here and now.
+
+        Of several processes that need it at once, one makes it, and the others wait.
+        """
+        found = self.load_overload(sig, target_context)
+        if found is not None:
+            return found, False
+        with locked(self._lock) as is_held:
+            if is_held:  # another process may have made it meanwhile
+                found = self.load_overload(sig, target_context)
+                if found is not None:
+                    return found, False
+            made = make()
+            self.save_overload(sig, made)
+        return made, True
 
     def save_overload(self, sig: object, data: CompileResult) -> None:
         """Save compiled code for a signature."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            _warn(f"each process compiles anew, for compiled code cannot be written: {error}")
+            _warn(f"{NOT_KEPT}: {error}")
 
     def _index_key(self, sig: object, codegen: Any) -> tuple[object, ...]:  # noqa: ANN401 - numba's
         # Kernels close over other kernels only, and the stamp covers their text: their names

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.kernels import corners
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import excite, excited
+from mm_gym.kernels.crossing import at_none, by_pieces, by_superposition, unchanged
+from mm_gym.kernels.escapes import are_terminated
+from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
+from mm_gym.kernels.impulses import apply_first_impulses
 from mm_gym.kernels.jit import borrowing_kernel, named_after
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
@@ -17,18 +19,35 @@ if TYPE_CHECKING:
 
 
 class Entries(NamedTuple):
-    """Compiled entries of one method."""
+    """Compiled entries of one method.
+
+    Most scenes have no excitation but harmonics, so there are entries without the kernels of the
+    others: they would take as long to compile as all the rest.
+    """
 
     advance: Callable[..., int]
     run: Callable[..., int]
+    advance_unexcited: Callable[..., int]
+    run_unexcited: Callable[..., int]
     propagate: Callable[..., int]
+    cross: Callable[..., int]
     stops_at_corners: bool
+
+    def advance_of(self, *, excited: bool) -> Callable[..., int]:
+        """Return the kernel of a control step for scenes with or without sampled excitation."""
+        return self.advance if excited else self.advance_unexcited
+
+    def run_of(self, *, excited: bool) -> Callable[..., int]:
+        """Return the kernel of a simulation for such scenes."""
+        return self.run if excited else self.run_unexcited
 
 
 def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    respond: Callable[..., None] | None = None,
+    shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
@@ -41,14 +60,67 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    respond
+        For linear plants, the kernel that adds a response to an impulse, see
+        `mm_gym.kernels.crossing.by_superposition`. Without it `propagate` takes sample intervals of
+        any length up to the model's, and stops at impulses.
+    shorten
+        What else it needs for that, see `mm_gym.kernels.crossing.by_pieces`.
     stops_at_corners
-        Whether the method stops at the corners of records: it propagates intervals of any length.
+        Whether it stops at the corners of records too.
     """
-    cross = corners.between_corners(propagate) if stops_at_corners else corners.at_once(propagate)
-    step = at_once(in_turn(cross, propagate))
+    if respond is not None:
+        cross = by_superposition(propagate, respond)
+    else:
+        cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
+    return Entries(
+        *_entries(cross, excite, excite_and_apply, at_once),
+        *_entries(unexcited(propagate), leave, leave, at_once),
+        propagate,
+        cross,
+        stops_at_corners,
+    )
+
+
+@borrowing_kernel
+def leave(model, lanes, streams, interval, first, last):
+    """Do nothing in place of `excite`."""
+
+
+@borrowing_kernel
+def excite_and_apply(model, lanes, streams, interval, first, last):
+    """Excite, and apply the impulses at the interval's start, so that a recording shows them."""
+    excite(model, lanes, streams, interval, first, last)
+    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    apply_first_impulses(model, lanes, clock, first, last)
+
+
+def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
+    """Return a kernel that propagates through a sample interval without sampled excitation."""
 
     @borrowing_kernel
     @named_after(propagate)
+    def move(model, lanes, interval, first, last):  # noqa: ARG001 - those of `crossing` have it
+        return propagate(model, lanes, first, last)
+
+    return move
+
+
+def _entries(
+    cross: Callable[..., int],
+    disturb: Callable[..., None],
+    disturb_and_apply: Callable[..., None],
+    at_once: Callable[[Callable[..., int]], Callable[..., int]],
+) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return kernels that make a control step and run a simulation.
+
+    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
+    `disturb_and_apply` also applies the impulses at the interval's start.
+    """
+    step = at_once(in_turn(cross, disturb))
+
+    @borrowing_kernel
+    @named_after(cross)
     def advance(constants, lanes, frames, ends, streams, actions, first, last):
         """Make one control step, without resets; none moves if one action is not finite.
 
@@ -82,7 +154,7 @@ def build(
         return step(task, model, lanes, frames, ends, streams, actions, first, last)
 
     @borrowing_kernel
-    @named_after(propagate)
+    @named_after(cross)
     def run(model, task, lanes, streams, commands, starts, states, applied, jets):
         """Simulate lane 0 and record every sample interval.
 
@@ -114,8 +186,7 @@ def build(
             steer(task, lanes, commands[n, 0], commands[n, 1])
             for interval in range(int(model[at.INTERVALS])):
                 k = n * int(model[at.INTERVALS]) + interval
-                if excited(model):
-                    excite(model, lanes, streams, interval, 0, 1)
+                disturb_and_apply(model, lanes, streams, interval, 0, 1)
                 applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
@@ -130,30 +201,29 @@ def build(
             lanes[at.NOW, 0] += 1.0
         return at.OK
 
-    return Entries(advance, run, propagate, stops_at_corners)
+    return advance, run
 
 
-def in_turn(cross: Callable[..., int], propagate: Callable[..., object]) -> Callable[..., int]:
+def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable[..., int]:
     """Return a kernel that steps lanes block by block, one pass after the other.
 
-    `cross` takes them through a sample interval.
+    `disturb` and `cross` as for `_entries`.
     """
 
     @borrowing_kernel
-    @named_after(propagate)
+    @named_after(cross)
     def move(task, model, lanes, streams, actions, first, last):
         """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
         command(task, lanes, actions, first, last)
         status = at.OK
         for interval in range(int(model[at.INTERVALS])):
-            if excited(model):
-                excite(model, lanes, streams, interval, first, last)
+            disturb(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, first, last))
 
     @borrowing_kernel
-    @named_after(propagate)
+    @named_after(cross)
     def step(task, model, lanes, frames, ends, streams, actions, first, last):
         """Make one control step.
 
@@ -172,8 +242,13 @@ def in_turn(cross: Callable[..., int], propagate: Callable[..., object]) -> Call
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
-            status = max(status, move(task, model, lanes, streams, actions, start, stop))
-            status = max(status, check_termination(task, lanes, ends, start, stop))
+            outcome = move(task, model, lanes, streams, actions, start, stop)
+            ended = check_termination(task, lanes, ends, start, stop)
+            if outcome == at.ESCAPED and are_terminated(
+                lanes, ends, model[at.SAMPLE_INTERVAL], start, stop
+            ):
+                outcome = at.OK
+            status = max(status, outcome, ended)
             if task[at.IS_DERIVED] > 0.0:
                 derive(model, lanes, start, stop)
             observe(task, lanes, frames, streams, start, stop)

@@ -1,85 +1,15 @@
-"""Propagation through sample intervals in which records have corners.
+"""The corners of records within sample intervals, and the jets over a part of an interval.
 
 Records have their samples at any times, so that in an episode their corners may lie anywhere in the
-sample intervals. Methods that walk lane by lane stop at each corner, and are exact; for linear
-plants the records' polynomials are as good, see `mm_gym.kernels.interpolation`.
+sample intervals.
 """
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import record
-from mm_gym.kernels.excitation import (
-    OWN,
-    ROW,
-    add_record,
-    add_records,
-    excited,
-    has_corners,
-    intervals_since,
-    is_record,
-    part_count,
-    part_slot,
-)
-from mm_gym.kernels.jit import borrowing_kernel, kernel, named_after
-
-
-def at_once(propagate):
-    """Return a kernel that adds the records and propagates through the whole sample interval."""
-
-    @borrowing_kernel
-    @named_after(propagate)
-    def move(model, lanes, interval, first, last):
-        if excited(model):
-            add_records(model, lanes, interval, first, last)
-        return propagate(model, lanes, first, last)
-
-    return move
-
-
-def between_corners(propagate):
-    """Return a kernel that propagates from corner to corner."""
-
-    @kernel
-    @named_after(propagate)
-    def by_pieces(model, lanes, interval, first, last):
-        own, terms, row = int(model[at.EXCITATION]), int(model[at.TERMS]), int(model[at.JETS])
-        harmonics, step = int(model[at.HARMONIC_COUNT]), model[at.SAMPLE_INTERVAL]
-        piece, others, phases = np.empty(own), np.empty(2 * terms), np.empty((2, harmonics))
-        for slot in range(own):
-            piece[slot] = model[slot]
-        now, status = lanes[at.NOW, first], at.OK
-        for i in range(first, last):
-            clock = now, model[at.INTERVALS], float(interval)
-            began = intervals_since(clock, lanes[at.BEGAN, i]) * step
-            for n in range(2 * terms):
-                others[n] = lanes[row + n, i]
-            _save_phases(lanes, phases, i)
-            elapsed = 0.0
-            while elapsed < step:
-                end = next_corner(model, lanes, began, elapsed, step, i)
-                piece[at.SAMPLE_INTERVAL] = end - elapsed
-                write_jets(model, lanes, others, began, elapsed, end - elapsed, i)
-                _turn_phases(lanes, phases, elapsed, i)
-                status = max(status, propagate(piece, lanes, i, i + 1))
-                elapsed = end
-            _turn_phases(lanes, phases, 0.0, i)
-        return status
-
-    @borrowing_kernel
-    @named_after(propagate)
-    def move(model, lanes, interval, first, last):
-        if has_corners(model):
-            return by_pieces(model, lanes, interval, first, last)
-        if excited(model):
-            add_records(model, lanes, interval, first, last)
-        return propagate(model, lanes, first, last)
-
-    return move
+from mm_gym.kernels.excitation import OWN, ROW, add_record, is_record, part_count, part_slot
+from mm_gym.kernels.jit import borrowing_kernel
 
 
 @borrowing_kernel
@@ -155,22 +85,3 @@ def write_rows_of_jets(model, lane, others, times, elapsed, duration, jets):
         write_jets(model, lane, others[k], times[k], elapsed, duration, 0)
         for n in range(jets.shape[1]):
             jets[k, n] = lane[row + n, 0]
-
-
-@borrowing_kernel
-def _save_phases(lanes, phases, i):
-    """Copy cosine and sine of every harmonic."""
-    for j in range(phases.shape[1]):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        phases[0, j], phases[1, j] = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
-
-
-@borrowing_kernel
-def _turn_phases(lanes, phases, elapsed, i):
-    """Write cosine and sine of every harmonic some time after the phases that were saved."""
-    for j in range(phases.shape[1]):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        turn = lanes[harmonic + at.FREQUENCY, i] * elapsed
-        c, s = math.cos(turn), math.sin(turn)
-        lanes[harmonic + at.COSINE, i] = c * phases[0, j] - s * phases[1, j]
-        lanes[harmonic + at.SINE, i] = s * phases[0, j] + c * phases[1, j]

@@ -3,9 +3,9 @@
 In each sample interval of length h, each part of the excitation adds a polynomial in t / h to a
 jet: to that of the force [N], or to that of the ground's acceleration [m/s^2].
 `mm_gym.kernels.jets` has what the methods read. Samples of filtered noise are linear in between; a
-sweep adds its Taylor series, whose remainder is below round-off; impulses change the velocities.
-Records are added last, because their corners may divide a sample interval: see
-`mm_gym.kernels.corners`.
+sweep adds its Taylor series, whose remainder is below round-off; impulses change the velocities,
+each at its own time. Impulses and the corners of records may divide a sample interval: see
+`mm_gym.kernels.crossing`.
 
 A kind of excitation is a code, its slots and rows, a branch in `begin_excitation` and one in
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
@@ -19,33 +19,27 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from mm_gym.kernels import impulse_process, record
 from mm_gym.kernels import layout as at
-from mm_gym.kernels import record
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.memory import fill
 from mm_gym.kernels.noise import VALUE, advance_filter, prepare_filter, start_filter
-from mm_gym.kernels.random import uniform
 
 # Slots of the description, at the end of the model array: the number of parts that are not
-# harmonics, whether a record has corners between sample instants, SIZE slots for each part, then
-# the times and values of the records.
-CORNERS, FIRST, SIZE = 1, 2, 6
+# harmonics, whether a record has corners between sample instants, whether there are impulses, SIZE
+# slots for each part, then the times and values of the records.
+CORNERS, IMPULSES, FIRST, SIZE = 1, 2, 3, 6
 KIND, TARGET, ROW, OWN = 0, 1, 2, 3
 IMPULSE, SWEEP, FILTER, RECORD = 0, 1, 2, 3  # kinds
 FORCE, GROUND = 0, 1  # targets
 
 # Own slots of each kind.
-IS_RANGE, LOWEST, HIGHEST = OWN, OWN + 1, OWN + 2  # of an impulse's size
 IS_LOGARITHMIC = OWN
 PASSES_VELOCITY, IS_DRAWN = OWN, OWN + 1  # of a filter; drawn: its matrices differ between lanes
-# Those of a record are in `mm_gym.kernels.record`.
+# Those of impulses and records are in their modules.
 
-# Rows of each kind; those of noise and records are in their modules. Behind a sweep's cosines stand
-# as many sines: scratch of its series.
-IMPULSE_SIZE, RATE, TIME, NEXT = 0, 1, 2, 3  # NEXT: when the next random impulse comes [s]
-IMPULSE_ROWS = 4
+# Rows of each kind; those of noise, impulses and records are in their modules. Behind a sweep's
+# cosines stand as many sines: scratch of its series.
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
 
 SWEEP_TERMS = 14
@@ -87,7 +81,7 @@ def begin_excitation(model, lanes, streams, mask, first, last):
             slot = base + FIRST + SIZE * k
             kind = int(model[slot + KIND])
             if kind == IMPULSE:
-                _begin_impulses(model, slot, lanes, streams, i)
+                impulse_process.begin(lanes, int(model[slot + ROW]), streams, i)
             elif kind == SWEEP:
                 _begin_sweep(model, slot, lanes, i)
             elif kind == FILTER:
@@ -100,14 +94,14 @@ def begin_excitation(model, lanes, streams, mask, first, last):
 
 @borrowing_kernel
 def excite(model, lanes, streams, interval, first, last):
-    """Write the jets of a sample interval but for the records, and apply its impulses.
+    """Write the jets of a sample interval but for the records.
 
     Parameters
     ----------
     model
         (m,) float64, read.
     lanes
-        (rows, lanes) float64; velocities, jets and the rows of each part are written.
+        (rows, lanes) float64; jets and the rows of each part are written.
     streams
         (2, lanes) uint64, advanced.
     interval
@@ -122,9 +116,7 @@ def excite(model, lanes, streams, interval, first, last):
     for k in range(int(model[base])):
         slot = base + FIRST + SIZE * k
         kind = int(model[slot + KIND])
-        if kind == IMPULSE:
-            _apply_impulses(model, slot, lanes, streams, clock, first, last)
-        elif kind == SWEEP:
+        if kind == SWEEP:
             _add_sweep(model, slot, lanes, clock, first, last)
         elif kind == FILTER:
             _add_noise(model, slot, lanes, streams, clock, first, last)
@@ -142,63 +134,6 @@ def intervals_since(clock, began):
     """Return the number of sample intervals since an episode began."""
     now, intervals_per_step, interval = clock
     return (now - began) * intervals_per_step + interval
-
-
-@borrowing_kernel
-def _begin_impulses(model, slot, lanes, streams, i):
-    """Draw when the first random impulse comes."""
-    row = int(model[slot + ROW])
-    lanes[row + NEXT, i] = math.inf
-    if lanes[row + RATE, i] > 0.0:
-        lanes[row + NEXT, i] = _wait(streams, lanes[row + RATE, i], i)
-
-
-@borrowing_kernel
-def _wait(streams, rate, i):
-    """Return the time [s] from one random impulse to the next: that of a Poisson process."""
-    return -math.log(1.0 - uniform(streams, i)) / rate
-
-
-@borrowing_kernel
-def _apply_impulses(model, slot, lanes, streams, clock, first, last):
-    """Apply all impulses of a sample interval at its start.
-
-    One at a given time is applied at the nearest start of a sample interval.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    slot
-        First slot of the part.
-    lanes
-        (rows, lanes) float64; the velocities are written.
-    streams
-        (2, lanes) uint64, advanced.
-    clock
-        Three numbers, see above.
-    first, last
-        The lanes first .. last - 1.
-    """
-    row, step = int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
-    ground, is_range = model[slot + TARGET] > 0.0, model[slot + IS_RANGE] > 0.0
-    low, high = model[slot + LOWEST], model[slot + HIGHEST]
-    for i in range(first, last):
-        count, size = intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + IMPULSE_SIZE, i]
-        total = 0.0
-        if np.floor(lanes[row + TIME, i] / step + 0.5) == count:
-            total += low + (high - low) * uniform(streams, i) if is_range else size
-        end = (count + 1.0) * step
-        # In a state that was set it may lie in the past, from where the loop would not catch up.
-        lanes[row + NEXT, i] = max(lanes[row + NEXT, i], count * step)
-        while lanes[row + NEXT, i] < end:
-            total += low + (high - low) * uniform(streams, i) if is_range else size
-            lanes[row + NEXT, i] += _wait(streams, lanes[row + RATE, i], i)
-        if ground:
-            lanes[at.V1, i] -= total  # (E4)
-            lanes[at.V2, i] -= total
-        elif total != 0.0:
-            lanes[at.V1, i] += total / lanes[at.M1, i]  # (E3)
 
 
 @borrowing_kernel
@@ -327,9 +262,14 @@ def is_record(model, slot):
 
 
 @borrowing_kernel
-def add_records(model, lanes, interval, first, last):
+def is_impulse(model, slot):
+    """Tell whether a part is impulses."""
+    return int(model[slot + KIND]) == IMPULSE
+
+
+@borrowing_kernel
+def add_records(model, lanes, clock, first, last):
     """Add the records to the jets of a sample interval of the lanes first .. last - 1."""
-    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
     step = model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 
-from mm_gym.kernels.cache import KernelCache
+from mm_gym.kernels.dispatcher import KernelDispatcher, OnceDispatcher
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,13 +96,13 @@ def _compiled(
 ) -> Callable[..., Any]:
     if not COMPILED:
         return function
-    dispatcher = numba.njit(
-        nogil=True,
-        error_model="numpy",
-        _nrt=nrt,
-        forceinline=inline,
-        parallel=parallel,
-    )(function)
-    # What numba's own `cache=True` sets.
-    dispatcher._cache = KernelCache(dispatcher.py_func)  # noqa: SLF001
-    return dispatcher
+    options = {
+        "nopython": True,
+        "nogil": True,
+        "error_model": "numpy",
+        "_nrt": nrt,
+        "forceinline": inline,
+        "parallel": parallel,
+        "no_cfunc_wrapper": True,
+    }
+    return (OnceDispatcher if parallel else KernelDispatcher)(function, options)

@@ -26,6 +26,25 @@ def carriage_energy(k1, alpha, beta, x1):
 
 
 @inlined_kernel
+def escape_distance(m1, k1, alpha, beta, duration):
+    """Return |x1| [m] beyond which a carriage that moves outwards has escaped; infinite if never.
+
+    It is ten times the barrier sqrt(-alpha / beta), where the cubic force is a hundred times the
+    linear one, and at least where the cubic force alone takes the carriage from rest to infinity,
+    in 1.85 sqrt(m1 / (-k1 beta)) / |x1|, within a sixteenth of a duration [s].
+    """
+    if beta >= 0.0:
+        return math.inf
+    return max(10.0 * math.sqrt(abs(alpha / beta)), 32.0 * math.sqrt(m1 / (-beta * k1)) / duration)
+
+
+@inlined_kernel
+def has_escaped(x1, v1, distance):
+    """Tell whether a carriage is beyond its escape distance [m] and moves outwards."""
+    return (abs(x1) > distance) & (x1 * v1 > 0.0)
+
+
+@inlined_kernel
 def stiffness(k0, stretch):
     """Return k2 [N/m] of springs small on large; of springs of finite stretch, at the middle."""
     return 2 * k0 * (1 + 2 / (stretch * stretch * stretch))  # (5), eqs 15 and 16 of the paper
@@ -144,16 +163,19 @@ def fastest_rate(m1, m2, k1, k2, c, d):
     matrix of the undamped motion minus the scaled damping; the norm of A is at most the sum of
     theirs.
 
+    A stiffness k1 < 0 has the bound of -k1: the stiffness matrix with k1 lies between those with
+    k1 - |k1| and |k1|, of which the latter has the larger norm.
+
     Parameters
     ----------
     m1, m2
         Masses [kg] of carriage and sphere.
     k1, k2
-        Stiffness [N/m] of the carriage's spring, and of the sphere's.
+        Stiffness [N/m] of the carriage's spring, of either sign, and of the sphere's.
     c, d
         Damping [N s/m] of the interface, and of the carriage.
     """
-    return math.sqrt(largest_eigenvalue(m1, m2, k1, k2)) + largest_eigenvalue(m1, m2, d, c)
+    return math.sqrt(largest_eigenvalue(m1, m2, abs(k1), k2)) + largest_eigenvalue(m1, m2, d, c)
 
 
 @inlined_kernel

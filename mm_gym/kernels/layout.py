@@ -9,12 +9,17 @@ from __future__ import annotations
 OK = 0
 ENDED = 1  # an episode ended in one of the lanes
 NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
-TOO_MANY_EVENTS = 3
-TOO_MANY_SERIES = 4
-DIVERGED = 5
-COLLAPSED = 6
+ESCAPED = 3
+TOO_MANY_EVENTS = 4
+TOO_MANY_SERIES = 5
+DIVERGED = 6
+COLLAPSED = 7
 
 MESSAGES: dict[int, str] = {
+    ESCAPED: (
+        "escape: carriage.cubic_coefficient < 0 drives the carriage ever faster away from the "
+        "middle; objective.displacement_limit ends such an episode instead"
+    ),
     TOO_MANY_EVENTS: (
         "more changes of the friction's regime in one control step than can be followed; "
         "shorten control.time_step"
@@ -105,5 +110,5 @@ SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none i
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise
 NO_ROW = -1
 
-OBSERVATION_BOUND = 1e6
-"""Scaled observations are clipped to this magnitude, so that the observation space is bounded."""
+OBSERVATION_BOUND = 3.4028234663852886e38
+"""Largest number of single precision: an observation beyond it is shown as this."""

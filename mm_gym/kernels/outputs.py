@@ -170,7 +170,7 @@ def shown(value, scale, shift):
 
 @borrowing_kernel
 def bounded(value):
-    """Return the value, clipped to the bounds of the observation space."""
+    """Return the value, or the largest finite one for an infinite one."""
     return clip(value, -BOUND, BOUND)
 
 

@@ -46,7 +46,21 @@ def seed_streams(streams, seeds, mask):
 def uniform(streams, i):
     """Return the next number of lane i, uniform in [0, 1) with 53 bits."""
     streams[COUNT, i] += np.uint64(1)
-    bits = mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN)
+    return _fraction(mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN))
+
+
+@borrowing_kernel
+def numbered(key, n):
+    """Return number n of the sequence of a key, uniform in [0, 1).
+
+    The key is such a number too: one row of a lane holds it.
+    """
+    return _fraction(mix(mix(np.uint64(key * 2.0**53)) + np.uint64(n) * _GOLDEN))
+
+
+@borrowing_kernel
+def _fraction(bits):
+    """Return the number in [0, 1) that the upper 53 of 64 bits stand for."""
     return np.float64(bits >> np.uint64(11)) * 2.0**-53
 
 

@@ -124,9 +124,14 @@ class Support:
         return bool(self.high[at.VR] > 0.0)
 
     @property
+    def is_cubic(self) -> bool:
+        """Whether the carriage's spring is not linear."""
+        return bool(self.low[at.BETA] < 0.0 or self.high[at.BETA] > 0.0)
+
+    @property
     def is_nonlinear(self) -> bool:
         """Whether a spring is not linear."""
-        return bool(self.high[at.BETA] > 0.0 or self.high[at.L0] > 0.0)
+        return self.is_cubic or bool(self.high[at.L0] > 0.0)
 
     @property
     def kind(self) -> str:
@@ -144,6 +149,30 @@ class Support:
     def stiffest(self) -> float:
         """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
         return float(plain(laws.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+
+    @property
+    def outer_stiffness(self) -> float:
+        """The largest magnitude of the carriage's stiffness at rest, k1 alpha [N/m]."""
+        return float(self.high[at.K1] * max(-self.low[at.ALPHA], self.high[at.ALPHA]))
+
+    @property
+    def growth_rate(self) -> float:
+        """A bound of the rate [1/s] at which motions leave one another about an unstable place.
+
+        Where the carriage's spring has a slope of -k, a motion exp(s t) of growing size, real s,
+        obeys m1 s^2 <= k and d s <= k, since all other forces only resist (the Rayleigh quotients
+        of its shape); without d, either c s or m2 s^2 is at most 2 k. The slope is the least in the
+        middle, k1 alpha, or with beta < 0 at the barrier, -2 k1 alpha.
+        """
+        low, high = self.low, self.high
+        softening = 2.0 * high[at.ALPHA] if low[at.BETA] < 0.0 else 0.0
+        k = float(high[at.K1] * max(-low[at.ALPHA], softening, 0.0))
+        if k == 0.0:
+            return 0.0
+        m1, m2, c, d = (float(low[row]) for row in (at.M1, at.M2, at.C, at.D))
+        dragged = max(2.0 * k / c, math.sqrt(2.0 * k / m2)) if c > 0.0 else math.inf
+        inert = math.sqrt(k / m1) if m1 > 0.0 else math.inf
+        return min(inert, k / d if d > 0.0 else math.inf, dragged)
 
     @property
     def steepest(self) -> float:
@@ -185,5 +214,4 @@ def fastest_rate(support: Support) -> float:
 
 def _fastest(support: Support) -> tuple[float, float, float]:
     """Return the least masses, and the largest stiffness of the carriage's spring."""
-    low, high = support.low, support.high
-    return float(low[at.M1]), float(low[at.M2]), float(high[at.K1] * high[at.ALPHA])
+    return float(support.low[at.M1]), float(support.low[at.M2]), support.outer_stiffness

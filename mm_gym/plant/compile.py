@@ -23,10 +23,11 @@ dry friction, cubic coefficient 0, only the      switched linear     transition 
 the same with actuated stretch, randomised       parametric          Taylor series for each regime
   parameters or excitation frequency, or         switched linear
   excitation beyond harmonics and impulses
-cubic coefficient, only the start randomised,    smooth nonlinear    splitting, extrapolated
-  short control steps, no excitation beyond
-  impulses, tolerance of 1e-12 or more
-cubic coefficient otherwise, or finite stretch   smooth nonlinear    adaptive Taylor series
+cubic coefficient above 0, only the start        smooth nonlinear    splitting, extrapolated
+  randomised, short control steps, no
+  excitation, tolerance of 1e-12 or more
+cubic coefficient other than 0 otherwise, or     smooth nonlinear    adaptive Taylor series
+  finite stretch
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
                                                                      crossings located
 ===============================================  ==================  ==============================
@@ -76,6 +77,10 @@ MECHANICAL = (
 """What the choice of a method depends on: all parts of a scene but sensors and objective."""
 
 FIXED = "every parameter has one value"
+
+MOST_GROWTH = 9.0
+"""Largest growth of a motion about an unstable place in a control step, as an exponent: round-off
+of 1.1e-16 then stays below the bound of 1e-12 that exact methods have."""
 
 ACCELERATION_ERROR = 1e-6
 """Largest round-off of an observed acceleration of the carriage, relative to the motion's."""
@@ -158,9 +163,10 @@ def _reasons(
     support: Support, obstacles: dict[Method, str | None], chosen: Method
 ) -> tuple[str, ...]:
     """Return the reasons for the choice, one clause each."""
-    reasons = [*_nonlinearities(support), *_friction(support)]
+    reasons = [*_nonlinearities(support), *_instability(support), *_friction(support)]
     if support.kind == MASSLESS:
-        return "carriage.mass is 0: the forces on the carriage balance", FIXED
+        balance = "carriage.mass is 0: the forces on the carriage balance"
+        return balance, *_instability(support), FIXED
     before = [method for method in _before(chosen) if support.kind in method.kinds]
     skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
     if support.is_nonlinear:
@@ -180,10 +186,25 @@ def _before(chosen: Method) -> tuple[Method, ...]:
 
 def _nonlinearities(support: Support) -> list[str]:
     reasons: list[str] = []
-    if support.high[at.BETA] > 0.0:
-        reasons.append(f"carriage.cubic_coefficient reaches {support.high[at.BETA]:g} 1/m^2")
+    low, high = support.low[at.BETA], support.high[at.BETA]
+    if support.is_cubic:
+        furthest = low if -low > high else high
+        reasons.append(f"carriage.cubic_coefficient reaches {furthest:g} 1/m^2")
     if support.high[at.L0] > 0.0:
         reasons.append("springs of finite stretch")
+    return reasons
+
+
+def _instability(support: Support) -> list[str]:
+    """Return where the carriage has no stable rest, as far as its spring tells."""
+    (alpha, beta), place = support.low[[at.ALPHA, at.BETA]], "|x1| = sqrt(-alpha / beta)"
+    reasons: list[str] = []
+    if alpha < 0.0:
+        start = f"carriage.linear_coefficient reaches {alpha:g}, so that x1 = 0 is unstable"
+        ends = f"the spring has two wells, at {place}" if beta > 0.0 else "motions may grow forever"
+        reasons.append(f"{start} and {ends}")
+    if beta < 0.0 < support.high[at.ALPHA]:
+        reasons.append(f"the carriage escapes beyond the barrier at {place}")
     return reasons
 
 
@@ -238,13 +259,21 @@ def _without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tup
 
 
 def _fastest_slip(support: Support) -> float:
-    """Return a bound of |w| [m/s] from the largest initial energy, which cannot grow."""
+    """Return a bound of |w| [m/s] from the largest initial energy, which cannot grow.
+
+    It is infinite if the energy of the carriage's spring has no lower bound.
+    """
     low, high = support.low, support.high
     x1, offset, v1, v2 = (
         max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
     )
     twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
-    twice += high[at.K1] * (high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
+    twice += high[at.K1] * max(0.0, high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
+    alpha, beta = low[at.ALPHA], low[at.BETA]
+    if beta < 0.0 or (alpha < 0.0 and beta == 0.0):
+        return np.inf
+    if alpha < 0.0:
+        twice += 0.5 * high[at.K1] * alpha**2 / beta  # the depth of the wells, below the middle
     return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))
 
 
@@ -319,6 +348,14 @@ def _support_findings(support: Support) -> Iterator[str]:
     obstacles = [method.obstacle(support) for method in methods.METHODS if MASSLESS in method.kinds]
     if low[at.M1] == 0.0 and None not in obstacles:
         yield f"carriage.mass: 0 {obstacles[0]}; a small mass has no such limit"
+    growth = support.growth_rate * support.sample_interval * support.intervals_per_step
+    if not growth <= MOST_GROWTH:
+        yield (
+            f"control.time_step: about an unstable place of the carriage's spring motions, and "
+            f"errors with them, grow by up to exp({growth:.3g}) in a control step; allowed: "
+            f"exp({MOST_GROWTH:g}), with a time_step of at most "
+            f"{MOST_GROWTH / support.growth_rate:.3g} s"
+        )
     furthest = max(abs(support.start_low[at.X2]), abs(support.start_high[at.X2]))
     if high[at.L0] > 0.0 and furthest >= low[at.STRETCH] * low[at.L0]:
         yield (
@@ -348,7 +385,7 @@ def _cancellation_findings(scene: Scene, support: Support) -> Iterator[str]:
     if low[at.M1] == 0.0 or "carriage_acceleration" not in scene.sensors.channels:
         return
     slow = np.sqrt(low[at.K1] / (high[at.M1] + high[at.M2]))
-    stiffness = high[at.K1] * high[at.ALPHA] + support.stiffest
+    stiffness = support.outer_stiffness + support.stiffest
     resistance = high[at.D] + support.steepest + stiffness / slow
     lightest = 2.0**-52 * resistance / (slow * ACCELERATION_ERROR)
     if low[at.M1] < lightest:

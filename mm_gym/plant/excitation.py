@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import interpolation, noise, record
+from mm_gym.kernels import impulse_process, interpolation, noise, record
 from mm_gym.kernels import layout as at
 from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
@@ -36,9 +36,6 @@ SWEEP_PHASE = 0.5
 
 NOISE_PHASE = 0.25
 """Longest default sample time of filtered noise, times its highest frequency."""
-
-IMPULSE_PERIODS = 1.0 / 16.0
-"""Default sample time of random impulses, in periods of the carriage."""
 
 MOST_IMPULSES = 16.0
 """Random impulses that fall into a sample interval on average, at most."""
@@ -100,8 +97,6 @@ class Placed(Generic[P]):
         Field -> value, or range of values.
     samples, step, data
         What `Kind.samples` returned, and the slot of the description at which they begin.
-    period
-        Shortest period [s] of the carriage on its spring, or, if it has no mass, of the sphere.
     """
 
     kind: Kind[P]
@@ -112,7 +107,6 @@ class Placed(Generic[P]):
     samples: Array
     step: float
     data: int
-    period: float
 
     def lowest(self, name: str) -> float:
         """Return the least value of a field."""
@@ -146,10 +140,8 @@ def _sweep_slots(placed: Placed[Sweep]) -> Slots:
 
 
 def _impulse_interval(placed: Placed[Impulse]) -> float:
-    asked, rate = placed.part.sample_time, placed.highest("rate")
-    if rate == 0.0:
-        return inf if asked is None else asked
-    return min(placed.period * IMPULSE_PERIODS if asked is None else asked, MOST_IMPULSES / rate)
+    rate = placed.highest("rate")
+    return MOST_IMPULSES / rate if rate > 0.0 else inf
 
 
 def _impulse_slots(placed: Placed[Impulse]) -> Slots:
@@ -279,8 +271,12 @@ KINDS: dict[str, Kind[Any]] = {
     "kanai_tajimi": _filtered(SOIL, passes_velocity=True),
     "clough_penzien": _filtered(SOIL | HIGH_PASS, passes_velocity=True),
     "impulse": Kind(
-        fields={"size": kernels.IMPULSE_SIZE, "rate": kernels.RATE, "time": kernels.TIME},
-        rows=kernels.IMPULSE_ROWS,
+        fields={
+            "size": impulse_process.SIZE,
+            "rate": impulse_process.RATE,
+            "time": impulse_process.TIME,
+        },
+        rows=impulse_process.ROWS,
         code=kernels.IMPULSE,
         interval=_impulse_interval,
         slots=_impulse_slots,

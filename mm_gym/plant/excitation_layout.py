@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from math import ceil, inf, pi, sqrt
+from math import ceil, inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from mm_gym.kernels import interpolation
 from mm_gym.kernels import layout as at
 from mm_gym.plant.excitation import HARMONIC, KINDS, Placed
 from mm_gym.scene.excitation import Sampled
-from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -123,15 +122,6 @@ def lay_out(scene: Scene, rate: float) -> Layout:
     )
 
 
-def _period(scene: Scene) -> float:
-    """Return the shortest period [s] of the carriage, or, if it has no mass, of the sphere."""
-    names = ("carriage.mass", "sphere.mass", "carriage.stiffness")
-    stated = (scene.carriage.mass, scene.sphere.mass, scene.carriage.stiffness)
-    drawn = [scene.randomization.get(*field) for field in zip(names, stated, strict=True)]
-    m1, m2 = (bounds(value)[0] for value in drawn[:2])
-    return 2.0 * pi * sqrt((m1 or m2) / bounds(drawn[2])[1])
-
-
 def _parts(scene: Scene) -> list[Placed[Any]]:
     """Return the parts of a scene's excitation, without their rows."""
     kinds = [KINDS[part.kind] for part in scene.excitation]
@@ -140,8 +130,8 @@ def _parts(scene: Scene) -> list[Placed[Any]]:
     for k, kind in enumerate(kinds):
         part = scene.excitation[k]
         samples, step = kind.samples(part)
-        name, values, period = f"excitation.{k}", _values(scene, k), _period(scene)
-        parts.append(Placed(kind, part, name, 0, values, samples, step, data, period))
+        name, values = f"excitation.{k}", _values(scene, k)
+        parts.append(Placed(kind, part, name, 0, values, samples, step, data))
         data += samples.size
     return parts
 
@@ -164,7 +154,8 @@ def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
 
 def _description(parts: Parts, *, has_corners: bool) -> NDArray[np.float64]:
     described = [placed for placed in parts if placed.kind.code != HARMONIC]
-    slots = [float(len(described)), float(has_corners)]
+    has_impulses = any(placed.kind.code == kernels.IMPULSE for placed in described)
+    slots = [float(len(described)), float(has_corners), float(has_impulses)]
     for placed in described:
         target = kernels.GROUND if placed.part.target == "ground" else kernels.FORCE
         slots += [placed.kind.code, target, placed.first, *placed.kind.slots(placed)]

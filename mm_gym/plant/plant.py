@@ -10,16 +10,21 @@ import numpy as np
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.excitation import FIRST
+from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of
 from mm_gym.state_space.transition import massless_transition, transition
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.methods import Method, Settings
     from mm_gym.methods.support import Support
     from mm_gym.plant.task import Observed
     from mm_gym.state_space.equations import StateSpace
+    from mm_gym.state_space.linear_system import LinearSystem
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +99,8 @@ class Plant:
         Notes
         -----
         The middle stands for a range, the tangent at rest for a cubic spring, and the slope in
-        stick for dry friction.
+        stick for dry friction. Rest is x1 = 0, which is unstable with
+        ``carriage.linear_coefficient`` < 0: A then has a positive eigenvalue.
 
         Raises
         ------
@@ -131,6 +137,52 @@ class Plant:
             raise CompileError(msg)
         return linear_system(row)
 
+    def state_space(
+        self,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+        *,
+        sampled: bool = False,
+        at: Mapping[str, float] | ArrayLike | None = None,
+        about: ArrayLike | None = None,
+    ) -> LinearSystem:
+        """Return the plant as A, B, C, D with names and units; see docs/tuning.md.
+
+        Parameters
+        ----------
+        inputs
+            Of "force" [N] on the carriage and "stretch" [-], as commanded to the actuators, with
+            their lag; "disturbance" [N] on the carriage and "ground" [m/s^2]. By default the
+            scene's actuators. Limits and rate limits are left out.
+        outputs
+            Channels, in SI units, or the states "x1", "x2", "v1", "v2". By default the channels
+            that the scene observes. Channels, and not states, are as late as the sensors.
+        sampled
+            Whether the system is the map of one control step, with all inputs held over it and the
+            sensors' delay as states, or continuous.
+        at
+            Values by dotted name, or a lane (rows,), such as `Trajectory.parameters` or
+            ``env.unwrapped.get_state()["values"][:, 0]``; by default the middle of every range.
+        about
+            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, and the stretch, are made
+            linear; by default at rest.
+
+        Returns
+        -------
+        LinearSystem
+            Harmonics of the scene are states without input; noise is white noise through its
+            filter's states, while its envelope is 1; random impulses are white noise. Sweeps,
+            records and impulses at given times are no part of it.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown, or a value is not allowed.
+        CompileError
+            If the carriage has no mass.
+        """
+        return state_space_of(self, inputs, outputs, sampled=sampled, at=at, about=about)
+
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
         middle = 0.5 * (self.support.start_low + self.support.start_high)
@@ -164,6 +216,7 @@ class Plant:
 
 @lru_cache(maxsize=4096)
 def _at_interval(plant: Plant, interval: float) -> Plant:
-    # Without the excitation: thousands of plants would hold as many copies of a record.
-    support = replace(plant.support, sample_interval=interval, excitation=np.zeros(2))
+    # Without the excitation: thousands of plants would hold as many copies of a record. Impulses
+    # come between the intervals that they propagate.
+    support = replace(plant.support, sample_interval=interval, excitation=np.zeros(FIRST))
     return replace(plant, support=support, model=plant.method.constants(support, plant.settings))

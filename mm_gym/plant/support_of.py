@@ -127,7 +127,7 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
         return fastest_rate(support)
     # Without inertia the carriage follows at (k1 + k2) / (c + d), the sphere as if on a held one.
     damping = low[at.C] + low[at.D]
-    stiffness = high[at.K1] * high[at.ALPHA] + support.stiffest
+    stiffness = support.outer_stiffness + support.stiffest
     held = np.sqrt(support.stiffest / low[at.M2]) + high[at.C] / low[at.M2]
     follows = stiffness / damping if damping > 0.0 else 0.0  # no plant covers it without damping
     return float(follows + held)

@@ -117,7 +117,7 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
 
 def _scales(scene: Scene) -> dict[str, tuple[float, float]]:
     """Return each scale of the table of channels, and the value shown as zero."""
-    objective, stretch = scene.objective, scene.actuation.stretch
+    objective, stretch, force = scene.objective, scene.actuation.stretch, scene.actuation.force
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
     half, middle = 1.0, 0.0
     if stretch is not None:  # its limits are shown as -1 and 1
@@ -131,4 +131,5 @@ def _scales(scene: Scene) -> dict[str, tuple[float, float]]:
         # The product of two small numbers may be 0.
         "force": (max(scene.carriage.stiffness * displacement, SMALLEST), 0.0),
         "stretch": (half, middle),
+        "limit": (1.0 if force is None else max(force.limit, SMALLEST), 0.0),
     }

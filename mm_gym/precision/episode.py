@@ -13,7 +13,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.methods.support import fastest_oscillation
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Place, blank, excitation, first, run
+from mm_gym.simulation.recording import Place, blank, breaks, excitation, first, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -269,13 +269,27 @@ def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
     recording = episode.recording
     interval, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
     count = int(np.ceil((n + 1) * interval / oracle.scene.control.time_step)) + 1
-    return replace(oracle).solve(  # a copy, because the budget of evaluations is for its life
-        [(n + 1) * interval],
-        forces=np.full(count, force),
-        stretches=np.full(count, stretch),
-        start=recording.starts[n],
-        begin=n * interval,
-    )[0]
+    forces, stretches = np.full(count, force), np.full(count, stretch)
+    state, begin = recording.starts[n], n * interval
+    for elapsed, jump in [*breaks(recording, n), (interval, np.zeros(2))]:
+        end = n * interval + elapsed
+        # A copy, because the budget of evaluations is for its life.
+        piece = replace(oracle, disturbance=_within(oracle.disturbance, begin, end))
+        state = piece.solve([end], forces=forces, stretches=stretches, start=state, begin=begin)[0]
+        state[2:] += jump
+        begin = end
+    return state
+
+
+def _within(
+    disturbance: Callable[[float, str], float] | None, begin: float, end: float
+) -> Callable[[float, str], float] | None:
+    """Return a disturbance that is smooth up to both ends: records may jump there."""
+    if disturbance is None:
+        return None
+    close = 1e-12 * (end - begin) + 1e-14 * end
+    first, last = begin + close, end - close
+    return lambda time, target: disturbance(min(max(time, first), last), target)
 
 
 def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:

@@ -17,7 +17,7 @@ from mm_gym.precision.episode import episodes_of, truth_of
 from mm_gym.precision.margin import margin
 from mm_gym.precision.result import Setting, WorkPrecision
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import blank, column, pieces, run, stops_at_corners
+from mm_gym.simulation.recording import blank, lane_at, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,9 +157,8 @@ def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
     recordings = [
         _own(plant, one.recording, drawn.values[:, i]) for i, one in enumerate(truth.episodes)
     ]
-    ends = _ends_by_corners if stops_at_corners(plant) else _ends
     try:
-        states = ends(plant, [(recordings[i], int(n)) for i, n in truth.places])
+        states = np.array([_end(recordings[int(i)], int(n)) for i, n in truth.places])
     except SimulationError:
         return np.full(len(truth.places), np.inf)
     scales = np.array([one.scale for one in truth.episodes])[truth.places[:, 0]]
@@ -177,26 +176,14 @@ def _own(plant: Plant, recording: Recording, drawn: NDArray[np.float64]) -> Reco
     return replace(recording, plant=plant, parameters=parameters)
 
 
-def _ends(plant: Plant, places: list[tuple[Recording, int]]) -> NDArray[np.float64]:
-    """Return the states (k, 4) at the ends of sample intervals, all propagated at once."""
-    lanes, interval = Lanes(plant, len(places)), plant.support.sample_interval
-    for lane, (recording, n) in enumerate(places):
-        lanes.values[:, lane] = column(recording, n, 0.0, interval)
-    for start in range(0, len(places), at.BLOCK):
-        stop = min(start + at.BLOCK, len(places))
-        status = plant.method.entries.propagate(plant.model, lanes.values, start, stop)
-        if status > at.ENDED:
-            raise SimulationError(at.MESSAGES[status])
-    return lanes.values[:4].T
-
-
-def _ends_by_corners(plant: Plant, places: list[tuple[Recording, int]]) -> NDArray[np.float64]:
-    """Return the states (k, 4) at the ends of sample intervals, each from corner to corner."""
-    ends = np.empty((len(places), 4))
-    for k, (recording, n) in enumerate(places):
-        *_, (_, _, lane) = pieces(recording, n, plant.support.sample_interval)
-        ends[k] = lane[:4, 0]
-    return ends
+def _end(recording: Recording, n: int) -> NDArray[np.float64]:
+    """Return the state (4,) at the end of a sample interval, by the recording's plant."""
+    plant, lane = recording.plant, lane_at(recording, n)
+    interval = n % plant.support.intervals_per_step
+    status = plant.method.entries.cross(plant.model, lane, interval, 0, 1)
+    if status > at.ENDED:
+        raise SimulationError(at.MESSAGES[status])
+    return lane[:4, 0]
 
 
 def _whole(value: float) -> float:

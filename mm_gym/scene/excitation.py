@@ -150,12 +150,10 @@ def _some_impulse(rate: float, time: float | None) -> str | None:
 
 
 class Impulse(Part):
-    """Impulses: jumps of the velocities at the start of a sample interval.
+    """Impulses: jumps of the velocities, each at its own time.
 
-    Random ones are a Poisson process: those that fall into a sample interval, which may be several,
-    are added up at its start. One at a given `time` is applied at the nearest start.
-    An impulse on the carriage changes v1 by size / m1; an impulse of the ground changes both
-    velocities by -size.
+    Random ones are a Poisson process. An impulse on the carriage changes v1 by size / m1; an
+    impulse of the ground changes both velocities by -size.
     """
 
     kind: Literal["impulse"] = "impulse"
@@ -167,9 +165,6 @@ class Impulse(Part):
     """mean number of impulses per second [1/s], at random times (Poisson)"""
     time: NonNegative | None = None
     """[s] of one further impulse; none by default"""
-    sample_time: Positive | None = None
-    """longest sample interval [s]; by default, if impulses are random, a sixteenth of the period of
-    the carriage. At most 16 / rate is used"""
 
     rules: ClassVar[tuple[Rule, ...]] = (Rule(("rate", "time"), _some_impulse),)
 

@@ -23,10 +23,12 @@ class Carriage(Part):
     """k1 [N/m]"""
     damping: NonNegative = 1.0
     """d [N s/m]"""
-    linear_coefficient: NonNegative = 1.0
-    """alpha [-]: the spring force is k1 (alpha + beta x1^2) x1"""
-    cubic_coefficient: NonNegative = 0.0
-    """beta [1/m^2]"""
+    linear_coefficient: float = 1.0
+    """alpha [-]: the spring force is k1 (alpha + beta x1^2) x1; negative with beta > 0, it has two
+    wells at x1 = +-sqrt(-alpha / beta)"""
+    cubic_coefficient: float = 0.0
+    """beta [1/m^2]; negative with alpha > 0, the carriage escapes beyond a barrier at
+    |x1| = sqrt(-alpha / beta)"""
 
 
 class Sphere(Part):

@@ -28,7 +28,7 @@ class Part(BaseModel):
     rules: ClassVar[tuple[Rule, ...]] = ()
     ratios: ClassVar[dict[str, Ratio]] = {}
 
-    def __init__(self, **data: object) -> None:
+    def __init__(self, /, **data: object) -> None:
         try:
             self.__pydantic_validator__.validate_python(data, self_instance=self)
         except ValidationError as error:

@@ -25,6 +25,7 @@ from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Sprin
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
+from mm_gym.task_files import DEFAULT_STEPS
 
 if TYPE_CHECKING:
     from mm_gym.scene.dotted_names import Data
@@ -80,7 +81,7 @@ class Control(Part):
 
     time_step: Positive = 0.01
     """dt [s], the length of a control step"""
-    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
+    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = DEFAULT_STEPS
     """number of control steps in an episode"""
 
 
@@ -137,6 +138,13 @@ def _sees_springs(channels: tuple[str, ...], kind: str) -> str | None:
     if kind != "none" or not seen:
         return None
     return f"sensors.channels: {seen[0]!r} needs springs; set springs.kind"
+
+
+def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
+    seen = [channel for channel in channels if CHANNELS[channel].scale == "limit"]
+    if actuator is not None or not seen:
+        return None
+    return f"sensors.channels: {seen[0]!r} needs an actuator; set actuation.force"
 
 
 def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -> str | None:
@@ -202,12 +210,13 @@ class Scene(Part):
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("actuation.stretch", "springs.kind"), _has_springs),
         Rule(("sensors.channels", "springs.kind"), _sees_springs),
+        Rule(("sensors.channels", "actuation.force"), _sees_force),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
         Rule(("initial.stretch", *WITHIN), _initial_within_limits),
         Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
     )
 
-    def __init__(self, **data: object) -> None:
+    def __init__(self, /, **data: object) -> None:
         try:
             super().__init__(**data)
         except SceneError as error:
@@ -227,13 +236,16 @@ class Scene(Part):
         """Sixteen hexadecimal digits that identify the content of the scene."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
 
-    def replace(self, **values: object) -> Scene:
+    def replace(self, /, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.
+
+        Values are those of a scene file: ranges may be lists. A part of another kind begins with
+        the defaults of that kind.
 
         Raises
         ------
         SceneError
-            If a name is unknown, or the copy is not valid.
+            If a name is unknown, or the copy is not valid: with every finding, as for a file.
 
         Examples
         --------
@@ -241,8 +253,7 @@ class Scene(Part):
         0.2
         """
         data = self._dump()
-        for name, value in values.items():
-            put(data, name, value)
+        put(data, values)
         return Scene.of(data)
 
     def _dump(self) -> dict[str, Data]:

@@ -39,8 +39,8 @@ class Sensors(Part):
         "carriage_velocity",
         "sphere_velocity",
     )
-    """accelerations are absolute; spring_force is the force of the sphere's springs on the
-    carriage, disturbance_force that of the excitation"""
+    """accelerations are absolute; applied_force is the force of the actuator on the carriage,
+    spring_force that of the sphere's springs, disturbance_force that of the excitation"""
     noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
     """standard deviation of a channel's Gaussian noise, in the channel's SI unit"""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0

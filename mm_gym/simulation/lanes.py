@@ -16,9 +16,11 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
+from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
+from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.memory import rows_of
 from mm_gym.simulation.threads import Threads
 
@@ -33,9 +35,6 @@ if TYPE_CHECKING:
 
 STATE_ARRAYS = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the state of a set of lanes."""
-
-MOST_NAMED = 5
-"""Lanes named in a message, at most."""
 
 
 class Lanes:
@@ -70,6 +69,7 @@ class Lanes:
 
     def __init__(self, plant: Plant, count: int, threads: int = 1) -> None:
         self.plant = plant
+        self._advance = plant.method.entries.advance_of(excited=plant.support.sampled)
         self.count = count
         self._allocate()
         self.outputs: tuple[NDArray[Any], ...] = (
@@ -85,6 +85,9 @@ class Lanes:
         self._nothing_fixed = self._rows_and_values({})
         self._bind_steps()
         self._bind_episodes()
+        expect(self._advance, episodes.start, episodes.show_first)
+        if plant.support.sampled:
+            expect(begin_excitation)
 
     def _allocate(self) -> None:
         plant, count = self.plant, self.count
@@ -102,7 +105,7 @@ class Lanes:
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
 
     def _bind_steps(self) -> None:
-        bind, advance = self._threads.bind, self.plant.method.entries.advance
+        bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         constants = np.concatenate([self.plant.task, self.plant.model])
         outputs = (*rows, self.applied_rows.start)
@@ -132,8 +135,7 @@ class Lanes:
         It takes less time than `advance`, because it does not check the dtype.
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
-        advance = self.plant.method.entries.advance
-        entry = entry_point(advance, *self._step_arguments, actions, 0, self.count)
+        entry = entry_point(self._advance, *self._step_arguments, actions, 0, self.count)
         return partial(entry, *self._step_arguments)
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
@@ -272,20 +274,14 @@ class Lanes:
     def _state(self) -> dict[str, NDArray[Any]]:
         return {name: getattr(self, name) for name in STATE_ARRAYS}
 
-    def raise_for(self, status: int) -> None:
-        """Raise the error that a status code stands for, if it is one."""
+    def raise_for(self, status: int, unfinished: int = 0) -> None:
+        """Raise the error that a status code stands for, if it is one.
+
+        The number of unfinished control steps is that of those which the clock does not show yet.
+        """
         if status > at.NOT_FINITE:
-            msg = f"{self.plant.method.name}{self._lost()}: {at.MESSAGES[status]}"
-            raise SimulationError(msg)
+            age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
+            raise SimulationError(text_of(self.plant, self.values, status, age + unfinished))
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
-
-    def _lost(self) -> str:
-        """Name the lanes whose state or cost is not finite, if there is more than one lane."""
-        rows = self.values[[at.X1, at.X2, at.V1, at.V2, at.REWARD]]
-        lost = np.flatnonzero(~np.isfinite(rows).all(axis=0))
-        if self.count == 1 or not lost.size:
-            return ""
-        named = ", ".join(map(str, lost[:MOST_NAMED]))
-        return f", lane {named}" + (", ..." if lost.size > MOST_NAMED else "")

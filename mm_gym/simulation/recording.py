@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,7 +12,18 @@ from mm_gym.errors import SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import record
 from mm_gym.kernels.corners import next_corner, write_rows_of_jets
-from mm_gym.kernels.excitation import CORNERS, FIRST, KIND, OWN, RECORD, ROW, SIZE, TARGET
+from mm_gym.kernels.excitation import (
+    CORNERS,
+    FIRST,
+    IMPULSES,
+    KIND,
+    OWN,
+    RECORD,
+    ROW,
+    SIZE,
+    TARGET,
+)
+from mm_gym.kernels.impulses import pass_impulses, write_impulses
 from mm_gym.kernels.interpolation import ROUND_OFF
 
 if TYPE_CHECKING:
@@ -37,7 +49,7 @@ class Recording:
         (n + 1, 4) the initial state, then the state at the end of each sample interval: x1, x2 [m],
         v1, v2 [m/s].
     starts
-        (n, 4) the state at the start of each, after the impulses at that instant.
+        (n, 4) the state at the start of each, after impulses at that instant.
     applied
         (n, 2) the force [N] and stretch [-] held over each.
     jets
@@ -56,6 +68,26 @@ class Recording:
     def last(self) -> int:
         """Index of the last sample interval."""
         return len(self.starts) - 1
+
+    @cached_property
+    def impulses(self) -> Array:
+        """(k, 4) the impulses within sample intervals, in their order.
+
+        Each is the index of its interval, the time [s] since the interval's start, and by what it
+        changes v1 and v2 [m/s]. Those at an interval's start are in `starts`.
+        """
+        found = np.empty((0, 4))
+        if self.plant.support.excitation[IMPULSES]:
+            for _ in range(2):  # the first time they are counted
+                lane = self.parameters[:, None].copy()
+                count = write_impulses(self.plant.model, lane, len(self.starts), found)
+                found = np.empty((count, 4)) if len(found) < count else found
+        return found
+
+    def impulses_of(self, row: int) -> Array:
+        """Return the impulses (k, 3) within a sample interval, without its index."""
+        first, last = np.searchsorted(self.impulses[:, 0], (row, row + 1))
+        return self.impulses[first:last, 1:]
 
 
 class Place(NamedTuple):
@@ -100,7 +132,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         If the propagation cannot be completed.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    status = plant.method.entries.run(
+    status = plant.method.entries.run_of(excited=plant.support.sampled)(
         plant.model,
         plant.task,
         lanes.values,
@@ -111,7 +143,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         recording.applied[first:last],
         recording.jets[first:last],
     )
-    lanes.raise_for(status)
+    lanes.raise_for(status, unfinished=1)
 
 
 def column(recording: Recording, row: int, elapsed: float, duration: float) -> Array:
@@ -134,6 +166,16 @@ def column(recording: Recording, row: int, elapsed: float, duration: float) -> A
     return lane
 
 
+def lane_at(recording: Recording, row: int) -> Array:
+    """Return the lane (rows, 1) at a sample interval's start, as `Entries.cross` takes it."""
+    support = recording.plant.support
+    lane = column(recording, row, 0.0, support.sample_interval)[:, None].copy()
+    lane[support.jets : support.jets + 2 * support.terms, 0] = recording.jets[row]
+    lane[at.BEGAN], lane[at.NOW] = 0.0, row // support.intervals_per_step
+    pass_impulses(recording.plant.model, lane, float(row))
+    return lane
+
+
 def jets_over(
     recording: Recording, rows: NDArray[np.intp], elapsed: float, duration: float
 ) -> Array:
@@ -153,12 +195,14 @@ def jets_over(
 
 
 def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[float, float, Array]]:
-    """Walk through the beginning of a sample interval as the plant does.
+    """Walk through the beginning of a sample interval, from impulse to impulse.
+
+    It stops at corners of records too where the plant does.
 
     Yields
     ------
     For each piece, its start since that of the sample interval and its length [s], and the lane
-    (rows, 1) at its start; at the next piece the lane is at its end.
+    (rows, 1) at its start; at the next piece the lane is at its end, before impulses there.
 
     Raises
     ------
@@ -168,10 +212,11 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
     plant, elapsed = recording.plant, 0.0
     began = row * plant.support.sample_interval
     values, state = recording.parameters[:, None].copy(), recording.starts[row]
+    impulses = recording.impulses_of(row)
     while elapsed < duration:
-        end = duration
+        end = min([duration, *impulses[impulses[:, 0] > elapsed, 0]])
         if stops_at_corners(plant):
-            end = next_corner(plant.model, values, began, elapsed, duration, 0)
+            end = next_corner(plant.model, values, began, elapsed, end, 0)
         values[:, 0] = column(recording, row, elapsed, end - elapsed)
         values[:4, 0] = state
         yield elapsed, end - elapsed, values
@@ -181,6 +226,23 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
             msg = f"{plant.method.name}: {at.MESSAGES[status]}"
             raise SimulationError(msg)
         state, elapsed = values[:4, 0].copy(), end
+        state[2:] += impulses[impulses[:, 0] == elapsed, 1:].sum(axis=0)
+
+
+def breaks(recording: Recording, row: int) -> list[tuple[float, Array]]:
+    """Return where the motion is not smooth within a sample interval.
+
+    That is at impulses and at corners of records: times [s] since its start, and by what v1 and v2
+    [m/s] jump there.
+    """
+    jumps = {float(time): np.array(jump) for time, *jump in recording.impulses_of(row)}
+    plant, lane = recording.plant, recording.parameters[:, None].copy()
+    interval = plant.support.sample_interval
+    corner = next_corner(plant.model, lane, row * interval, 0.0, interval, 0)
+    while corner < interval:
+        jumps.setdefault(corner, np.zeros(2))
+        corner = next_corner(plant.model, lane, row * interval, corner, interval, 0)
+    return sorted(jumps.items())
 
 
 def stops_at_corners(plant: Plant) -> bool:

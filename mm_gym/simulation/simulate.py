@@ -11,6 +11,7 @@ from mm_gym.errors import ActionError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
+from mm_gym.simulation.ground_motion import shaken
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Place, Recording, blank, locate, pieces, run
 from mm_gym.simulation.trajectory import Trajectory
@@ -36,6 +37,7 @@ def simulate(
     times: ArrayLike | None = None,
     action: ArrayLike | Policy | None = None,
     seed: int | None = None,
+    ground: ArrayLike | None = None,
 ) -> Trajectory:
     """Simulate one episode.
 
@@ -55,6 +57,10 @@ def simulate(
         returns (k,). Limits and rate limits apply.
     seed
         Seed of the scene's draws; by default 0.
+    ground
+        (k, 2) increasing times [s] and the ground's acceleration [m/s^2] at them, linear in between
+        and zero before and after, besides the scene's own excitation. It needs a scene, not a
+        plant.
 
     Returns
     -------
@@ -71,7 +77,7 @@ def simulate(
     SimulationError
         If the times are not increasing and finite, or the simulation cannot be completed.
     """
-    plant = scene if isinstance(scene, Plant) else compile_scene(scene)
+    plant = _plant_of(scene, ground)
     instants = _instants(plant, duration, times)
     steps = _steps_until(float(instants[-1]), plant.time_step)
     lanes = Lanes(plant, 1)
@@ -97,6 +103,15 @@ def simulate(
         recording=recording,
         place=place,
     )
+
+
+def _plant_of(scene: Scene | Plant, ground: ArrayLike | None) -> Plant:
+    if ground is None:
+        return scene if isinstance(scene, Plant) else compile_scene(scene)
+    if isinstance(scene, Plant):
+        msg = "ground: a plant is compiled for its own excitation; give the scene in its place"
+        raise SimulationError(msg)
+    return shaken(scene, ground)
 
 
 def _instants(plant: Plant, duration: float | None, times: ArrayLike | None) -> NDArray[np.float64]:

@@ -11,8 +11,16 @@ from typing import TYPE_CHECKING
 
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import write_csv
+from mm_gym.kernels.channels import CHANNELS
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
+from mm_gym.simulation.response import (
+    acceleration,
+    base_force,
+    check_channel,
+    root_mean_square,
+    spring_force,
+)
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -65,6 +73,49 @@ class Trajectory:
     def excitation(self) -> NDArray[np.float64]:
         """Disturbing force [N] and acceleration of the ground [m/s^2], (n, 2)."""
         return excitation(self.recording, self.place)
+
+    @cached_property
+    def acceleration(self) -> NDArray[np.float64]:
+        """Absolute accelerations (n, 2) [m/s^2] of carriage and sphere, those of the ground in.
+
+        Impulses are not in it: they change the velocities at once.
+        """
+        return acceleration(self.parameters, self.state, self.applied, self.excitation[:, 0])
+
+    @cached_property
+    def base_force(self) -> NDArray[np.float64]:
+        """Force (n,) [N] of the carriage's spring and damper on the base, positive as x1 is."""
+        return base_force(self.parameters, self.state)
+
+    def channel(self, name: str) -> NDArray[np.float64]:
+        """Return a channel (n,) by its name, in SI units, without noise and delay.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such channel.
+        """
+        check_channel(name)
+        channel = CHANNELS[name]
+        if channel.row in range(4):
+            values = self.state[:, channel.row]
+            subtracted = channel.subtracted
+            return values - self.state[:, subtracted] if subtracted in range(4) else values
+        if name == "stretch":
+            return self.applied[:, 1]
+        if name == "spring_force":
+            return spring_force(self.parameters, self.state, self.applied[:, 1])
+        if name in ("disturbance_force", "ground_acceleration"):
+            return self.excitation[:, int(name == "ground_acceleration")]
+        return self.acceleration[:, int(name == "sphere_acceleration")]
+
+    def peak(self, name: str) -> float:
+        """Return the largest magnitude of a channel at the instants."""
+        return float(abs(self.channel(name)).max())
+
+    def rms(self, name: str) -> float:
+        """Return the root mean square of a channel over time."""
+        return root_mean_square(self.time, self.channel(name))
 
     @cached_property
     def energy(self) -> NDArray[np.float64]:

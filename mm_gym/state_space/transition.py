@@ -22,6 +22,12 @@ def transition(system: StateSpace, time: float) -> NDArray[np.float64]:
     return exponential(generator, time)[:4]
 
 
+def halved_transitions(system: StateSpace, time: float, levels: int) -> NDArray[np.float64]:
+    """Return exp(A t / 2**k) for k = 1 .. levels, (levels, 4, 4)."""
+    halves = halved_exponentials(system.a, time, levels)[1:]
+    return np.array([half.astype(np.float64) for half in halves])
+
+
 class Exosystem(NamedTuple):
     """An excitation p = output . z with z' = matrix z, as arrays of `Decimal`."""
 
@@ -66,6 +72,13 @@ def massless_transition(p: Values, time: float) -> NDArray[np.float64]:
     return _massless(p, harmonic(0.0), time, ground=False)[:, :5].astype(np.float64)
 
 
+def halved_massless_transitions(p: Values, time: float, levels: int) -> NDArray[np.float64]:
+    """Return the same as `halved_transitions` for a carriage without mass."""
+    generator, v1 = _massless_generator(p, harmonic(0.0), ground=False)
+    halves = halved_exponentials(generator, time, levels)[1:]
+    return np.array([_four_rows(half, v1)[:, :4].astype(np.float64) for half in halves])
+
+
 def massless_response(
     p: Values, source: Exosystem, *, ground: bool, time: float
 ) -> NDArray[np.float64]:
@@ -77,6 +90,16 @@ def _massless(p: Values, source: Exosystem, time: float, *, ground: bool) -> NDA
     """Return x1, x2, v1, v2 at the step's end against what there is at its start.
 
     That is (x1, x2, v1, v2, held force, exosystem's states).
+
+    """
+    generator, v1 = _massless_generator(p, source, ground=ground)
+    return _four_rows(halved_exponentials(generator, time, 0)[0], v1)
+
+
+def _massless_generator(
+    p: Values, source: Exosystem, *, ground: bool
+) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+    """Return the equations of (x1, x2, v2, held force, exosystem's states), and the row of v1.
 
     Without inertia the forces on the carriage balance:
     (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
@@ -92,7 +115,11 @@ def _massless(p: Values, source: Exosystem, time: float, *, ground: bool) -> NDA
         generator[2, :3] += np.array([k2, -k2, -c]) / m2
         generator[2, 4:] -= shake
         generator[4:, 4:] = source.matrix
-    step = halved_exponentials(generator, time, 0)[0]
+    return generator, v1
+
+
+def _four_rows(step: NDArray[np.object_], v1: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Return the rows of x1, x2, v1, v2 of a transition, and a column for v1."""
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         rows = np.array([step[0], step[1], v1 @ step, step[2]])
-        return np.insert(rows, 2, np.asarray(zero), axis=1)
+        return np.insert(rows, 2, np.asarray(Decimal(0)), axis=1)

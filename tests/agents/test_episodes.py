@@ -9,6 +9,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.controllers.constant import ConstantForce, ConstantStretch, no_control
+from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate, limit_penalty
 from mm_gym import MovingMassVectorEnv
@@ -16,19 +17,22 @@ from mm_gym import MovingMassVectorEnv
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Reads
     from mm_gym import Scene
 
 LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
 
 
 def test_cost_is_the_rms_where_only_displacement_is_rewarded() -> None:
-    result = evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, 1.5), episodes=10)
+    result = evaluate(
+        PRE_STRETCH, Feedback(PRE_STRETCH, ConstantStretch(PRE_STRETCH, 1.5)), episodes=10
+    )
     assert result.cost == pytest.approx(result.rms, rel=1e-12)
     np.testing.assert_allclose(result.episode_costs, result.episode_rms, rtol=1e-12)
 
 
 def test_cost_is_the_root_of_the_mean_of_minus_reward() -> None:
-    result = evaluate(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE), episodes=10)
+    result = evaluate(CARRIAGE_FORCE, Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE)), episodes=10)
     mean = -result.returns.mean() / CARRIAGE_FORCE.control.steps
     assert result.cost == pytest.approx(np.sqrt(mean), rel=1e-12)
     assert result.cost > 1.1 * result.rms  # velocity and force cost too
@@ -36,7 +40,8 @@ def test_cost_is_the_root_of_the_mean_of_minus_reward() -> None:
 
 def test_every_controller_sees_the_same_held_out_episodes() -> None:
     first, second = (
-        evaluate(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s), episodes=10) for s in (1.2, 2.4)
+        evaluate(PRE_STRETCH, Feedback(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s)), episodes=10)
+        for s in (1.2, 2.4)
     )
     np.testing.assert_array_equal(first.frequency, second.frequency)
     # The first step cannot differ by more than one rate-limited step of the stretch.
@@ -45,13 +50,17 @@ def test_every_controller_sees_the_same_held_out_episodes() -> None:
 
 def test_frequency_is_known_only_where_it_is_randomised() -> None:
     scene = TASKS["mm_gym/PreStretchNoise-v0"]
-    assert evaluate(scene, no_control(scene), episodes=3).frequency is None
-    assert evaluate(PRE_STRETCH, no_control(PRE_STRETCH), episodes=3).frequency is not None
+    assert evaluate(scene, Feedback(scene, no_control(scene)), episodes=3).frequency is None
+    assert (
+        evaluate(PRE_STRETCH, Feedback(PRE_STRETCH, no_control(PRE_STRETCH)), episodes=3).frequency
+        is not None
+    )
 
 
 def test_ending_an_episode_early_does_not_lower_its_cost() -> None:
     limited, free = (
-        evaluate(scene, no_control(scene), episodes=40) for scene in (LIMITED, CARRIAGE_FORCE)
+        evaluate(scene, Feedback(scene, no_control(scene)), episodes=40)
+        for scene in (LIMITED, CARRIAGE_FORCE)
     )
     ended = np.abs(limited.displacement[-1]) * 0.01 > 0.004
     assert ended.any()
@@ -65,8 +74,11 @@ def test_ending_an_episode_early_does_not_lower_its_cost() -> None:
 class LateCrash:
     """A good regulator that pushes with full force from some step on."""
 
+    reads: Reads = "observation"
+
     def __init__(self, scene: Scene, step: int) -> None:
-        self.name, self.step, self.law = f"crash from step {step}", step, LQR(scene)
+        self.name, self.step = f"crash from step {step}", step
+        self.law = Feedback(scene, LQR(scene))
 
     def reset(self, env: MovingMassVectorEnv) -> None:
         self.count = 0
@@ -87,8 +99,11 @@ def test_no_early_end_is_better_than_an_episode_within_the_limits() -> None:
     # 2.8 N: 7 mm for good, which costs much more than to regulate and to crash at last.
     laws = [no_control(scene), LQR(scene), ConstantForce(scene, 2.8), ConstantForce(scene, 2.0)]
     results = [
-        evaluate(scene, law, episodes=40)
-        for law in [*laws, *(LateCrash(scene, step) for step in CRASHES)]
+        evaluate(scene, controller, episodes=40)
+        for controller in [
+            *(Feedback(scene, law) for law in laws),
+            *(LateCrash(scene, step) for step in CRASHES),
+        ]
     ]
     crashed = [np.abs(result.displacement[-1]) * 0.01 > 0.012 for result in results]
     assert all(ended.all() for ended in crashed[len(laws) :])
@@ -112,14 +127,14 @@ def test_leaving_the_rail_costs_as_much_as_the_limits_allow() -> None:
     # Without a price of the stroke the last step before the sphere leaves the rail costs nearly
     # nothing. A unit of displacement and 0.1 units of velocity at their scales, 0.01 of the action:
     assert limit_penalty(scene) == pytest.approx(1.11, rel=1e-15)
-    result = evaluate(scene, ConstantForce(scene, 0.4), episodes=100)
+    result = evaluate(scene, Feedback(scene, ConstantForce(scene, 0.4)), episodes=100)
     ended = result.returns > -scene.control.steps * result.penalties + 1e-9
     assert ended.any()
     assert result.penalties[ended].min() > limit_penalty(scene)
 
 
 def test_the_penalty_of_an_early_end_is_that_of_its_definition() -> None:
-    law = ConstantForce(LIMITED, 4.0)
+    law = Feedback(LIMITED, ConstantForce(LIMITED, 4.0))
     result = evaluate(LIMITED, law, episodes=3)
     limit = (0.004 / 0.01) ** 2 + 0.1 + 0.01
     for lane in range(3):

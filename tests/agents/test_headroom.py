@@ -7,6 +7,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents.controllers.constant import constant_stretch, no_control
+from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.headroom import SCORES, headroom
@@ -56,7 +57,7 @@ def test_interval_is_that_of_the_central_limit() -> None:
 def test_planner_cannot_beat_the_regulator_that_is_optimal() -> None:
     lqr = LQR(CARRIAGE_FORCE)
     planned = evaluate(CARRIAGE_FORCE, Planner(CARRIAGE_FORCE, lqr), episodes=5)
-    known = evaluate(CARRIAGE_FORCE, lqr, episodes=5)
+    known = evaluate(CARRIAGE_FORCE, Feedback(CARRIAGE_FORCE, lqr), episodes=5)
     # Optimal over an endless horizon without the limit; in a second of clipped force a little less.
     assert 0.99 * known.cost <= planned.cost <= known.cost * (1.0 + 1e-9)
 
@@ -65,7 +66,7 @@ def test_planner_finds_what_its_law_does_not() -> None:
     scene = PRE_STRETCH.replace(**{"control.steps": 100})
     law = no_control(scene)
     planned = evaluate(scene, Planner(scene, law, Effort(rounds=2)), episodes=4)
-    assert planned.cost < 0.7 * evaluate(scene, law, episodes=4).cost
+    assert planned.cost < 0.7 * evaluate(scene, Feedback(scene, law), episodes=4).cost
 
 
 @pytest.mark.parametrize("name", ["mm_gym/PreStretchShock-v0", "mm_gym/Hybrid-v0"])
@@ -74,7 +75,10 @@ def test_planner_does_better_than_its_law_under_random_excitation(name) -> None:
     law = constant_stretch(scene, 2.0)
     planned = evaluate(scene, Planner(scene, law, Effort(rounds=1)), episodes=20)
     # In each episode by itself: the plans are tried against the disturbance that then comes.
-    assert np.all(planned.penalties <= evaluate(scene, law, episodes=20).penalties * (1 + 1e-9))
+    assert np.all(
+        planned.penalties
+        <= evaluate(scene, Feedback(scene, law), episodes=20).penalties * (1 + 1e-9)
+    )
 
 
 def test_planner_refuses_episodes_that_end_early() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-from agents.controllers.lqr import LQR, DesignError, design
-from mm_gym import MovingMassVectorEnv, Scene, compile_scene
+from agents.controllers.lqr import LQR, design
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 
 LONG = CARRIAGE_FORCE.replace(
     **{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0}
@@ -100,3 +100,16 @@ def test_paid_drift_of_a_free_sphere_is_refused(kind: str) -> None:
     scene = CARRIAGE_FORCE.replace(**{"interface": {"kind": kind}, "objective.stroke_weight": 1.0})
     with pytest.raises(DesignError, match="not stabilisable"):
         LQR(scene)
+
+
+def test_the_regulator_holds_a_bistable_carriage_on_its_hill() -> None:
+    bistable = {"linear_coefficient": -1.0, "cubic_coefficient": 1e4}
+    scene = CARRIAGE_FORCE.replace(**{f"carriage.{k}": v for k, v in bistable.items()})
+    scene = scene.replace(**{"initial.carriage_displacement": 0.002, "actuation.force.limit": 20.0})
+    env = MovingMassVectorEnv(scene, 1)
+    law = LQR(scene)
+    _, info = env.reset(seed=0)
+    for _ in range(200):
+        *_, info = env.step(law.action(info["state"], info["applied"]))
+    # Alone the carriage would be in its well, at 10 mm.
+    assert np.abs(info["state"][0, [0, 2]]).max() < 1e-5

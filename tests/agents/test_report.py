@@ -10,6 +10,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
 from agents.controllers.constant import ConstantAction, no_control
+from agents.controllers.feedback import Feedback
 from agents.evaluation.episodes import Evaluation, evaluate
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import percent, print_ranking, write_episodes, write_scores
@@ -26,6 +27,7 @@ def evaluation(name: str, cost: float, rms: float, *, columns: int = 1) -> Evalu
     penalties = cost**2 * np.linspace(0.5, 1.5, EPISODES)
     return Evaluation(
         name=name,
+        reads="observation",
         penalties=penalties,
         returns=-STEPS * penalties,
         frequency=None,
@@ -52,9 +54,9 @@ def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
     rows = [line.replace("\u2502", " ").split() for line in lines]
     found = [row for row in rows if row and row[0] in {"still", "restless", "best"}]
     assert found == [
-        ["best", "0.100", "0.50", "0.080", "-0.50"],
-        ["still", "0.200", "1.00", "0.100", "-2.00"],
-        ["restless", "0.400", "2.00", "0.050", "-8.00"],
+        ["best", "observation", "0.100", "0.50", "0.080", "-0.50"],
+        ["still", "observation", "0.200", "1.00", "0.100", "-2.00"],
+        ["restless", "observation", "0.400", "2.00", "0.050", "-8.00"],
     ]
     assert "ratio: cost / cost of still" in lines
     assert "rms x1: over 10 mm" in lines
@@ -63,7 +65,7 @@ def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
 def test_files_state_costs_first_and_ratios_of_costs(tmp_path) -> None:
     write_scores([STILL, RESTLESS], tmp_path / "scores.csv")
     rows = rows_of(tmp_path / "scores.csv")
-    assert list(rows[0])[:2] == ["controller", "cost [-]"]
+    assert list(rows[0])[:3] == ["controller", "reads", "cost [-]"]
     assert float(rows[1]["cost [-]"]) == pytest.approx(0.4, rel=1e-14)
     assert float(rows[1]["ratio to reference [-]"]) == pytest.approx(2.0, rel=1e-14)
     assert float(rows[1]["rms of x1 / scale [-]"]) == pytest.approx(0.05, rel=1e-14)
@@ -141,7 +143,8 @@ def test_figures_and_files_name_a_frequency_only_where_one_is_drawn(
     drawn: list[Figure] = []
     monkeypatch.setattr("agents.report.figures.save", lambda figure, _: drawn.append(figure))
     results = [
-        evaluate(scene, law, episodes=30) for law in (no_control(scene), ConstantAction(scene, 0.5))
+        evaluate(scene, law, episodes=30)
+        for law in (Feedback(scene, no_control(scene)), ConstantAction(scene, 0.5))
     ]
     draw_costs(results, scene, tmp_path / "costs.png")
     draw_response(*results, scene, tmp_path / "response.png")

@@ -1,16 +1,23 @@
 """The native VecEnv reports to Stable-Baselines3 what its own VecEnv would."""
 
+import json
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from gymnasium.wrappers import TransformReward
+from gymnasium.wrappers.vector import VectorizeTransformReward
+from stable_baselines3.common.env_util import make_vec_env as make_vec_env_of_sb3
+from stable_baselines3.common.monitor import Monitor, get_monitor_files
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from tasks import CARRIAGE_FORCE
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv
 from mm_gym.sb3 import VectorEnvAdapter, make_vec_env
 
+HALVED = {"wrapper": TransformReward, "func": lambda reward: 0.5 * reward}
 SHORT = CARRIAGE_FORCE.replace(**{"control.steps": 9, "objective.displacement_limit": 0.0095})
 
 
@@ -39,6 +46,111 @@ def test_steps_equal_those_of_dummy_vec_env_through_ends_of_episodes() -> None:
                 terminations += not mine["TimeLimit.truncated"]
     assert terminations
     assert truncations
+
+
+def own(seed=4, **arguments):
+    return make_vec_env("mm_gym/CarriageForce-v0", 5, seed, scene=SHORT, **arguments)
+
+
+def theirs(seed=4, **arguments):
+    return make_vec_env_of_sb3(lambda: MovingMassEnv(SHORT), 5, seed, **arguments)
+
+
+def assert_same(mine, reference):
+    """Compare infos to the last bit, but for the seconds that an episode took."""
+    assert mine.keys() == reference.keys()
+    for name, value in reference.items():
+        if name == "episode":
+            assert {**mine[name], "t": 0} == {**value, "t": 0}
+            assert mine[name]["t"] >= 0.0
+        else:
+            assert type(mine[name]) is type(value)
+            np.testing.assert_array_equal(mine[name], value)
+
+
+@pytest.mark.parametrize("every_info", [False, True])
+def test_steps_and_infos_equal_those_of_stable_baselines_own_path(every_info) -> None:
+    native, plain = own(every_info=every_info), theirs()
+    assert native.action_space.sample() == plain.action_space.sample()
+    np.testing.assert_array_equal(native.reset(), plain.reset())
+    generator, ends = np.random.default_rng(0), 0
+    for _ in range(40):
+        actions = generator.uniform(-1, 1, (5, 1)).astype(np.float32)
+        mine, reference = native.step(actions), plain.step(actions)
+        for got, expected in zip(mine[:3], reference[:3], strict=True):
+            assert got.dtype == expected.dtype
+            np.testing.assert_array_equal(got, expected)
+        for done, got, expected in zip(mine[2], mine[3], reference[3], strict=True):
+            if done or every_info:
+                assert_same(got, expected)
+            else:
+                assert got == {}
+        for got, expected in zip(native.reset_infos, plain.reset_infos, strict=True):
+            assert_same(got, expected)
+        ends += mine[2].sum()
+    assert ends >= 20
+
+
+def test_monitor_is_read_by_stable_baselines(tmp_path) -> None:
+    native, plain = own(monitor_dir=tmp_path / "native"), theirs(monitor_dir=str(tmp_path / "sb3"))
+    for env in (native, plain):
+        env.reset()
+        for _ in range(30):
+            env.step(np.zeros((5, 1), np.float32))
+        env.close()
+    assert [file.name for file in (tmp_path / "native").iterdir()] == ["monitor.csv"]
+    mine, reference = (
+        sorted(
+            line.rpartition(",")[0]
+            for file in get_monitor_files(str(tmp_path / name))
+            for line in Path(file).read_text("utf-8").splitlines()[2:]
+        )
+        for name in ("native", "sb3")
+    )
+    assert mine == reference
+    assert len(mine) >= 15
+    first, second, *_ = (tmp_path / "native" / "monitor.csv").read_text("utf-8").splitlines()
+    assert json.loads(first[1:])["env_id"] == "mm_gym/CarriageForce-v0"
+    assert second == "r,l,t"
+
+
+def test_number_of_lanes_has_two_names() -> None:
+    name = "mm_gym/CarriageForce-v0"
+    assert make_vec_env(name, n_envs=3).num_envs == make_vec_env(name, np.int64(3)).num_envs == 3
+    assert make_vec_env(name).num_envs == 1
+    assert make_vec_env(name, env_kwargs={"scene": SHORT}).env.scene == SHORT
+    with pytest.raises(ValueError, match="num_envs: got 2 and n_envs = 3; allowed: one of them"):
+        make_vec_env(name, 2, n_envs=3)
+
+
+def test_wrappers_of_vectors_apply_and_episodes_are_monitored_without_them() -> None:
+    plain = own()
+    wrapped = own(wrapper_class=VectorizeTransformReward, wrapper_kwargs=HALVED)
+    normalised = own(wrapper_class=VecNormalize, wrapper_kwargs={"norm_obs": False})
+    assert isinstance(normalised, VecNormalize)
+    for env in (plain, wrapped):
+        env.reset()
+    for _ in range(9):
+        actions = np.full((5, 1), 0.25, np.float32)
+        expected, got = plain.step(actions), wrapped.step(actions)
+        np.testing.assert_array_equal(got[1], np.float32(0.5) * expected[1])
+        for mine, reference in zip(got[3], expected[3], strict=True):
+            assert_same(mine, reference)
+    assert "episode" in got[3][-1]
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "advice"),
+    [
+        (gymnasium.wrappers.RescaleAction, "vectors, such as gymnasium.wrappers.vector.RescaleAc"),
+        (gymnasium.wrappers.FrameStackObservation, "vectors$"),
+        (repr, "vectors$"),
+    ],
+)
+def test_wrapper_of_single_environments_is_refused_by_name(wrapper, advice) -> None:
+    name = wrapper.__name__
+    with pytest.raises(ValueError, match=f"wrapper_class: {name} wraps single .* for {advice}"):
+        own(wrapper_class=wrapper)
 
 
 def test_episode_statistics_equal_those_of_monitor() -> None:

@@ -5,7 +5,7 @@ import os
 import kills
 import pytest
 
-from agents.training.config import TrainSettings, read_settings
+from agents.training.config import TrainSettings, read_settings, settings_from_command_line
 from mm_gym import SceneError
 
 
@@ -126,3 +126,20 @@ def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
     assert words in errors
     assert "Traceback" not in errors
     assert [path.name for path in tmp_path.iterdir()] == ["errors"]
+
+
+def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
+    tmp_path, monkeypatch
+):
+    file = tmp_path / "settings.toml"
+    file.write_text('[changes]\n"control.steps" = 30\n"initial.sphere_offset" = [0.0, 0.01]\n')
+    scene = read_settings(file).load_scene()
+    assert scene.control.steps == 30
+    assert scene.initial.sphere_offset == (0.0, 0.01)
+    monkeypatch.setattr("sys.argv", ["train", str(file)])
+    assert settings_from_command_line("") == read_settings(file)
+    monkeypatch.setattr("sys.argv", ["train", str(file), "--changes", '{"control.steps": 40}'])
+    scene = settings_from_command_line("").load_scene()
+    assert (scene.control.steps, scene.initial.sphere_offset) == (40, 0.0)
+    with pytest.raises(SceneError, match=r"control\.stepz: unknown key; did you mean 'steps'\?"):
+        TrainSettings(changes={"control.stepz": 40}).load_scene()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from agents.controllers.constant import no_control
+from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.evaluate import report_run
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty
@@ -62,7 +63,7 @@ def test_training_learns_to_still_the_carriage(tmp_path: Path) -> None:
     train(settings, run)
     scene = settings.load_scene()
     learned = evaluate(scene, Learned(load_policy(run.policy)), episodes=100)
-    nothing = evaluate(scene, no_control(scene), episodes=100)
+    nothing = evaluate(scene, Feedback(scene, no_control(scene)), episodes=100)
     # No control costs 0.105 and the optimal regulator 0.048: half way is learning, not luck.
     assert learned.returns.mean() > 0.6 * nothing.returns.mean()
 

@@ -70,8 +70,6 @@ def test_asynchronous_vector_agrees_with_the_native_one(assert_same):
     assert_same(*results)
 
 
-# It asks for pictures, whether they are drawn or not.
-@pytest.mark.filterwarnings("ignore:.*initialised with render_mode='rgb_array':UserWarning")
 @pytest.mark.parametrize("name", TASKS)
 def test_stable_baselines_trains_through_its_own_vector(name):
     envs = make_vec_env(name, n_envs=2, seed=0)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import TransformObservation
+from gymnasium.wrappers.vector import VectorizeTransformObservation
 from tasks import CARRIAGE_FORCE
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, SimulationError
@@ -187,9 +189,49 @@ def test_copies_are_returned_by_default_and_views_on_request(scene):
         second, rewards, *_, info = native.step(action)
         _, more_rewards, *_, more_info = native.step(action)
         assert np.shares_memory(first, second) is not copy
-        assert np.shares_memory(rewards, more_rewards) is not copy
         assert np.shares_memory(info["state"], more_info["state"]) is not copy
+        assert not np.shares_memory(rewards, more_rewards)
         assert second.flags.f_contiguous
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_views_are_read_only_and_what_is_no_observation_is_the_callers_own(mode, assert_same):
+    limits = {"objective.displacement_limit": 0.007, "control.steps": 12}
+    scene = CARRIAGE_FORCE.replace(**limits)
+    copied, viewed = (
+        MovingMassVectorEnv(scene, 3, copy=copy, autoreset_mode=mode) for copy in (True, False)
+    )
+    for env in (copied, viewed):
+        env.reset(seed=1)
+    for action in actions_for(copied, 30):
+        expected, got = copied.step(action), viewed.step(action)
+        observations, *owned, info = got
+        for view in (observations, info["state"], info["applied"]):
+            with pytest.raises(ValueError, match="read-only"):
+                view[...] = 0.0
+        assert_same(without_layout(expected), without_layout(got))
+        for array in owned:
+            array[...] = 1  # neither the motion nor the ends of episodes notice
+        ended = expected[2] | expected[3]
+        if mode is AutoresetMode.DISABLED and ended.any():
+            for env in (copied, viewed):
+                env.reset(options={"reset_mask": ended.copy()})
+
+
+def test_wrapper_that_writes_into_views_fails_instead_of_changing_the_physics():
+    for copy in (True, False):
+        native = MovingMassVectorEnv(CARRIAGE_FORCE, 2, copy=copy)
+        env = VectorizeTransformObservation(
+            native,
+            TransformObservation,
+            func=np.negative,
+            observation_space=native.single_observation_space,
+        )
+        if copy:
+            assert (env.reset(seed=0)[0] == -native._lanes.observed.T).all()
+        else:
+            with pytest.raises(ValueError, match="read-only"):
+                env.reset(seed=0)
 
 
 def test_views_and_copies_hold_the_same_values(scene, assert_same):
@@ -223,7 +265,9 @@ def test_number_of_lanes_is_checked(scene, count):
         MovingMassVectorEnv(scene, count)
 
 
-@pytest.mark.parametrize("seed", [[-1, 0, 1], [True, 0, 1], [0, 1], "abc", np.int64(3), 1.0])
+@pytest.mark.parametrize(
+    "seed", [[-1, 0, 1], [True, 0, 1], [0, 1], "abc", 1.0, np.arange(4), np.ones(3), {0, 1, 2}]
+)
 def test_seeds_are_checked(scene, seed):
     env = MovingMassVectorEnv(scene, 3)
     with pytest.raises(SceneError, match="seed: got"):

@@ -1,4 +1,4 @@
-"""Copy the golden values of the nonlinear plants and of the limits out of their reference.
+"""Copy the golden values of nonlinear plants, limits and dampers out of their reference.
 
     python tests/golden/make_nonlinear.py REFERENCE.json
 
@@ -19,7 +19,7 @@ MASSLESS = ("fig2D_swapped", "fig2F_d10_swapped")
 
 
 def main(reference: str) -> None:
-    """Write friction.json, duffing.json and massless.json next to this file."""
+    """Write friction.json, duffing.json, massless.json and tmd.json next to this file."""
     values = json.loads(Path(reference).read_text())
     provenance = values["meta"]["source"]
     friction = values["friction"]
@@ -30,6 +30,7 @@ def main(reference: str) -> None:
         },
         "duffing": values["duffing"],
         "massless": {name: values["linear"][name] for name in MASSLESS},
+        "tmd": values["tmd"],
     }
     for name, content in contents.items():
         text = json.dumps({"provenance": provenance} | content, indent=1)

@@ -200,9 +200,9 @@ def _value(terms: Terms, time: Decimal) -> Decimal:
 def _length(rows: list[Terms]) -> Decimal:
     """Return the time within which the last two terms of the velocities are below the cut-off."""
     velocities = rows[2:]
-    largest = max(abs(row[0]) for row in velocities)
-    # At rest, the scale is the velocity after a microsecond.
-    largest = largest or max(abs(row[1]) for row in velocities) * Decimal("1e-6")
+    # At rest, the scale is the velocity after a microsecond, also where a force rises from zero.
+    sizes = (max(abs(row[n]) for row in velocities) * Decimal(10) ** (-6 * n) for n in range(4))
+    largest = next((size for size in sizes if size), Decimal(0))
     shortest = Decimal(10) ** 6
     for row in velocities:
         for n in (ORDER - 1, ORDER):

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 from scipy.integrate import quad
 from scipy.linalg import expm, solve_continuous_lyapunov
-from scipy.stats import chi2, chisquare, kstest, poisson
+from scipy.stats import chi2
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
 from mm_gym.kernels import noise
@@ -371,67 +371,6 @@ def test_impulse_of_the_ground_moves_both_masses():
     start = {"carriage_velocity": -0.2, "sphere_velocity": -0.2}
     free = simulate(BASE.replace(initial=start))
     assert np.abs(moved.state[1:] - free.state[1:]).max() < 1e-15
-
-
-@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0, 1000.0])
-def test_random_impulses_in_a_sample_interval_are_poisson(rate):
-    impulse = {"kind": "impulse", "size": 0.01, "rate": rate, "sample_time": 0.01}
-    scene = Scene(excitation=[impulse], control={"time_step": 0.01})
-    recording = simulate(scene, duration=500.0, seed=5).recording
-    counts = 0.1 / 0.01 * (recording.starts[:, 2] - recording.states[:-1, 2])
-    assert np.abs(counts - np.round(counts)).max() < 1e-6
-    law, samples = poisson(rate * 0.01), len(counts)
-    edges = [k for k in range(40) if samples * law.pmf(k) > 5.0 and samples * law.sf(k) > 5.0]
-    bins = np.digitize(np.round(counts), np.array(edges) + 0.5)
-    got = np.bincount(bins, minlength=len(edges) + 1)
-    expected = samples * np.diff([0.0, *law.cdf(edges), 1.0])
-    assert chisquare(got, expected).pvalue > 1e-3
-    # Intervals are independent, so that their sum is Poisson too.
-    assert abs(np.round(counts).sum() - 500.0 * rate) < 4.0 * np.sqrt(500.0 * rate)
-    assert abs(np.corrcoef(counts[1:], counts[:-1])[0, 1]) < 4.0 / np.sqrt(samples)
-
-
-def test_random_impulses_have_their_rate_and_sizes():
-    impulse = {"kind": "impulse", "size": [-0.02, 0.05], "rate": 30.0}
-    # So short sample intervals that two impulses in one are rare: 1.5 % of all.
-    scene = Scene(excitation=[impulse], control={"time_step": 0.001})
-    recording = simulate(scene, duration=300.0, seed=2).recording
-    jumps = 0.1 * (recording.starts[:, 2] - recording.states[:-1, 2])
-    sizes = jumps[np.abs(jumps) > 1e-12]
-    expected = 300.0 * 1000.0 * -np.expm1(-30.0 * 0.001)
-    assert abs(len(sizes) - expected) < 4.0 * np.sqrt(expected)
-    assert kstest(sizes, "uniform", (-0.02, 0.07)).pvalue > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("changes", "intervals"),
-    [
-        # A sixteenth of 2 pi sqrt(0.1 kg / 400 N/m) is 6.2 ms.
-        ({}, 2),
-        ({"sphere.mass": 100.0}, 2),
-        ({"carriage.mass": 0.025}, 4),
-        ({"carriage.mass": 0.0, "excitation.0.target": "ground", "sphere.mass": 0.1}, 2),
-        ({"excitation.0.sample_time": 0.01}, 1),
-        ({"excitation.0.rate": 16_000.0}, 10),
-        ({"excitation.0.rate": 0.0, "excitation.0.time": 0.1}, 1),
-        (
-            {"excitation.0.rate": 0.0, "excitation.0.time": 0.1, "excitation.0.sample_time": 0.005},
-            2,
-        ),
-        ({"randomization": {"carriage.stiffness": (100.0, 1600.0)}}, 4),
-    ],
-)
-def test_sample_interval_of_impulses_is_short_beside_the_carriages_period(changes, intervals):
-    scene = BASE.replace(excitation=[{"kind": "impulse", "size": 0.1, "rate": 1.0}])
-    assert compile_scene(scene.replace(**changes)).support.intervals_per_step == intervals
-
-
-@pytest.mark.parametrize(("time", "start"), [(0.0, 0), (0.0449, 4), (0.0451, 5), (0.05, 5)])
-def test_impulse_at_a_given_time_comes_at_the_nearest_start_of_a_sample_interval(time, start):
-    impulse = {"kind": "impulse", "size": 0.05, "time": time}
-    recording = simulate(BASE.replace(excitation=[impulse])).recording
-    jumps = recording.starts[:, 2] - recording.states[:-1, 2]
-    assert np.flatnonzero(jumps).tolist() == [start]
 
 
 def test_sweep_without_duration_has_its_last_frequency_at_once():

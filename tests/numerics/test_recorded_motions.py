@@ -9,6 +9,8 @@ from mm_gym import MovingMassEnv, Scene, compile_scene, simulate
 from mm_gym.kernels import interpolation
 from mm_gym.precision.oracle import Oracle
 
+from .conftest import assert_lanes_equal_single
+
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 2000})
 SHORT = {"control.steps": 60}
 FRICTION = {
@@ -41,6 +43,10 @@ SPACINGS = {
 }
 
 
+CLOSE = 1e-14
+"""Instants that are so near [s] are one: SciPy cannot step from one to the next."""
+
+
 class Motion:
     """A random record, and the interpolant that is true of it."""
 
@@ -61,13 +67,21 @@ class Motion:
     def corners(self):
         return (self.times - self.start) * self.time_scale
 
-    def response(self, scene, instants):
-        """Return the states by SciPy, integrated from corner to corner."""
-        corners = self.corners()
-        inner = corners[(corners > 0.0) & (corners < instants[-1])]
+    def response(self, scene, instants, impulses=()):
+        """Return the states by SciPy, integrated from corner to corner.
+
+        Impulses are (time, jump of v1 and v2); a state at one is that before it.
+        """
+        corners, jumps = self.corners(), dict(impulses)
+        inner = np.concatenate([corners, list(jumps)])
+        inner = inner[(inner > 0.0) & (inner < instants[-1])]
         stops = np.unique(np.concatenate([[0.0], inner, instants]))
         state, states = None, {}
         for start, end in pairwise(stops):
+            if end - start < CLOSE:
+                states[end] = state
+                state = np.add(state, [0.0, 0.0, *jumps.get(end, (0.0, 0.0))])
+                continue
             # The line through two points inside: at an end the record may jump.
             first, last = 0.75 * start + 0.25 * end, 0.25 * start + 0.75 * end
             slope = (self.at(last) - self.at(first)) / (last - first)
@@ -84,15 +98,18 @@ class Motion:
             begin = oracle.initial_state() if state is None else state
             state = oracle.solve([end], start=begin, begin=start)[0]
             states[end] = state
+            state = np.add(state, [0.0, 0.0, *jumps.get(end, (0.0, 0.0))])
         return np.array([states[instant] for instant in instants])
 
 
-def check(scene, motion, rng):
+def check(scene, motion, rng, impulses=()):
     """Compare states, excitation and energies at random instants with SciPy."""
-    scene = scene.replace(excitation=[motion.part, HARMONIC])
+    sizes = [(time, scene.carriage.mass * jump[0]) for time, jump in impulses]
+    parts = [{"kind": "impulse", "time": float(time), "size": size} for time, size in sizes]
+    scene = scene.replace(excitation=[motion.part, HARMONIC, *parts])
     instants = np.sort(np.append(rng.uniform(0.0, 0.25, 3), [0.1, 0.2]))
     trajectory = simulate(scene, times=instants)
-    expected = motion.response(scene, instants)
+    expected = motion.response(scene, instants, impulses)
     scale = np.abs(expected).max(axis=0)
     assert np.all(np.abs(trajectory.state - expected) < 1e-9 * scale)
     column = int(motion.target == "ground")
@@ -111,6 +128,16 @@ def check(scene, motion, rng):
 def test_plants_respond_to_the_exact_interpolant(tmp_path, plant, spacing):
     rng = np.random.default_rng(list(PLANTS).index(plant))
     check(BASE.replace(**PLANTS[plant]), Motion(tmp_path, rng, spacing), rng)
+
+
+@pytest.mark.parametrize("plant", ["linear", "parametric", "friction", "cubic with friction"])
+def test_impulses_come_between_corners_and_at_them(tmp_path, plant):
+    rng = np.random.default_rng(11)
+    motion = Motion(tmp_path, rng, "any", target="force")
+    corner = float(motion.times[motion.times > 0.05][0])
+    times = [0.0437, 0.0438, np.nextafter(corner, 0.0), corner + 0.001, 0.1, 0.1234]
+    impulses = [(float(time), (rng.normal(), 0.0)) for time in times]
+    check(BASE.replace(**PLANTS[plant]), motion, rng, impulses)
 
 
 @pytest.mark.slow
@@ -178,17 +205,28 @@ def test_record_that_no_episode_reaches_the_end_of_is_warned_of(tmp_path):
     compile_scene(BASE.replace(excitation=[part], randomization=ranges, **SHORT))
 
 
-def test_lanes_with_corners_in_different_places_are_those_of_single_episodes(tmp_path):
+MOVED = {"excitation.0.start": [0.0, 0.3], "excitation.0.time_scale": [0.8, 1.5]}
+"""Ranges that put the corners of every episode in other places."""
+
+
+def test_drawn_start_and_time_scale_move_the_interpolant(tmp_path):
     motion = Motion(tmp_path, np.random.default_rng(8), "any")
-    ranges = {"excitation.0.start": [0.0, 0.3], "excitation.0.time_scale": [0.8, 1.5]}
     for plant in ("linear", "parametric", "friction"):
-        scene = BASE.replace(excitation=[motion.part], **PLANTS[plant], randomization=ranges)
+        scene = BASE.replace(excitation=[motion.part], **PLANTS[plant], randomization=MOVED)
         rows = [simulate(scene, duration=0.6, seed=seed) for seed in range(3)]
         for row in rows:
             p, names = row.parameters, row.recording.plant.support.names
             own = p[names["excitation.0.start"]] + row.time / p[names["excitation.0.time_scale"]]
             expected = np.interp(own, motion.times, motion.values, right=0.0)
             assert np.abs(row.excitation[:, 1] - expected).max() < 1e-10
+
+
+@pytest.mark.parametrize("plant", ["linear", "parametric", "friction", "cubic with friction"])
+def test_lanes_with_corners_in_different_places_equal_single_ones(tmp_path, plant):
+    motion = Motion(tmp_path, np.random.default_rng(8), "any")
+    scene = BASE.replace(excitation=[motion.part, HARMONIC], **PLANTS[plant], randomization=MOVED)
+    assert compile_scene(scene).support.terms == interpolation.TERMS  # there are corners inside
+    assert_lanes_equal_single(compile_scene(scene), 20)
 
 
 def test_channel_shows_the_record_at_the_end_of_each_control_step(tmp_path):

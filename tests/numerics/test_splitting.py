@@ -146,8 +146,10 @@ def test_drifts_are_the_exponential_of_the_dampers() -> None:
         ),
         (
             {"excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]},
-            "there is excitation besides impulses",
+            "there is excitation",
         ),
+        ({"excitation": [{"kind": "impulse", "size": 0.1, "time": 0.1}]}, "there is excitation"),
+        ({"carriage.linear_coefficient": -1.0}, "spring is negative"),
     ],
 )
 def test_what_it_does_not_cover_is_left_to_the_series(changes: dict, why: str) -> None:

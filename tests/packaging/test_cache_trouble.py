@@ -44,6 +44,7 @@ def twice(tmp_path, monkeypatch):
     path.write_text(MODULE)
     spec = importlib.util.spec_from_file_location("module", path)
     module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
     spec.loader.exec_module(module)
     return lambda: jit.kernel(module.twice.py_func)
 

@@ -103,24 +103,33 @@ def test_no_two_kernels_are_compiled_to_code_of_the_same_name():
     assert len(names) == len(kernels) > 4 * len(METHODS)
 
 
-def defines_a_kernel(file):
-    functions = (
-        node
-        for node in ast.walk(ast.parse(file.read_text("utf-8")))
-        if isinstance(node, ast.FunctionDef)
-    )
-    return any(
-        ast.unparse(decorator) in DECORATORS
-        for function in functions
-        for decorator in function.decorator_list
-    )
+def kernels_of(file):
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.FunctionDef) and any(
+            ast.unparse(decorator) in DECORATORS for decorator in node.decorator_list
+        ):
+            yield node
 
 
 def test_every_module_that_kernels_are_compiled_from_is_among_the_sources():
     """Else an edit of it would leave stale machine code in the cache."""
     known = set(sources())
-    kernels = {file for file in PACKAGE.rglob("*.py") if defines_a_kernel(file)}
+    kernels = {file for file in PACKAGE.rglob("*.py") if any(kernels_of(file))}
     assert len(kernels) > 20
     assert kernels <= known
     imported = {file_of(module) for file in known for module in imported_by(file)}
     assert imported <= known
+
+
+WITHOUT_PASSES = (
+    *(ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp, ast.Lambda),
+    *(ast.With, ast.Yield, ast.YieldFrom, ast.Raise, ast.Try, ast.FunctionDef),
+)
+
+
+def test_kernels_contain_nothing_for_which_their_compiler_has_no_pass():
+    kernels = [kernel for file in sources() for kernel in kernels_of(file)]
+    assert len(kernels) > 100
+    for kernel in kernels:
+        inside = [type(node) for node in ast.walk(kernel) if node is not kernel]
+        assert not set(inside).intersection(WITHOUT_PASSES), kernel.name

@@ -10,6 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
 from mm_gym.drawing import COLOURS, WIDTH, style
+from mm_gym.paper import figures
 from mm_gym.paper.figures import FIGURES
 
 LETTERS = {
@@ -23,6 +24,7 @@ LETTERS = {
     "fig9": "AB",
     "fig10": "AB",
     "fig12": "ABCDEF",
+    "bistable": "ABCDEF",
 }
 _drawn = {}
 
@@ -117,6 +119,24 @@ def test_figures_6_and_12_show_both_displacements_and_both_paths(name, start, en
 def test_figure_6_shows_the_linear_system_behind():
     labels = [text.get_text() for text in figure_of("fig6").legends[0].get_texts()]
     assert "linear, $\\beta = 0$" in labels
+
+
+def test_the_bistable_carriage_ends_in_a_marked_well_and_is_said_to_be_none_of_the_papers():
+    assert "not a figure of the paper" in figure_of("bistable").get_suptitle()
+    assert "none of the paper's" in figures.__doc__.replace("\n", " ")
+    for letter, offset in (("B", None), ("E", 20.0)):
+        carriage, sphere = path("bistable", letter, 0), path("bistable", "CF"[letter == "E"], 1)
+        marks = [line for line in panel("bistable", letter).get_lines() if line.get_marker() == "+"]
+        wells = marks[0].get_xdata()
+        assert list(wells) == pytest.approx([-5.0, 5.0])
+        assert np.abs(carriage[-1, 0] - wells).min() < 0.1
+        assert np.abs(carriage[-1, 1]) < 0.01
+        if offset is not None:  # the first integral
+            assert sphere[-1, 0] - carriage[-1, 0] == pytest.approx(offset, abs=0.1)
+    # The dashed curve of the hill's energy passes through the middle, and ends beyond the wells.
+    hill = curves(panel("bistable", "B"))[COLOURS[3].upper()]
+    assert np.abs(hill[:, 0]).max() == pytest.approx(5.0 * np.sqrt(2.0))
+    assert hill[np.argmin(np.abs(hill[:, 0])), 1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_figure_7_is_the_graph_of_the_friction_law():

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from tasks import TASKS
 
@@ -92,17 +93,64 @@ def test_replace_reaches_lists_dictionaries_and_parts_just_set():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("carriage.mas", r"carriage\.mas: there is no 'mas'; did you mean 'mass'\?"),
-        ("carrige.mass", r"carrige\.mass: there is no 'carrige'; did you mean 'carriage'\?"),
-        ("excitation.0.phase", r"excitation\.0\.phase: there is no '0'"),
-        ("actuation.force.limit", r"actuation\.force\.limit: there is no 'limit'"),
-        ("carriage.mass.value", r"carriage\.mass\.value: there is no 'value'"),
-        ("", "there is no ''"),
+        ("carriage.mas", r"carriage\.mas: unknown key; did you mean 'mass'\?; allowed: mass, sti"),
+        ("carrige.mass", r"carrige: unknown key; did you mean 'carriage'\?; allowed: carriage, "),
+        (
+            "excitation.0.phase",
+            r"excitation\.0\.phase: there is no entry '0'; allowed: none, the l",
+        ),
+        ("carriage.mass.value", r"carriage\.mass: got \{'value': 1\.0\}; allowed: a number"),
+        ("initial.stretch.low", r"initial\.stretch: got \{'low': 1\.0\}; allowed: a finite number"),
+        ("", "'': unknown key; allowed: carriage, sphere"),
     ],
 )
 def test_replace_names_what_is_not_there(name, words):
     with pytest.raises(SceneError, match=words):
         Scene().replace(**{name: 1.0})
+
+
+def test_replace_makes_a_part_that_was_not_there():
+    scene = Scene().replace(**{"actuation.force.limit": 2.5})
+    assert scene.actuation.force == ForceActuator(limit=2.5)
+
+
+def test_replace_reports_all_findings_as_a_file_would():
+    changes = {"control.stepz": 3, "sphere.mass": "heavy", "initial.sphere_offset": [2.0, 1.0]}
+    with pytest.raises(SceneError) as caught:
+        Scene().replace(**changes)
+    lines = sorted(str(caught.value).splitlines())
+    assert [line.partition(":")[0] for line in lines] == [
+        "control.stepz",
+        "initial.sphere_offset",
+        "sphere.mass",
+    ]
+    assert (
+        lines[0] == "control.stepz: unknown key; did you mean 'steps'?; allowed: time_step, steps"
+    )
+
+
+def test_another_kind_begins_with_its_defaults_in_any_order():
+    scene = Scene(springs={"kind": "small_on_large", "stiffness": 9.0})
+    changes = {"springs.rest_length": 0.05, "springs.kind": "finite_stretch"}
+    assert scene.replace(**changes) == scene.replace(
+        springs={"kind": "finite_stretch", "rest_length": 0.05}
+    )
+    same = scene.replace(**{"springs.kind": "small_on_large", "springs.stretch": 2.0})
+    assert (same.springs.stiffness, same.springs.stretch) == (9.0, 2.0)
+
+
+def test_replace_takes_the_values_of_a_json_file_and_of_numpy():
+    scene = Scene().replace(
+        **{
+            "initial.carriage_displacement": [-0.01, 0.01],
+            "control.steps": np.int64(7),
+            "carriage.mass": np.float32(0.25),
+            "initial.sphere_offset": np.array([0.0, 0.5]),
+        }
+    )
+    assert scene.initial.carriage_displacement == (-0.01, 0.01)
+    assert (scene.control.steps, scene.carriage.mass) == (7, 0.25)
+    assert scene.initial.sphere_offset == (0.0, 0.5)
 
 
 def test_replace_validates_anew():

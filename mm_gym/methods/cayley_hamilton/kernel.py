@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
+from mm_gym.kernels.free_motion import ROUND_OFF
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import stiffness
 
@@ -20,10 +21,12 @@ COEFFICIENTS = 10
 """Of each polynomial in the stiffness. `method` says why so many."""
 
 # Slots of the model. The generator, in units of the sample interval h and the carriage's mass m1,
-# K0 among it; what brings the stiffness to [-1, 1]; and whether a force can be held.
+# K0 among it; what brings the stiffness to [-1, 1]; whether a force can be held; and a bound of the
+# generator.
 K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (at.MODEL_OWN + i for i in range(9))
+PHASE = IS_PUSHED + 1
 # Four polynomials for the state, four for a held force; the highest coefficient first.
-OF_STATE = IS_PUSHED + 1
+OF_STATE = PHASE + 1
 OF_FORCE = OF_STATE + 4 * COEFFICIENTS
 END = OF_FORCE + 4 * COEFFICIENTS
 
@@ -162,6 +165,40 @@ def _push(model, lanes, first, last):
         x2s[i] += x1 + offset
         v1s[i] += by_h * v1
         v2s[i] += by_h * (v1 + w)
+
+
+@borrowing_kernel
+def respond(model, lanes, time, v1, v2, i):
+    """Add to the state of a lane its free motion after given velocities at rest (Taylor series).
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    lanes
+        (rows, lanes) float64; the stretch is read, the state written.
+    time
+        How long the motion lasts [s]; less than the sample interval.
+    v1, v2
+        Velocities at its start [m/s].
+    i
+        The lane.
+    """
+    h, generator = model[at.SAMPLE_INTERVAL], _generator(model)
+    k2 = stiffness(model[K0], lanes[at.STRETCH, i])
+    part, by_h, rest = time / h, 1.0 / h, (0.0, 0.0, 0.0, 0.0)
+    z = term = (0.0, 0.0, h * v1, h * (v2 - v1))
+    n, bound, phase = 0.0, 1.0, part * model[PHASE]
+    while bound > ROUND_OFF:
+        n += 1.0
+        step, bound = part / n, bound * (phase / n)
+        y1, y2, u1, u2 = _next(generator, k2, term, 0.0, rest)
+        term = step * y1, step * y2, step * u1, step * u2
+        z = z[0] + term[0], z[1] + term[1], z[2] + term[2], z[3] + term[3]
+    lanes[at.X1, i] += z[0]
+    lanes[at.X2, i] += z[0] + z[1]
+    lanes[at.V1, i] += by_h * z[2]
+    lanes[at.V2, i] += by_h * (z[2] + z[3])
 
 
 @borrowing_kernel

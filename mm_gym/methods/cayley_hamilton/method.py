@@ -47,7 +47,7 @@ class CayleyHamilton(ExactMethod):
         "in the springs' stiffness; a harmonic force by its steady motion"
     )
     kinds = (PARAMETRIC_LINEAR,)
-    entries = build(ch.propagate)
+    entries = build(ch.propagate, respond=ch.respond)
     held = "a held force and stretch"
 
     def limit(self, support: Support) -> str | None:
@@ -87,6 +87,7 @@ class CayleyHamilton(ExactMethod):
             model[ch.K0], model[ch.PUSH] = Decimal(float(support.low[at.K0])) * unit, unit
             model[ch.MASS_RATIO], model[ch.MIDDLE] = p["m2"] / m1, middle
             model[ch.SCALE] = 1 / half if half else 0
+            model[ch.PHASE] = fastest_rate(support) * support.sample_interval
             model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
             cubics = _cubics(p, h, (softest + stiffest) / 2, (stiffest - softest) / 2)
         model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()

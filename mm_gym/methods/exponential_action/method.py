@@ -9,6 +9,7 @@ import numpy as np
 from mm_gym.errors import CompileError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
+from mm_gym.kernels.free_motion import respond
 from mm_gym.methods.base import ExactMethod, Settings, degree, header
 from mm_gym.methods.exponential_action import kernel
 from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_rate
@@ -33,7 +34,7 @@ class ExponentialAction(ExactMethod):
     title = "the exponential's action"
     how = "exponential acting on the state as a Taylor series, cut off below round-off"
     kinds = (PARAMETRIC_LINEAR, LINEAR)
-    entries = build(kernel.propagate)
+    entries = build(kernel.propagate, respond=respond)
     held = "a held force and stretch"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002

@@ -7,13 +7,29 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors
 from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels.laws import carriage_force, pair_force, stiffness
-from mm_gym.kernels.simd import LANES, everywhere, stay_apart, with_element
+from mm_gym.kernels.laws import (
+    carriage_force,
+    escape_distance,
+    has_escaped,
+    pair_force,
+    stiffness,
+)
+from mm_gym.kernels.simd import (
+    LANES,
+    element,
+    everywhere,
+    none,
+    stay_apart,
+    where,
+    with_element,
+)
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -29,6 +45,8 @@ def propagate_rk4(model, lanes, first, last):
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
+        may_escape = not none(escape < np.inf)
         for k in range(substeps):
             start, middle, end = (
                 _excitation(model, lanes, i, count, k * h),
@@ -42,11 +60,16 @@ def propagate_rk4(model, lanes, first, last):
             c1, c2 = _field(p, finite, middle, x1 + half * p1, x2 + half * p2, q1, q2)
             r1, r2 = v1 + h * c1, v2 + h * c2
             d1, d2 = _field(p, finite, end, x1 + h * q1, x2 + h * q2, r1, r2)
-            x1 = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)  # vectors have no +=
-            x2 = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
-            v1 = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
-            v2 = v2 + sixth * (a2 + 2.0 * (b2 + c2) + d2)
+            y1 = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)
+            y2 = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
+            w1 = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
+            w2 = v2 + sixth * (a2 + 2.0 * (b2 + c2) + d2)
+            if may_escape:
+                y1, y2, w1, w2 = _unless_escaped(escape, (x1, x2, v1, v2), (y1, y2, w1, w2))
+            x1, x2, v1, v2 = y1, y2, w1, w2
         status = max(status, write_state(lanes, i, count, x1, x2, v1, v2))
+        if may_escape:
+            status = max(status, _status(escape, x1, v1, count))
     return status
 
 
@@ -60,12 +83,48 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
+        may_escape = not none(escape < np.inf)
         for k in range(substeps):
             a1, a2 = _field(p, finite, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2)
-            v1, v2 = v1 + h * a1, v2 + h * a2
-            x1, x2 = x1 + h * v1, x2 + h * v2
+            w1, w2 = v1 + h * a1, v2 + h * a2
+            y1, y2 = x1 + h * w1, x2 + h * w2
+            if may_escape:
+                y1, y2, w1, w2 = _unless_escaped(escape, (x1, x2, v1, v2), (y1, y2, w1, w2))
+            x1, x2, v1, v2 = y1, y2, w1, w2
         status = max(status, write_state(lanes, i, count, x1, x2, v1, v2))
+        if may_escape:
+            status = max(status, _status(escape, x1, v1, count))
     return status
+
+
+@inlined_kernel
+def _escape_distances(lanes, i, count, duration):
+    """Return the escape distances [m] of the lanes i .. i + count - 1, infinite where none is."""
+    distances = everywhere(np.inf)
+    for k in range(count):
+        m1, k1 = lanes[at.M1, i + k], lanes[at.K1, i + k]
+        alpha, beta = lanes[at.ALPHA, i + k], lanes[at.BETA, i + k]
+        distances = with_element(distances, k, escape_distance(m1, k1, alpha, beta, duration))
+    return distances
+
+
+@inlined_kernel
+def _unless_escaped(escape, before, after):
+    """Return the state after a substep, or before it where the carriage has escaped by then."""
+    x1, x2, v1, v2 = before
+    y1, y2, w1, w2 = after
+    gone = has_escaped(x1, v1, escape)
+    return where(gone, x1, y1), where(gone, x2, y2), where(gone, v1, w1), where(gone, v2, w2)
+
+
+@borrowing_kernel
+def _status(escape, x1, v1, count):
+    """Return the status of lanes of which some may have escaped."""
+    for k in range(count):
+        if has_escaped(element(x1, k), element(v1, k), element(escape, k)):
+            return at.ESCAPED
+    return at.OK
 
 
 @inlined_kernel

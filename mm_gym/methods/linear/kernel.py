@@ -15,9 +15,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 # Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
-# and 4 to its sine, then 4 to each term of both jets.
+# and 4 to its sine, then 4 to each term of both jets; then, with impulses, exp(A dt / 2**k) of each
+# of the HALVINGS, row-major (4, 4).
 TRANSITION = at.MODEL_OWN  # [exp(A dt) | response to a held force], row-major (4, 5)
 RESPONSES = TRANSITION + 20
+
+HALVINGS = 53
+"""Binary digits of a part of the sample interval, as many as a double has."""
 
 
 @borrowing_kernel
@@ -54,6 +58,49 @@ def propagate(model, lanes, first, last):
             for i in range(last - first):
                 reached[i] += on_term * coefficients[i]
     return at.OK
+
+
+@borrowing_kernel
+def respond(model, lanes, time, v1, v2, i):
+    """Add to the state of a lane its free motion after given velocities at rest.
+
+    The time is taken digit by digit: for each binary digit of its part of the sample interval there
+    is a transition matrix.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    lanes
+        (rows, lanes) float64; the state is written.
+    time
+        How long the motion lasts [s]; less than the sample interval.
+    v1, v2
+        Velocities at its start [m/s].
+    i
+        The lane.
+    """
+    x1 = x2 = 0.0
+    part, k = time / model[at.SAMPLE_INTERVAL], RESPONSES
+    k += 8 * (int(model[at.HARMONIC_COUNT]) + int(model[at.TERMS]))
+    for _ in range(HALVINGS):
+        part *= 2.0
+        if part >= 1.0:
+            part -= 1.0
+            z = x1, x2, v1, v2
+            x1, x2 = _product(model, k, z), _product(model, k + 4, z)
+            v1, v2 = _product(model, k + 8, z), _product(model, k + 12, z)
+        k += 16
+    lanes[at.X1, i] += x1
+    lanes[at.X2, i] += x2
+    lanes[at.V1, i] += v1
+    lanes[at.V2, i] += v2
+
+
+@borrowing_kernel
+def _product(m, k, z):
+    """Return the four coefficients from slot k times a state."""
+    return fma(m[k], z[0], fma(m[k + 1], z[1], fma(m[k + 2], z[2], m[k + 3] * z[3])))
 
 
 def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:

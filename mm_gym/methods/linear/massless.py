@@ -9,7 +9,11 @@ from mm_gym.methods.base import Settings, refuse_overflow
 from mm_gym.methods.linear.method import Linear, linear_model
 from mm_gym.methods.support import MASSLESS
 from mm_gym.state_space.coefficients import values_of
-from mm_gym.state_space.transition import massless_response, massless_transition
+from mm_gym.state_space.transition import (
+    halved_massless_transitions,
+    massless_response,
+    massless_transition,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,4 +47,5 @@ class Massless(Linear):
                 support,
                 massless_transition(values, time),
                 lambda source, ground: massless_response(values, source, ground=ground, time=time),
+                lambda levels: halved_massless_transitions(values, time, levels),
             )

@@ -8,11 +8,12 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
+from mm_gym.kernels.excitation import IMPULSES
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
 from mm_gym.methods.support import LINEAR
 from mm_gym.state_space.coefficients import linear_system
-from mm_gym.state_space.transition import harmonic, jet, response, transition
+from mm_gym.state_space.transition import halved_transitions, harmonic, jet, response, transition
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,14 +28,21 @@ def linear_model(
     support: Support,
     transition: NDArray[np.float64],
     respond: Callable[[Exosystem, bool], NDArray[np.float64]],
+    halved: Callable[[int], NDArray[np.float64]],
 ) -> NDArray[np.float64]:
-    """Return the constants of the kernel: transition, responses to harmonics and to jets."""
+    """Return the constants of the kernel.
+
+    They are the transition, the responses to harmonics and to jets, and, if there are impulses, the
+    transitions over a half, a quarter, ... of the sample interval.
+    """
     parts = [header(support, 0), transition.ravel()]
     for j, ground in enumerate(support.ground):
         parts.append(respond(harmonic(float(support.frequencies[j])), ground).ravel())
     if support.terms:
         source = jet(support.terms, support.sample_interval)
         parts += [respond(source, ground).ravel() for ground in (False, True)]
+    if support.excitation[IMPULSES]:
+        parts.append(halved(kernel.HALVINGS).ravel())
     return np.concatenate(parts)
 
 
@@ -48,7 +56,7 @@ class Linear(ExactMethod):
         "excitation as an exosystem"
     )
     kinds = (LINEAR,)
-    entries = build(kernel.propagate, kernel.at_once)
+    entries = build(kernel.propagate, kernel.at_once, respond=kernel.respond)
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the transition matrix and the responses to all excitation."""
@@ -58,6 +66,7 @@ class Linear(ExactMethod):
                 support,
                 transition(system, time),
                 lambda source, ground: response(system, source, ground=ground, time=time),
+                lambda levels: halved_transitions(system, time, levels),
             )
 
     def cost(self, model: NDArray[np.float64]) -> str:

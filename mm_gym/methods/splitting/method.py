@@ -101,8 +101,10 @@ class Splitting(Method):
             return f"{varying[0]} is randomised"
         if support.high[at.L0] > 0.0:
             return "the springs are of finite stretch"
-        if support.ground or support.terms:
-            return "there is excitation besides impulses"
+        if support.high[at.ALPHA] < 0.0 or support.high[at.BETA] < 0.0:
+            return "a coefficient of the carriage's spring is negative"
+        if support.ground or support.sampled:
+            return "there is excitation"
         phase = fastest_frequency(support) * support.sample_interval
         if not phase <= LONGEST:
             return (

@@ -29,9 +29,9 @@ from mm_gym.methods.switched.series_kernel import (
 )
 
 # Slots of the model; STICK and SLIP hold where the levels of each regime begin, the whole sample
-# interval first.
-VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE = (at.MODEL_OWN + i for i in range(6))
-REGIMES = at.MODEL_OWN + 6
+# interval first, whose length is WHOLE [s].
+VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE = (at.MODEL_OWN + i for i in range(7))
+REGIMES = at.MODEL_OWN + 7
 
 # Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change
 # of w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
@@ -67,9 +67,14 @@ _SCRATCH_ROWS = 12 * WIDTH
 
 @kernel
 def propagate(model, lanes, first, last):
-    """Advance the lanes by one sample interval; force and stretch are held over it."""
+    """Advance the lanes by one sample interval, or a part of it; force and stretch are held."""
     status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
     scratch = np.zeros(_SCRATCH_ROWS)
+    if model[at.SAMPLE_INTERVAL] < model[WHOLE]:
+        scratch[_LEAVES : _LEAVES + WIDTH] = 1.0
+        for start in range(first, last, WIDTH):
+            status = max(status, _follow(model, lanes, scratch, start, min(WIDTH, last - start)))
+        return status
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if harmonics > 0:
@@ -218,7 +223,10 @@ def _follow(model, lanes, scratch, first, count):
 
 @kernel
 def _propagate_by_intervals(model, lanes, i, z, p, c):
-    """Walk through the sample interval level by level; on the series where the regime may change.
+    """Walk through the interval level by level; on the series where the regime may change.
+
+    A sample interval is cut short at its start: what is left of it has whole units of the last
+    level, and less than one behind them.
 
     Parameters
     ----------
@@ -244,9 +252,22 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
     vr = model[VR]
     _load_inputs(model, lanes, i, z)
     p[HELD] = z[6]
-    unit = model[at.SAMPLE_INTERVAL] / (1 << last_level)
-    position, end, level = 0, 1 << last_level, 0  # in units of the last level's time
+    unit = model[WHOLE] / (1 << last_level)
+    units, end = int(model[at.SAMPLE_INTERVAL] / unit), 1 << last_level
+    rest = model[at.SAMPLE_INTERVAL] - units * unit
+    start, level = end - units, 0  # in units of the last level's time
+    while level < last_level and start & ((1 << (last_level - level)) - 1) != 0:
+        level += 1
+    position = start
     for _ in range(MOST_INTERVALS):
+        if position == end:
+            if rest > 0.0:
+                status, z[5] = walk(p, c, model, lanes, i, z, z[5], units * unit, rest, degree)
+                if status != at.OK:
+                    return status
+            for row in range(4):
+                lanes[row, i] = z[row]
+            return at.OK
         first = (int(model[STICK]) if z[5] == 0.0 else int(model[SLIP])) + level * size
         m = model[first : first + size]
         next_w = z[4] + _slip_row(m, CHANGE, HARMONIC_CHANGE, z)
@@ -258,7 +279,8 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
             level += 1
             continue
         else:
-            status, z[5] = walk(p, c, model, lanes, i, z, z[5], position * unit, unit, degree)
+            elapsed = (position - start) * unit
+            status, z[5] = walk(p, c, model, lanes, i, z, z[5], elapsed, unit, degree)
             if status != at.OK:
                 return status
             _turn_harmonics(m, z)
@@ -267,10 +289,6 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
             level > 0 and position & ((2 << (last_level - level)) - 1) == 0
         ):  # as long as the place allows
             level -= 1
-        if position == end:
-            for row in range(4):
-                lanes[row, i] = z[row]
-            return at.OK
     return at.TOO_MANY_EVENTS
 
 

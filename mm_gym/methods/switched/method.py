@@ -94,6 +94,7 @@ class Switched(ExactMethod):
             ]
         model = header(support, switched.REGIMES - at.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
+        model[switched.WHOLE] = support.sample_interval
         model[switched.DEGREE] = degree(phase / 2.0**levels)
         model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(
             support.ground

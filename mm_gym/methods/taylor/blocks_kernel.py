@@ -13,6 +13,7 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
+from mm_gym.kernels.laws import has_escaped
 from mm_gym.kernels.memory import on_cache_line
 from mm_gym.kernels.simd import LANES, alike, larger, none, rows_of, smaller, where
 from mm_gym.methods.taylor import kernel as taylor
@@ -80,7 +81,7 @@ def _propagate(model, lanes, c, b, first, last):
         for i in range(LANES):
             reached = b[_STATUS * LANES + i]
             if reached != _BUSY and b[_LANE * LANES + i] != _IDLE:
-                if reached == at.OK:
+                if reached in (at.OK, at.ESCAPED):
                     _leave(lanes, b, i)
                 status = max(status, int(reached))
                 waiting = _occupy(lanes, c, b, i, waiting, last)
@@ -149,6 +150,8 @@ def _advance(model, c, b, most):
     status = where(count >= float(taylor.MOST_STEPS), float(at.TOO_MANY_SERIES), _BUSY)
     status = where(theta == remaining, float(at.OK), status)
     status = where(elapsed >= duration, float(at.OK), status)
+    escaped = has_escaped(b[rows.X1], b[rows.V1], b[rows.ESCAPE])
+    status = where(escaped, float(at.ESCAPED), status)
     b[_STATUS] = where(size < np.inf, status, float(at.DIVERGED))
     b[_ELAPSED], b[_COUNT], b[_UNIT] = elapsed, count, larger(theta, 2.0**-20) * unit
 

@@ -15,7 +15,13 @@ from mm_gym.kernels.arithmetic import fma, write_inverse_square
 from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
 from mm_gym.kernels.jets import write_series
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels.laws import interface_line, slip_intercept, stiffness
+from mm_gym.kernels.laws import (
+    escape_distance,
+    has_escaped,
+    interface_line,
+    slip_intercept,
+    stiffness,
+)
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.simd import alike
 from mm_gym.methods.taylor import layout as rows
@@ -38,8 +44,16 @@ def propagate(model, lanes, first, last):
 
 
 @borrowing_kernel
+def shorten(model, piece):
+    """Give a piece of a sample interval its part of the tolerance."""
+    part = piece[at.SAMPLE_INTERVAL] / model[at.SAMPLE_INTERVAL]
+    piece[rows.TOLERANCE] = model[rows.TOLERANCE] * part
+
+
+@borrowing_kernel
 def write_reciprocals(model, c):
-    """Write 1 / n for every order n."""
+    """Write 1 / n for every order n, and the length of a sample interval [s]."""
+    c[rows.DURATION] = model[at.SAMPLE_INTERVAL]
     for n in range(int(model[rows.ORDER])):
         c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
 
@@ -53,6 +67,9 @@ def coefficients(lanes, i, friction, c):
     c[rows.D], c[rows.C], c[rows.U] = lanes[at.D, i], lanes[at.C, i], lanes[at.FORCE, i]
     c[rows.K0], c[rows.L0], c[rows.STRETCH] = k0, lanes[at.L0, i], stretch
     c[rows.K2] = stiffness(k0, stretch) if k0 > 0.0 else 0.0
+    c[rows.ESCAPE] = escape_distance(
+        lanes[at.M1, i], k1, lanes[at.ALPHA, i], lanes[at.BETA, i], c[rows.DURATION]
+    )
     c[rows.VR] = np.inf
     if friction:  # else these rows of lanes need not be read
         c[rows.VR], c[rows.CHI] = lanes[at.VR, i], lanes[at.CHI, i]
@@ -99,6 +116,7 @@ def _propagate_lane(model, lanes, i, c):
             theta = theta if exit_at == NONE else theta * exit_at
         if not _evaluate(c, friction, theta, order):
             return at.DIVERGED
+        escaped = has_escaped(c[rows.STATE], c[rows.STATE + 2], c[rows.ESCAPE])
         if direction != 0.0:
             regime = direction - regime
             c[rows.STATE + 4] = direction * vr
@@ -106,10 +124,10 @@ def _propagate_lane(model, lanes, i, c):
         else:
             upper, lower = gaps_of(vr, c[rows.STATE + 4])
         elapsed += theta * unit
-        if (theta == remaining and direction == 0.0) or elapsed >= duration:
+        if escaped or (theta == remaining and direction == 0.0) or elapsed >= duration:
             for row in range(4):
                 lanes[row, i] = c[rows.STATE + row]
-            return at.OK
+            return at.ESCAPED if escaped else at.OK
         unit = min(max(theta, 2.0**-20) * unit, duration - elapsed)
     return at.TOO_MANY_SERIES
 

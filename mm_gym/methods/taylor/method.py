@@ -46,7 +46,7 @@ class Taylor(Method):
         "the length of each series from its last terms"
     )
     kinds = tuple(kind for kind in KINDS if kind != MASSLESS)
-    entries = build(blocks_kernel.propagate, stops_at_corners=True)
+    entries = build(blocks_kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
@@ -63,11 +63,14 @@ class Taylor(Method):
             )
             raise CompileError(msg)
         # Each sample interval gets an equal part of the control step's tolerance.
+        # About an unstable place the errors of a step's beginning grow until its end.
+        growth = support.growth_rate * support.sample_interval * support.intervals_per_step
         tolerance = MARGIN * max(settings.tolerance, TIGHTEST) / support.intervals_per_step
+        tolerance *= math.exp(-growth)
         model[series.ORDER] = _order(settings.tolerance)
         model[series.TOLERANCE] = tolerance
         model[series.HAS_FRICTION] = support.slips
-        model[series.IS_CUBIC] = high[at.BETA] > 0.0
+        model[series.IS_CUBIC] = support.is_cubic
         model[series.IS_FINITE] = high[at.L0] > 0.0
         return model
 

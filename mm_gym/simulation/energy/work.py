@@ -9,9 +9,9 @@ integrated term by term between the friction's kinks (`rate_series_kernel`).
 
 With the methods they have in common the laws of the forces (`kernels.laws`), the search for changes
 of regime (`kernels.events`), and the series of the excitation and of q**-2 (`kernels.excitation`,
-`kernels.jets`, `kernels.arithmetic`). No method propagates a state for them, except from corner to
-corner of a record (`recording.pieces`). So a balance that closes confirms how the plants propagate,
-and not the laws.
+`kernels.jets`, `kernels.arithmetic`). No method propagates a state for them, except from impulse to
+impulse and from corner to corner of a record (`recording.pieces`). So a balance that closes
+confirms how the plants propagate, and not the laws.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from mm_gym.simulation.recording import Place, Recording
@@ -60,7 +58,8 @@ class Work:
         Energy lost in the carriage's damper and in the interface.
     throughput
         The first instant's energy, and the absolute work of every step and kind added up: the scale
-        of the balance's round-off.
+        of the balance's round-off. Where the carriage's spring has a negative coefficient, the
+        largest `gross_energy` so far takes the place of the first instant's energy.
     """
 
     control: Array
@@ -81,6 +80,13 @@ def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     carriage = plain(laws.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     springs = spring_energy(p, x2 - x1, stretch)
     return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
+
+
+def gross_energy(p: Array, state: Array, stretch: Array) -> Array:
+    """Return the energies (n,) [J] of `mechanical_energy` added up by their magnitudes."""
+    q = p.copy()
+    q[[at.ALPHA, at.BETA]] = np.abs(p[[at.ALPHA, at.BETA]])
+    return mechanical_energy(q, state, stretch)
 
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
@@ -109,6 +115,9 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
         throughput[i] += np.abs(part)
     totals -= totals[0].copy()
     scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
+    p, stretch = recording.parameters, recording.applied[np.minimum(place.row, recording.last), 1]
+    if min(p[at.ALPHA], p[at.BETA]) < 0.0:  # energies of both signs cancel
+        scale += np.maximum.accumulate(gross_energy(p, state, stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
 
@@ -138,35 +147,43 @@ def _jumps(recording: Recording, steps: int) -> Array:
 
 def _integrals(recording: Recording, rows: NDArray[np.intp], duration: float) -> Array:
     """Return what is dissipated and what disturbances add, (k, 2) [J], in k intervals so far."""
-    p = recording.parameters
-    if stops_at_corners(recording.plant):
-        return np.array([_piecewise(recording, int(row), duration) for row in rows]).reshape(-1, 2)
-    nonlinear = p[at.BETA] > 0.0 or p[at.L0] > 0.0
-    kernel = rate_series_kernel if nonlinear else rate_kernel
     times = recording.plant.support.sample_interval * rows.astype(np.float64)
     jets = jets_over(recording, rows, 0.0, duration)
+    divided = np.isin(rows, recording.impulses[:, 0]) | stops_at_corners(recording.plant)
+    whole, energies = ~divided, np.empty((len(rows), 2))
     start = (recording.starts[rows], recording.applied[rows], jets, times)
-    return _integrate(recording, kernel.step_integrals, start, duration)
+    undivided = tuple(array[whole] for array in start)
+    energies[whole] = _integrate(recording, undivided, duration)
+    for k in np.flatnonzero(divided):
+        energies[k] = _piecewise(recording, int(rows[k]), duration)
+    return energies
 
 
 def _piecewise(recording: Recording, row: int, duration: float) -> Array:
-    """Return both energies (2,) over the beginning of a sample interval, corner by corner."""
+    """Return both energies (2,) over the beginning of a sample interval, piece by piece."""
     total, support, applied = np.zeros(2), recording.plant.support, recording.applied[[row]]
+    masses = recording.parameters[[at.M1, at.M2]]
+    impulses = {time: jump for time, *jump in recording.impulses_of(row).tolist()}
     for elapsed, length, lane in pieces(recording, row, duration):
+        if elapsed in impulses:
+            jump = np.array(impulses[elapsed])
+            total[1] += masses @ (jump * (lane[2:4, 0] - 0.5 * jump))
         jets = lane[support.jets : support.jets + 2 * support.terms].T.copy()
         times = np.array([row * support.sample_interval + elapsed])
         start = (lane[:4].T.copy(), applied, jets, times)
-        total += _integrate(recording, rate_series_kernel.step_integrals, start, length)[0]
+        total += _integrate(recording, start, length)[0]
     return total
 
 
-def _integrate(
-    recording: Recording,
-    integrals: Callable[..., int],
-    start: tuple[Array, Array, Array, Array],
-    duration: float,
-) -> Array:
+def _integrate(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
     """Return energies (k, 2) from states, what is applied, jets over the duration, and times."""
+    p = recording.parameters
+    nonlinear = p[at.BETA] != 0.0 or p[at.L0] > 0.0
+    # The exact forms bound the motion between kinks by an energy, which has no lower bound here.
+    unbounded = p[at.ALPHA] < 0.0 and p[at.VR] > 0.0
+    # At a corner of a record the energy rate has a kink: series, whose pieces begin there.
+    series = nonlinear or unbounded or stops_at_corners(recording.plant)
+    integrals = (rate_series_kernel if series else rate_kernel).step_integrals
     work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: at.MODEL_OWN].copy()
     model[at.SAMPLE_INTERVAL] = duration
     status = integrals(recording.parameters, model, *start, duration, work)

@@ -1,0 +1,104 @@
+"""What disturbs the model: its covariance, measured, and the force that it amounts to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.actuators import Actuators
+from agents.controllers.model import Model
+from mm_gym import MovingMassVectorEnv, compile_scene
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
+
+LANES, STEPS, SEED = 64, 200, 3_000_000
+"""Episodes and control steps that are simulated, apart from those of any evaluation."""
+
+LEAST = 1e-5
+"""Least standard deviation of a state's disturbance in a step over its scale [-]."""
+
+ORDER = 8
+"""Past forces from which the next is predicted."""
+
+
+def deviations(scene: Scene) -> Values:
+    """Return by how much states differ from the model's prediction after a control step.
+
+    Returns
+    -------
+    ndarray
+        (steps, lanes, 4) [m, m, m/s, m/s], of simulated episodes with zero action.
+    """
+    scene = scene.replace(**{"sensors": {}, "objective.displacement_limit": None})
+    scene = scene.replace(**{"objective.rail_half_length": None})
+    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+    _, info = env.reset(seed=SEED)
+    model, actuators = Model(scene, LANES), Actuators(scene)
+    actuators.begin(info["applied"])
+    action = np.zeros(env.action_space.shape)
+    steps = min(STEPS, scene.control.steps)
+    differences = np.empty((steps, LANES, 4))
+    for step in range(steps):
+        model.begin(info["state"])
+        predicted = model.advance(actuators.advance(action))[0].copy()
+        *_, info = env.step(action)
+        differences[step] = info["state"] - predicted
+    return differences
+
+
+def covariance(scene: Scene) -> Values:
+    """Return the covariance (4, 4) of what a control step adds to the model's prediction."""
+    flat = deviations(scene).reshape(-1, 4)
+    return flat.T @ flat / len(flat) + np.diag((LEAST * state_scales(scene)) ** 2)
+
+
+def state_scales(scene: Scene) -> Values:
+    """Return the sizes (4,) of x1, x2 [m], v1, v2 [m/s] by which they are of order one."""
+    objective = scene.objective
+    displacement, velocity = objective.displacement_scale, objective.velocity_scale
+    return np.array([displacement, displacement, velocity, velocity])
+
+
+def prediction_weights(scene: Scene) -> Values:
+    """Return the weights (ORDER,) of the last forces, newest first, in the prediction of the next.
+
+    They are fitted by least squares to simulated episodes; see `ForceObserver`.
+    """
+    forces = force_of(scene, deviations(scene))
+    past = np.stack(
+        [forces[ORDER - 1 - i : len(forces) - 1 - i].ravel() for i in range(ORDER)], axis=1
+    )
+    return np.linalg.lstsq(past, forces[ORDER:].ravel(), rcond=None)[0]
+
+
+def force_of(scene: Scene, deviation: Values) -> Values:
+    """Return the constant force on the carriage [N] that explains a deviation (..., 4) best."""
+    column = compile_scene(scene).discrete()[1][:, 0]
+    return deviation @ column / (column @ column)
+
+
+class ForceObserver:
+    """The disturbing force of the last control step, from how the state differs from the model's.
+
+    Ohnishi, Shibata and Murakami, *Motion control for advanced mechatronics*, IEEE/ASME Trans.
+    Mechatron. 1 (1996), section III.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def begin(self, lanes: int) -> None:
+        """Prepare for so many new episodes."""
+        self.model = Model(self.scene, lanes)
+        self.last: Values | None = None
+
+    def force(self, state: Values, applied: Values) -> Values | None:
+        """Return the force (lanes,) [N] of the step that led to the state; None at the start."""
+        last, self.last = self.last, state.copy()
+        if last is None:
+            return None
+        self.model.begin(last)
+        return force_of(self.scene, state - self.model.advance(applied)[0])

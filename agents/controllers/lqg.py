@@ -1,0 +1,307 @@
+"""The linear-quadratic-Gaussian regulator (LQG): an LQR on a Kalman filter's estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
+
+from agents.controllers.lqr import state_weight
+from mm_gym import DesignError, compile_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Reads
+    from mm_gym import LinearSystem, MovingMassVectorEnv, Plant, Scene
+
+    Array = NDArray[np.float64]
+
+UNSEEN = 1e-9
+"""Singular value of a mode's pencil below which the sensors do not show it."""
+
+FLOOR = 1e-4
+"""Standard deviation that is added to every scaled observation: an equation for sensors without
+noise has no digits left."""
+
+SETTLED = 1e-10
+"""Relative change of the filter's gain in a step below which it is the stationary one."""
+
+MOST_NUMBERS = 500_000
+"""Numbers of gains that are kept for an episode's start."""
+
+MOTION = ("x1", "x2", "v1", "v2")
+
+
+@dataclass(frozen=True, eq=False)
+class LQGDesign:
+    """A regulator u = -gain x and a filter x += filters[n] (y - C x), both of `system`.
+
+    Attributes
+    ----------
+    system
+        The sampled plant with lag, delay and the noise's filters among its states.
+    regulated
+        States that the cost depends on, and that are fed back.
+    gain
+        (n,) [N per unit]; zero for all other states.
+    filters
+        (steps, n, p): the gain in each step, of which the last is the stationary one.
+    error
+        (n, n): stationary covariance of the estimate's error.
+    cost
+        Expected mean of -reward per step [-], in the long run and without limits.
+    """
+
+    system: LinearSystem
+    regulated: tuple[int, ...]
+    gain: Array
+    filters: Array
+    error: Array
+    cost: float
+
+
+def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1e-3) -> LQGDesign:
+    """Solve both Riccati equations for a scene's reward, sensors and random excitation.
+
+    Parameters
+    ----------
+    scene
+        A scene with a force; it is linear about rest, with the middle of each range.
+    stretch
+        Stretch of the springs [-]; by default the initial one.
+    unmodelled
+        Standard deviation of what else disturbs each displacement and velocity in a step, over the
+        objective's scales: it keeps the filter awake.
+
+    Raises
+    ------
+    DesignError
+        If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
+        a mode that does not decay, or an equation has no stabilising solution.
+    """
+    price = _price(scene)
+    plant = compile_scene(scene)
+    channels = tuple(channel for channel in plant.channels if channel != "stretch")
+    at = None if stretch is None else {"initial.stretch": stretch}
+    system = plant.state_space(["force"], channels, sampled=True, at=at)
+    regulated, gain, riccati = _regulator(plant, scene, at, price, system)
+    noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
+    shown = [channel for channel in plant.observed if channel.name in channels]
+    floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
+    sensors = system.sensor_noise + np.diag(floor)
+    units = _units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
+    start = _initial(scene, system)
+    filters, error = _filter(system, noise, sensors, start, units=units, steps=scene.control.steps)
+    rows = np.ix_(regulated, regulated)
+    b, own = system.B[list(regulated)], gain[list(regulated)]
+    curvature = price + (b.T @ riccati @ b).item()
+    cost = float(np.sum(riccati * system.process_noise[rows]))
+    cost += float(curvature * own @ error[rows] @ own)
+    return LQGDesign(system, regulated, gain, filters, error, cost)
+
+
+def _price(scene: Scene) -> float:
+    """Return the cost of the force [1/N^2]."""
+    actuator, weight = scene.actuation.force, scene.objective.effort_weight
+    if actuator is None:
+        msg = "actuation.force: missing; an LQG needs a force"
+        raise DesignError(msg)
+    if actuator.command == "rate":
+        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
+        raise DesignError(msg)
+    if weight == 0.0:
+        msg = "objective.effort_weight: got 0; allowed: greater than 0, as for an LQR"
+        raise DesignError(msg)
+    return weight / actuator.limit**2
+
+
+def _regulator(
+    plant: Plant, scene: Scene, at: dict[str, float] | None, price: float, system: LinearSystem
+) -> tuple[tuple[int, ...], Array, Array]:
+    """Return the states that the cost depends on, the gain on all states, and P."""
+    weight = state_weight(scene)
+    seen = [name for k, name in enumerate(MOTION) if weight[k].any()]
+    part = plant.state_space(["force"], seen, sampled=True, at=at)
+    every = [signal.name for signal in system.states]
+    names = [signal.name for signal in part.observable().states]
+    if not set(names) <= set(every):  # combinations of states
+        names = [signal.name for signal in part.states]
+    regulated = tuple(every.index(name) for name in names)
+    own = np.zeros((len(names), len(names)))
+    inside = [k for k, name in enumerate(names) if name in MOTION]
+    rows = [MOTION.index(names[k]) for k in inside]
+    own[np.ix_(inside, inside)] = weight[np.ix_(rows, rows)]
+    rows = np.ix_(regulated, regulated)
+    a, b = system.A[rows], system.B[list(regulated)]
+    try:
+        found, riccati, poles = control.dlqr(a, b, own, [[price]])
+    except (np.linalg.LinAlgError, control.ControlArgument) as error:
+        msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+    if not np.abs(poles).max() < 1.0:
+        msg = (
+            "the regulator has no stabilising solution: the force does not reach a motion that "
+            f"the cost shows and that does not decay ({np.abs(poles).max():.9f} in a step)"
+        )
+        raise DesignError(msg)
+    gain = np.zeros(len(every))
+    gain[list(regulated)] = np.asarray(found)[0]
+    return regulated, gain, np.asarray(riccati)
+
+
+def _unmodelled(scene: Scene, part: float, size: int) -> Array:
+    scales = scene.objective
+    spread = np.zeros(size)
+    spread[:2], spread[2:4] = scales.displacement_scale, scales.velocity_scale
+    return (part * spread) ** 2
+
+
+def _initial(scene: Scene, system: LinearSystem) -> Array:
+    """Return the covariance of the state when an episode begins."""
+    ranges = scene.initial
+    spreads = [
+        (value[1] - value[0]) ** 2 / 12.0 if isinstance(value, tuple) else 0.0
+        for value in (
+            ranges.carriage_displacement,
+            ranges.sphere_offset,
+            ranges.carriage_velocity,
+            ranges.sphere_velocity,
+        )
+    ]
+    names = [signal.name for signal in system.states]
+    covariance = np.zeros_like(system.A)
+    covariance[:4, :4] = np.diag(spreads)
+    covariance[1, :2] = spreads[0], spreads[0] + spreads[1]  # x2 is x1 and the offset
+    covariance[0, 1] = spreads[0]
+    for k in [k for k, name in enumerate(names) if name.endswith((".cosine", ".sine"))]:
+        covariance[k, k] = 0.5
+    noisy = [k for k, name in enumerate(names) if ".filter" in name]
+    if noisy:
+        rows = np.ix_(noisy, noisy)
+        covariance[rows] = solve_discrete_lyapunov(system.A[rows], system.process_noise[rows])
+    # Before the first frame stand copies of it: the late channels are those of the first state.
+    late = [k for k, name in enumerate(names) if name.endswith("]")]
+    first = [k for k in late if names[k].endswith("[-1]")]
+    copies = np.eye(len(names))
+    for k in late:
+        channel = names[k].partition("[")[0]
+        own = next(row for row in first if names[row].partition("[")[0] == channel)
+        copies[k] = 0.0
+        copies[k, : late[0]] = system.A[own, : late[0]]
+    return copies @ covariance @ copies.T
+
+
+def _units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
+    """Return the size of each state: without it the equations lose their digits."""
+    objective, actuator = scene.objective, scene.actuation.force
+    sizes = {"x": objective.displacement_scale, "v": objective.velocity_scale}
+    units = {channel.name: 1.0 / channel.factor for channel in plant.observed}
+    if actuator is not None:
+        units["force"] = actuator.limit
+    return np.array(
+        [
+            sizes[signal.name[0]]
+            if signal.name in MOTION
+            else units.get(signal.name.partition("[")[0], 1.0)
+            for signal in system.states
+        ]
+    )
+
+
+def _filter(
+    system: LinearSystem,
+    noise: Array,
+    sensors: Array,
+    covariance: Array,
+    *,
+    units: tuple[Array, Array],
+    steps: int,
+) -> tuple[Array, Array]:
+    """Return the filter's gains in an episode's first steps, and the stationary error."""
+    x, y = units
+    a, c = system.A * x / x[:, None], system.C * x / y[:, None]
+    noise, covariance = noise / np.outer(x, x), covariance / np.outer(x, x)
+    sensors = sensors / np.outer(y, y)
+    _require_detectable(a, c)
+    try:
+        _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors)
+    except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
+        msg = f"the filter's Riccati equation has no stabilising solution: {error}"
+        raise DesignError(msg) from error
+    if not np.abs(poles).max() < 1.0:
+        msg = "the filter has no stabilising solution: nothing random moves a mode without decay"
+        raise DesignError(msg)
+
+    def updated(before: Array) -> tuple[Array, Array]:
+        gain = np.linalg.solve(c @ before @ c.T + sensors, c @ before).T
+        left = np.eye(len(a)) - gain @ c
+        return gain, left @ before @ left.T + gain @ sensors @ gain.T  # Joseph's form
+
+    last, error = updated(np.asarray(stationary))
+    gains: list[Array] = []
+    for _ in range(min(steps, MOST_NUMBERS // last.size)):
+        gain, after = updated(covariance)
+        gains.append(gain)
+        covariance = a @ after @ a.T + noise
+        if np.abs(gain - last).max() <= SETTLED * np.abs(last).max():
+            break
+    return np.array([*gains, last]) * x[:, None] / y, error * np.outer(x, x)
+
+
+def _require_detectable(a: Array, c: Array) -> None:
+    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay."""
+    rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    for eigenvalue in np.linalg.eigvals(a):
+        if abs(eigenvalue) >= 1.0 - 1e-9:
+            pencil = np.vstack([a - eigenvalue * np.eye(len(a)), rows])
+            if np.linalg.svd(pencil, compute_uv=False)[-1] < UNSEEN:
+                msg = (
+                    f"sensors.channels: they do not show the mode {eigenvalue:.6g}, which does not "
+                    "decay: the state is not detectable; observe another channel"
+                )
+                raise DesignError(msg)
+
+
+class LQG:
+    """Feed back the Kalman filter's estimate; reads the observation alone.
+
+    Kwakernaak and Sivan, *Linear Optimal Control Systems* (1972), section 6.5. The filter's gain
+    varies at an episode's start, because where an episode begins is known as a range only.
+    """
+
+    name = "LQG"
+    reads: Reads = "observation"
+
+    def __init__(
+        self, scene: Scene, stretch: float | None = None, unmodelled: float = 1e-3
+    ) -> None:
+        self.design = design_lqg(scene, stretch, unmodelled)
+        assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
+        self.limit = scene.actuation.force.limit
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Start the filter from the middle of the initial ranges."""
+        observed, system = env.plant.observed, self.design.system
+        names = [signal.name for signal in system.outputs]
+        self.columns = [k for k, channel in enumerate(observed) if channel.name in names]
+        self.zero = np.array([observed[k].zero for k in self.columns])
+        self.unit = np.array([1.0 / observed[k].factor for k in self.columns])
+        self.newest = len(observed)
+        self.estimate = np.zeros((env.num_envs, len(system.A)))
+        self.step = 0
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Array:
+        """Return the force over the limit."""
+        design = self.design
+        seen = observation[:, -self.newest :][:, self.columns].astype(np.float64)
+        seen = seen * self.unit + self.zero
+        gain = design.filters[min(self.step, len(design.filters) - 1)]
+        self.step += 1
+        estimate = self.estimate + (seen - self.estimate @ design.system.C.T) @ gain.T
+        force = np.clip(-estimate @ design.gain, -self.limit, self.limit)
+        self.estimate = estimate @ design.system.A.T + force[:, None] * design.system.B[:, 0]
+        return force[:, None] / self.limit

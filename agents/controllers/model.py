@@ -1,0 +1,96 @@
+"""The scene without what a controller cannot know: what predictions are made with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.controller import columns
+from mm_gym import MovingMassVectorEnv
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+AMPLE = 1e3
+"""Force limit of the model over all that is known to push: a disturbance enters as a force."""
+
+
+class Model:
+    """Motion of the carriage and the sphere from a given state, step by step.
+
+    There is no excitation, no noise and no delay; randomised parameters have the values that the
+    scene states, and the actuators reach at once what is applied. A known disturbance enters as a
+    force on the carriage that is constant over a control step.
+
+    Parameters
+    ----------
+    scene
+        The scene whose motion is predicted.
+    lanes
+        Number of states advanced at once.
+    """
+
+    def __init__(self, scene: Scene, lanes: int) -> None:
+        force, stretch = scene.actuation.force, scene.actuation.stretch
+        unit = scene.carriage.stiffness * scene.objective.displacement_scale
+        self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
+        self.has_force, self.has_stretch = force is not None, stretch is not None
+        changes: dict[str, object] = {
+            "excitation": [],
+            "randomization": {},
+            "initial": {},
+            "sensors": {},
+            "actuation": {"force": {"limit": self.limit}},
+            "objective.effort_weight": 0.0,
+            "objective.displacement_limit": None,
+            "objective.rail_half_length": None,
+            "control.steps": 10**9,  # the most that a scene allows
+        }
+        if stretch is not None:
+            low, high = stretch.minimum, stretch.maximum
+            self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
+            changes["actuation"] = {
+                "force": {"limit": self.limit},
+                "stretch": {"minimum": low, "maximum": high},
+            }
+        self.effort_weight = scene.objective.effort_weight
+        self.scene = scene.replace(**changes)
+        self.columns = columns(scene)
+        self.env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
+        self.env.reset(seed=0)
+
+    def begin(self, state: Values) -> None:
+        """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s]."""
+        x1, x2, v1, v2 = np.ascontiguousarray(state.T)
+        self.env.reset(
+            options={
+                "initial.carriage_displacement": x1,
+                "initial.sphere_offset": x2 - x1,
+                "initial.carriage_velocity": v1,
+                "initial.sphere_velocity": v2,
+            }
+        )
+
+    def advance(self, applied: Values, disturbance: Values | float = 0.0) -> tuple[Values, Values]:
+        """Make a control step; return the states (lanes, 4) and rewards (lanes,) after it.
+
+        Parameters
+        ----------
+        applied
+            (lanes, k): the force [N] and the stretch [-] during the step. The cost of actions is
+            not in the rewards.
+        disturbance
+            (lanes,) a known force on the carriage [N], held over the step.
+        """
+        force = disturbance + (applied[:, 0] if self.has_force else 0.0)
+        actions = np.empty((len(applied), 1 + self.has_stretch))
+        actions[:, 0] = force / self.limit
+        if self.has_stretch:
+            actions[:, 1] = (applied[:, -1] - self.middle) / self.half
+        _, rewards, *_, info = self.env.step(actions)
+        return info["state"], rewards

@@ -1,0 +1,160 @@
+"""The state from the observation: read off where that is exact, else estimated."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import control
+import numpy as np
+
+from agents.controllers.actuators import Actuators
+from agents.controllers.disturbance import covariance, state_scales
+from agents.controllers.model import Model
+from mm_gym import DesignError, compile_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Reads, Values
+    from mm_gym import Scene
+
+ROWS = {
+    "carriage_displacement": (1.0, 0.0, 0.0, 0.0),
+    "sphere_displacement": (0.0, 1.0, 0.0, 0.0),
+    "sphere_offset": (-1.0, 1.0, 0.0, 0.0),
+    "carriage_velocity": (0.0, 0.0, 1.0, 0.0),
+    "sphere_velocity": (0.0, 0.0, 0.0, 1.0),
+    "slip_velocity": (0.0, 0.0, -1.0, 1.0),
+}
+"""The channels that show the state: rows of C in y = C x. The others are not used."""
+
+FLOOR = 1e-4
+"""Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
+
+STRETCHES = 9
+"""Number of stretches at which the estimator's gain is computed; the nearest is used."""
+
+
+class ObservedState:
+    """Estimate the state from what an agent observes.
+
+    Without noise, if the channels show the whole state, it is read off. Otherwise the scene's own
+    model, which knows no disturbance, predicts each frame, and the frame corrects it by the gain of
+    the stationary Kalman filter (`control.dlqe`) of the plant linearised about rest; the covariance
+    of what disturbs the model is measured on simulated episodes. From a late frame the model
+    predicts the present.
+
+    Raises
+    ------
+    DesignError
+        If the channels do not show the state: it is not detectable from them.
+    """
+
+    reads: Reads = "observation"
+
+    def __init__(self, scene: Scene) -> None:
+        plant = compile_scene(scene)
+        self.scene, self.delay, self.frame = scene, plant.delay, len(plant.observed)
+        self.zero = np.array([channel.zero for channel in plant.observed])
+        self.unit = np.array([1.0 / channel.factor for channel in plant.observed])
+        self.shown = [i for i, name in enumerate(plant.channels) if name in ROWS]
+        self.c = np.array([ROWS[plant.channels[i]] for i in self.shown]).reshape(-1, 4)
+        noise = np.array([plant.observed[i].noise for i in self.shown])
+        self.noise = np.maximum(noise, FLOOR * self.unit[self.shown])
+        whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
+        self.exact = bool(whole and not noise.any())
+        self.predicts = self.delay > 0 or not self.exact
+        self.stretch = (
+            plant.channels.index("stretch")
+            if "stretch" in plant.channels and scene.actuation.stretch is not None
+            else None
+        )
+        self.gains = np.linalg.pinv(self.c)[None] if self.exact else self._gains()
+
+    def begin(self, lanes: int) -> None:
+        """Forget the last episodes."""
+        self.actuators = Actuators(self.scene)
+        self.model = Model(self.scene, lanes) if self.predicts else None
+        self.step = 0
+        self.pending: list[Values] = []
+
+    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
+        """Return the present estimates."""
+        frame = observation[:, -self.frame :] * self.unit + self.zero
+        shown = frame[:, self.shown]
+        if self.step == 0:
+            self.actuators.begin(self._first_applied(frame))
+            self.estimate = shown @ np.linalg.pinv(self.c).T
+        elif self.step > self.delay:
+            applied = self.pending.pop(0)
+            self.estimate = shown @ self.gains[0].T if self.exact else self._next(applied, shown)
+        self.step += 1
+        return self._present(), self.actuators.applied
+
+    def send(self, action: Values) -> None:
+        """Advance the model of the actuators."""
+        self.pending.append(self.actuators.advance(action))
+
+    def _next(self, applied: Values, shown: Values) -> Values:
+        """Return the estimate at the frame that has come: predicted, then corrected."""
+        assert self.model is not None  # noqa: S101 - made unless the state is read off
+        self.model.begin(self.estimate)
+        predicted = self.model.advance(applied)[0].copy()
+        gain = self.gains[self._nearest(applied)]
+        missed = shown - predicted @ self.c.T
+        return predicted + np.einsum("nij,nj->ni", gain, missed)
+
+    def _present(self) -> Values:
+        """Return the state now: the newest frame's, moved on by what was applied since."""
+        if self.model is None or not self.pending:
+            return self.estimate
+        self.model.begin(self.estimate)
+        for applied in self.pending:
+            state, _ = self.model.advance(applied)
+        return state.copy()
+
+    def _first_applied(self, frame: Values) -> Values:
+        """Return the first stretch where it is observed, else the middle; no force."""
+        actuators, lanes = self.actuators, len(frame)
+        applied = np.tile(0.5 * (actuators.low + actuators.high), (lanes, 1))
+        if self.stretch is not None:
+            applied[:, -1] = np.clip(frame[:, self.stretch], actuators.low[-1], actuators.high[-1])
+        return applied
+
+    def _grid(self) -> list[float | None]:
+        actuator = self.scene.actuation.stretch
+        if actuator is None:
+            return [None]
+        return [float(s) for s in np.linspace(actuator.minimum, actuator.maximum, STRETCHES)]
+
+    def _nearest(self, applied: Values) -> NDArray[np.intp]:
+        """Return the index of each lane's stretch in the grid."""
+        actuator = self.scene.actuation.stretch
+        if actuator is None:
+            return np.zeros(len(applied), np.intp)
+        share = (applied[:, -1] - actuator.minimum) / (actuator.maximum - actuator.minimum)
+        return np.rint(share * (STRETCHES - 1)).astype(np.intp)
+
+    def _gains(self) -> Values:
+        """Return the filter's gains (stretches, 4, channels)."""
+        plant = compile_scene(self.scene)
+        names = ", ".join(plant.channels)
+        if not self.shown:
+            msg = f"sensors.channels: the state cannot be estimated from {names}"
+            raise DesignError(msg)
+        # In units of the scales, in which the Riccati equation is well conditioned.
+        units = state_scales(self.scene)
+        c = self.c * units / self.unit[self.shown, None]
+        disturbance = covariance(self.scene) / np.outer(units, units)
+        noise = np.diag((self.noise / self.unit[self.shown]) ** 2)
+        gains: list[Values] = []
+        for stretch in self._grid():
+            a = plant.discrete(stretch)[0] * units / units[:, None]
+            try:
+                _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise)
+            except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
+                msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
+                raise DesignError(msg) from error
+            gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + noise)
+            gains.append(gain * units[:, None] / self.unit[self.shown])
+        return np.stack(gains)

@@ -1,0 +1,126 @@
+"""Record a Minari dataset: ``python -m agents.record mm_gym/CarriageForce-v0 --controller lqr``.
+
+A controller or a trained policy plays one episode a seed, on many lanes. The seed of an episode and
+its actions reproduce it to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import PurePath
+from typing import Annotated, Self
+
+import gymnasium
+import numpy as np
+import tyro
+from pydantic import Field, JsonValue, model_validator
+
+from agents.policies import PolicyError
+from agents.recording.dataset import DatasetError, free_id, write
+from agents.recording.episodes import Exploration, play
+from agents.recording.laws import law_of
+from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
+from agents.training.runs import RunError
+from mm_gym import ActionError, DesignError, SceneError, SimulationError, load_scene
+from mm_gym.scene import Part
+from mm_gym.task_files import path_of
+
+FIRST_SEED = 3_000_000
+"""Apart from the seeds of the evaluations and of the trainings."""
+
+
+class RecordSettings(Part):
+    """What is recorded, and under which name."""
+
+    task: Annotated[str, tyro.conf.Positional] = "mm_gym/CarriageForce-v0"
+    """a registered id"""
+    changes: Changes = Field(default_factory=dict[str, JsonValue])
+    """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
+    controller: str = "random"
+    """a law's name (a wrong one lists those of the task), the folder of a run, or a .npz file"""
+    lanes: Annotated[int, Field(ge=1)] = 64
+    """environments side by side"""
+    episodes: Annotated[int, Field(ge=1)] = 100
+    """episodes to record, each whole"""
+    noise: Annotated[float, Field(ge=0)] = 0.0
+    """standard deviation of Gaussian noise on the actions, which are then clipped to [-1, 1]"""
+    seed: Annotated[int, Field(ge=0, lt=1 << 62)] = FIRST_SEED
+    """of the first episode; each episode has the next one"""
+    out: str | None = None
+    """the dataset's id, NAMESPACE/NAME-vVERSION; by default mm_gym/TASK/CONTROLLER-v0"""
+    new_version: bool = False
+    """take the next version of the id if there is one already; else it is refused"""
+
+    @model_validator(mode="after")
+    def _task_exists(self) -> Self:
+        path_of(self.task)
+        return self
+
+    @property
+    def wanted_id(self) -> str:
+        """The dataset's id, of which the version may be missing."""
+        if self.out is not None:
+            return self.out
+        task = self.task.removeprefix("mm_gym/").rpartition("-v")[0]
+        return f"mm_gym/{task}/{PurePath(self.controller).stem}"
+
+
+def record(settings: RecordSettings) -> str:
+    """Record a dataset, print what it holds, and return its id.
+
+    Raises
+    ------
+    DatasetError
+        If the id is refused, or the dataset cannot be written.
+    ActionError, DesignError, PolicyError, RunError, SceneError, SimulationError
+        If the controller is refused, or fails.
+    """
+    dataset_id = free_id(settings.wanted_id, new_version=settings.new_version)
+    scene = load_scene(settings.task).replace(**settings.changes)
+    arguments = {"changes": settings.changes} if settings.changes else {}
+    generator = np.random.default_rng(settings.seed)
+    law = law_of(settings.controller, scene, generator)
+    env = gymnasium.make(settings.task, **arguments)
+    dataset = write(
+        dataset_id,
+        env,
+        play(
+            settings.task,
+            law,
+            range(settings.seed, settings.seed + settings.episodes),
+            lanes=settings.lanes,
+            exploration=Exploration(settings.noise, generator),
+            arguments=arguments,
+        ),
+        {
+            "algorithm_name": law.name,
+            "description": f"{settings.task}: {law.name}, action noise {settings.noise:g}",
+            "scene_digest": scene.digest,
+        },
+    )
+    print(f"{dataset.total_episodes} episodes, {dataset.total_steps} steps of {law.name}")
+    print(f"written: {dataset.spec.data_path}")
+    print(f'read it: minari.load_dataset("{dataset_id}")')
+    return dataset_id
+
+
+def main() -> str | None:
+    """Record from the command line."""
+    settings = tyro.cli(RecordSettings, description=__doc__)
+    try:
+        record(settings)
+    except (
+        ActionError,
+        DatasetError,
+        DesignError,
+        PolicyError,
+        RunError,
+        SceneError,
+        SimulationError,
+    ) as error:
+        return f"error: {error}"
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,170 @@
+"""Minari datasets, written whole or not at all.
+
+A dataset is a folder, ``<namespace>/<name>-v<version>``, below ``~/.minari/datasets`` or what
+``MINARI_DATASETS_PATH`` says. It is written in a hidden folder beside the namespaces, which Minari
+does not list, and renamed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.error import DependencyNotInstalled
+
+try:
+    import h5py  # noqa: F401 - what Minari writes with, and does not need itself
+    import minari
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+    from minari.namespace import create_namespace, list_local_namespaces
+    from minari.storage import get_dataset_path
+except ImportError as error:
+    msg = 'Minari is not installed, run `pip install "mm-gym[datasets]"`'
+    raise DependencyNotInstalled(msg) from error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import gymnasium
+
+    from agents.recording.episodes import Episode
+
+_ID = re.compile(
+    r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII
+)
+"""Minari's own pattern lets `a//b` pass, and refuses namespaces of one character later."""
+
+
+class DatasetError(RuntimeError):
+    """A dataset cannot be written."""
+
+
+def free_id(wanted: str, *, new_version: bool) -> str:
+    """Return the id under which a dataset can be written, with its version.
+
+    Parameters
+    ----------
+    wanted
+        ``<namespace>/<name>``, with or without ``-v<version>``; version 0 by default.
+    new_version
+        Whether to take the version after the newest one, if there is any.
+
+    Raises
+    ------
+    DatasetError
+        If it is no id, or exists and no new version is asked for.
+    """
+    match = _ID.fullmatch(wanted)
+    if match is None:
+        msg = (
+            f"out: got {wanted!r}; allowed: NAMESPACE/NAME-vVERSION of letters, digits, "
+            "hyphens and underscores, the namespace of two or more, as mm_gym/CarriageForce/lqr-v0"
+        )
+        raise DatasetError(msg)
+    name, newest = match["name"], _newest_version(match["name"])
+    if new_version and newest is not None:
+        return f"{name}-v{newest + 1}"
+    chosen = f"{name}-v{int(match['version'] or 0)}"
+    folder = get_dataset_path(chosen)
+    if folder.exists():
+        msg = (
+            f"{chosen}: exists at {folder}; choose another name with --out, or --new-version "
+            f"for {name}-v{0 if newest is None else newest + 1}"
+        )
+        raise DatasetError(msg)
+    return chosen
+
+
+def _newest_version(name: str) -> int | None:
+    """Return the newest version of a dataset that there is, or None."""
+    folder = get_dataset_path(name).parent
+    pattern = re.compile(re.escape(Path(name).name) + r"-v(\d+)", re.ASCII)
+    matches = [pattern.fullmatch(path.name) for path in folder.glob("*")]
+    return max((int(match[1]) for match in matches if match), default=None)
+
+
+def write(
+    dataset_id: str,
+    env: gymnasium.Env[Any, Any],
+    batches: Iterable[list[Episode]],
+    description: dict[str, Any],
+) -> minari.MinariDataset:
+    """Write a dataset, and return it.
+
+    Parameters
+    ----------
+    dataset_id
+        As from `free_id`.
+    env
+        An environment as the episodes', for its specification and spaces.
+    description
+        Further entries of the dataset's metadata.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be written, or another process has written one of this id meanwhile. Nothing
+        of it is left, but after a kill a hidden folder.
+    """
+    # Minari joins a relative path to itself when it measures the size of a dataset.
+    root, target = get_dataset_path().absolute(), get_dataset_path(dataset_id).absolute()
+    try:
+        _make_namespace(dataset_id)
+        # Beside the target: a rename cannot move from one file system to another.
+        with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder:
+            whole = Path(folder, "dataset")
+            data = whole / "data"
+            data.mkdir(parents=True)
+            storage = MinariStorage.new(
+                data, env.observation_space, env.action_space, env.spec, data_format="hdf5"
+            )
+            for batch in batches:
+                storage.update_episodes(map(_buffer, batch))
+            storage.update_metadata(
+                {
+                    "dataset_id": dataset_id,
+                    "minari_version": minari.__version__,
+                    "requirements": [f"mm-gym=={version('mm-gym')}"],
+                    **description,
+                }
+            )
+            for file in data.iterdir():
+                _flush(file)
+            whole.rename(target)
+    except OSError as error:
+        reason = "another process has written it" if target.exists() else error
+        msg = f"{dataset_id}: cannot be written at {target}: {reason}"
+        raise DatasetError(msg) from error
+    return minari.load_dataset(dataset_id)
+
+
+def _make_namespace(dataset_id: str) -> None:
+    namespace = dataset_id.rpartition("/")[0]
+    if namespace and namespace not in list_local_namespaces():
+        create_namespace(namespace)
+
+
+def _buffer(episode: Episode) -> EpisodeBuffer:
+    return EpisodeBuffer(
+        seed=episode.seed,
+        observations=episode.observations,  # pyright: ignore[reportArgumentType] - arrays are stored as they are
+        actions=episode.actions,  # pyright: ignore[reportArgumentType]
+        rewards=episode.rewards,  # pyright: ignore[reportArgumentType]
+        terminations=episode.terminations,  # pyright: ignore[reportArgumentType]
+        truncations=episode.truncations,  # pyright: ignore[reportArgumentType]
+        infos={"state": episode.states, "applied": episode.applied},
+    )
+
+
+def _flush(file: Path) -> None:
+    """Put a file on the disk before it gets its name."""
+    handle = os.open(file, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

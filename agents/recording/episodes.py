@@ -1,0 +1,159 @@
+"""Episodes of a controller on many lanes, each with the seed that starts it again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import MovingMassVectorEnv
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One episode of n steps.
+
+    ``env.reset(seed=seed)`` and the actions reproduce it to the last bit.
+
+    Attributes
+    ----------
+    seed
+        Of the reset that began it.
+    observations
+        (n + 1, numbers of an observation) float32 [-]
+    actions
+        (n, k) float32 in [-1, 1]
+    rewards
+        (n,) [-]
+    terminations, truncations
+        (n,) true at most in the last step
+    states
+        (n + 1, 4) x1, x2 [m], v1, v2 [m/s], ground frame
+    applied
+        (n + 1, k) the force [N] and stretch [-] that the actuators reached
+    """
+
+    seed: int
+    observations: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    terminations: NDArray[np.bool_]
+    truncations: NDArray[np.bool_]
+    states: NDArray[np.float64]
+    applied: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """Gaussian noise on a controller's actions.
+
+    Attributes
+    ----------
+    deviation
+        Standard deviation of the noise [-].
+    generator
+        Where it is drawn from.
+    """
+
+    deviation: float
+    generator: np.random.Generator
+
+    def applied_to(self, actions: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+        """Return actions within [-1, 1], in the type of the action space.
+
+        The environment would also take double precision and clip by itself; but what is recorded
+        must be what was done.
+        """
+        noise = self.deviation * self.generator.standard_normal(actions.shape)
+        return np.clip(actions + noise, -1.0, 1.0).astype(np.float32)
+
+
+def play(
+    task: str,
+    controller: Controller,
+    seeds: Sequence[int],
+    *,
+    lanes: int,
+    exploration: Exploration,
+    arguments: Mapping[str, Any],
+) -> Iterator[list[Episode]]:
+    """Play one episode a seed, so many lanes at a time, and yield each batch in the seeds' order.
+
+    Parameters
+    ----------
+    task
+        A registered id.
+    arguments
+        Keyword arguments of the environment besides.
+
+    Raises
+    ------
+    ActionError
+        If the controller's actions are not finite.
+    PolicyError
+        If a trained policy is of other observations or actions.
+    SimulationError
+        If a motion cannot be followed.
+    """
+    for first in range(0, len(seeds), lanes):
+        batch = list(seeds[first : first + lanes])
+        env = gymnasium.make_vec(
+            task,
+            num_envs=len(batch),
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.DISABLED,
+            **arguments,
+        )
+        yield _play_batch(env, controller, batch, exploration)  # pyright: ignore[reportArgumentType]
+        env.close()
+
+
+def _play_batch(
+    env: MovingMassVectorEnv, controller: Controller, seeds: list[int], exploration: Exploration
+) -> list[Episode]:
+    """Play one episode a lane."""
+    observation, info = env.reset(seed=seeds)
+    controller.reset(env)
+    starts, steps = [(observation, info["state"], info["applied"])], []
+    alive, length = np.ones(len(seeds), np.bool_), np.zeros(len(seeds), np.int64)
+    while True:
+        known = {} if controller.reads == "observation" else info
+        action = exploration.applied_to(controller.act(observation, known))
+        observation, reward, terminated, truncated, info = env.step(action)
+        starts.append((observation, info["state"], info["applied"]))
+        steps.append((action, reward, terminated, truncated))
+        length += alive
+        ended = terminated | truncated
+        alive &= ~ended
+        if not alive.any():
+            break
+        if ended.any():  # what these lanes do from here on is not kept
+            env.reset(options={"reset_mask": ended})
+    observations, states, applied = (
+        np.stack(column, axis=1) for column in zip(*starts, strict=True)
+    )
+    actions, rewards, terminations, truncations = (
+        np.stack(column, axis=1) for column in zip(*steps, strict=True)
+    )
+    return [
+        Episode(
+            seed=seed,
+            observations=observations[lane, : n + 1],
+            actions=actions[lane, :n],
+            rewards=rewards[lane, :n],
+            terminations=terminations[lane, :n],
+            truncations=truncations[lane, :n],
+            states=states[lane, : n + 1],
+            applied=applied[lane, : n + 1],
+        )
+        for lane, (seed, n) in enumerate(zip(seeds, length, strict=True))
+    ]

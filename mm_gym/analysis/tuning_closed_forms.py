@@ -1,0 +1,250 @@
+"""Closed-form optima of tuned-mass dampers on an undamped carriage.
+
+With mu = m2 / m1, w1 = sqrt(k1 / m1) and w2 = sqrt(k2 / m2): frequency ratio f = w2 / w1, damping
+ratio zeta = c / (2 m2 w2), or c / (2 m2 w1) where there are no springs (f = 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+from mm_gym.errors import DesignError, suggest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Formula = Callable[[float], tuple[float, float, float]]
+
+PEAK = "largest amplitude"
+FIXED = "amplitude at the fixed points, a little below the largest"
+VARIANCE = "variance under white noise of intensity 1"
+ABSCISSA = "largest real part of the eigenvalues"
+
+
+@dataclass(frozen=True)
+class Absorber:
+    """An optimum of a closed form.
+
+    Attributes
+    ----------
+    frequency_ratio
+        f [-]; 0 without springs.
+    damping_ratio
+        zeta [-].
+    value
+        What it attains [-], see `ClosedForm.value`. Amplitudes and variances are those of
+        k1 x1 / F, sqrt(k1 m1) v1 / F and m1 a1 / F under a force F, and of w1^2 x1 / a_g and
+        a1 / a_g under ground motion, with time in units of 1 / w1; abscissas are over w1.
+    """
+
+    frequency_ratio: float
+    damping_ratio: float
+    value: float
+
+    def stiffness(self, m2: float, w1: float) -> float:
+        """Return k2 [N/m] for a sphere of mass m2 [kg] on a carriage of frequency w1 [rad/s]."""
+        return m2 * (self.frequency_ratio * w1) ** 2
+
+    def damping(self, m2: float, w1: float) -> float:
+        """Return c [N s/m], see `stiffness`."""
+        return 2.0 * self.damping_ratio * m2 * w1 * (self.frequency_ratio or 1.0)
+
+
+class ClosedForm(NamedTuple):
+    """A closed form, and what it is the optimum of.
+
+    Attributes
+    ----------
+    excitation
+        "force" on the carriage or "ground".
+    channel
+        The channel that is kept small.
+    criterion
+        "h_infinity", "h2" or "stability".
+    value
+        What `Absorber.value` is.
+    largest
+        Mass ratios below this are allowed.
+    source
+        Where it is from.
+    formula
+        mu -> f, zeta, value.
+    """
+
+    excitation: str
+    channel: str
+    criterion: str
+    value: str
+    largest: float
+    source: str
+    formula: Formula
+
+
+def closed_form(name: str, mass_ratio: float) -> Absorber:
+    """Return the optimum of a closed form.
+
+    Parameters
+    ----------
+    name
+        One of `CLOSED_FORMS`.
+    mass_ratio
+        mu = m2 / m1 [-], greater than 0.
+
+    Raises
+    ------
+    DesignError
+        If there is no such form, or none for this mass ratio.
+    """
+    if name not in CLOSED_FORMS:
+        msg = (
+            f"closed form: got {name!r}{suggest(name, CLOSED_FORMS)}; "
+            f"allowed: {', '.join(CLOSED_FORMS)}"
+        )
+        raise DesignError(msg)
+    form = CLOSED_FORMS[name]
+    if not (isfinite(mass_ratio) and 0.0 < mass_ratio < form.largest):
+        msg = (
+            f"mass ratio: got {mass_ratio!r}; allowed by {name!r}: greater than 0, "
+            f"below {form.largest:g}"
+        )
+        raise DesignError(msg)
+    return Absorber(*form.formula(float(mass_ratio)))
+
+
+def _den_hartog(mu: float) -> tuple[float, float, float]:
+    return 1.0 / (1.0 + mu), sqrt(3.0 * mu / (8.0 * (1.0 + mu))), sqrt(1.0 + 2.0 / mu)
+
+
+def _nishihara_asami(mu: float) -> tuple[float, float, float]:
+    q = sqrt(4.0 + 3.0 * mu)
+    inner = 2.0 * (16.0 + 23.0 * mu + 9.0 * mu**2 + 2.0 * (2.0 + mu) * q)
+    f = 2.0 / (1.0 + mu) * sqrt(inner / (3.0 * (64.0 + 80.0 * mu + 27.0 * mu**2)))
+    # 8 + 9 mu - 4 q, without the difference of nearly equal numbers of light spheres
+    damping = mu * (81.0 * mu + 96.0) / (8.0 + 9.0 * mu + 4.0 * q)
+    zeta = 0.25 * sqrt(damping / (1.0 + mu))
+    # The same for (8 + 9 mu)^2 (16 + 9 mu) - 128 q^3: their squares differ by
+    # 27 mu (32 + 27 mu) (64 + 80 mu + 27 mu^2)^2.
+    both = (8.0 + 9.0 * mu) ** 2 * (16.0 + 9.0 * mu) + 128.0 * q**3
+    value = (64.0 + 80.0 * mu + 27.0 * mu**2) / sqrt(mu * both)
+    return f, zeta, value
+
+
+def _force_acceleration(mu: float) -> tuple[float, float, float]:
+    zeta = sqrt(3.0 * mu / (8.0 * (1.0 + 0.5 * mu)))
+    return 1.0 / sqrt(1.0 + mu), zeta, sqrt(2.0 / (mu * (1.0 + mu)))
+
+
+def _ground_displacement(mu: float) -> tuple[float, float, float]:
+    zeta = sqrt(3.0 * mu / (8.0 * (1.0 + mu) * (1.0 - 0.5 * mu)))
+    return sqrt(1.0 - 0.5 * mu) / (1.0 + mu), zeta, (1.0 + mu) * sqrt(2.0 / mu)
+
+
+def _krenk(mu: float) -> tuple[float, float, float]:
+    return 1.0 / (1.0 + mu), sqrt(mu / (2.0 * (1.0 + mu))), sqrt(1.0 + 2.0 / mu)
+
+
+def _h2_force_displacement(mu: float) -> tuple[float, float, float]:
+    zeta = sqrt(mu * (1.0 + 0.75 * mu) / (4.0 * (1.0 + mu) * (1.0 + 0.5 * mu)))
+    value = sqrt((1.0 + 0.75 * mu) / (mu * (1.0 + mu)))
+    return sqrt(1.0 + 0.5 * mu) / (1.0 + mu), zeta, value
+
+
+def _h2_force_velocity(mu: float) -> tuple[float, float, float]:
+    return 1.0 / sqrt(1.0 + mu), 0.5 * sqrt(mu), 1.0 / sqrt(mu * (1.0 + mu))
+
+
+def _h2_ground_displacement(mu: float) -> tuple[float, float, float]:
+    zeta = sqrt(mu * (1.0 - 0.25 * mu) / (4.0 * (1.0 + mu) * (1.0 - 0.5 * mu)))
+    return sqrt(1.0 - 0.5 * mu) / (1.0 + mu), zeta, (1.0 + mu) ** 1.5 * sqrt(1.0 / mu - 0.25)
+
+
+def _maximum_stability(mu: float) -> tuple[float, float, float]:
+    zeta = sqrt(mu / (1.0 + mu))
+    return 1.0 / (1.0 + mu), zeta, -0.5 * zeta
+
+
+def _lanchester_h_infinity(mu: float) -> tuple[float, float, float]:
+    return 0.0, 1.0 / sqrt(2.0 * (1.0 + mu) * (2.0 + mu)), (2.0 + mu) / mu
+
+
+def _lanchester_h2(mu: float) -> tuple[float, float, float]:
+    return 0.0, 0.5 / sqrt(1.0 + mu), sqrt(1.0 + mu) / mu
+
+
+def _lanchester_stability(mu: float) -> tuple[float, float, float]:
+    # The pair of s^3 + 2 zeta (1 + mu) s^2 + s + 2 zeta decays fastest with the real root at
+    # -1 / sqrt(1 + mu), which decays faster than the pair for mu < 4.
+    return 0.0, (2.0 + mu) / (4.0 * (1.0 + mu) ** 1.5), -mu / (4.0 * sqrt(1.0 + mu))
+
+
+DISPLACEMENT, VELOCITY = "carriage_displacement", "carriage_velocity"
+ACCELERATION = "carriage_acceleration"
+H_INFINITY, H2, STABILITY = "h_infinity", "h2", "stability"
+ANY = float("inf")
+
+WARBURTON = (
+    "Warburton, Optimum absorber parameters for various combinations of response and excitation "
+    "parameters, Earthquake Eng. Struct. Dyn. 10 (1982)"
+)
+DEN_HARTOG = "Den Hartog, Mechanical Vibrations, 4th ed. (1956), section 3.3; damping: Brock (1946)"
+
+CLOSED_FORMS: dict[str, ClosedForm] = {
+    "den_hartog": ClosedForm(
+        "force", DISPLACEMENT, H_INFINITY, FIXED, ANY, DEN_HARTOG, _den_hartog
+    ),
+    "nishihara_asami": ClosedForm(
+        *("force", DISPLACEMENT, H_INFINITY, PEAK, ANY),
+        "Nishihara and Asami, Closed-form solutions to the exact optimizations of dynamic "
+        "vibration absorbers, J. Vib. Acoust. 124 (2002)",
+        _nishihara_asami,
+    ),
+    "warburton_force_acceleration": ClosedForm(
+        "force", ACCELERATION, H_INFINITY, FIXED, ANY, WARBURTON, _force_acceleration
+    ),
+    "warburton_ground_displacement": ClosedForm(
+        "ground", DISPLACEMENT, H_INFINITY, FIXED, 2.0, WARBURTON, _ground_displacement
+    ),
+    "warburton_ground_acceleration": ClosedForm(
+        "ground", ACCELERATION, H_INFINITY, FIXED, ANY, WARBURTON, _den_hartog
+    ),
+    "krenk": ClosedForm(
+        *("force", DISPLACEMENT, H_INFINITY, FIXED, ANY),
+        "Krenk, Frequency analysis of the tuned mass damper, J. Appl. Mech. 72 (2005): equal modal "
+        "damping, a smaller stroke at a slightly higher peak",
+        _krenk,
+    ),
+    "h2_force_displacement": ClosedForm(
+        *("force", DISPLACEMENT, H2, VARIANCE, ANY),
+        WARBURTON,
+        _h2_force_displacement,
+    ),
+    "h2_force_velocity": ClosedForm(
+        *("force", VELOCITY, H2, VARIANCE, ANY),
+        f"{WARBURTON}; Zilletti, Elliott and Rustighi, J. Sound Vib. 331 (2012)",
+        _h2_force_velocity,
+    ),
+    "h2_ground_displacement": ClosedForm(
+        "ground", DISPLACEMENT, H2, VARIANCE, 2.0, WARBURTON, _h2_ground_displacement
+    ),
+    "maximum_stability": ClosedForm(
+        *("force", DISPLACEMENT, STABILITY, ABSCISSA, ANY),
+        "Yamaguchi, Damping of transient vibration by a dynamic absorber, Trans. JSME C 54 (1988)",
+        _maximum_stability,
+    ),
+    "lanchester_h_infinity": ClosedForm(
+        *("force", DISPLACEMENT, H_INFINITY, PEAK, ANY),
+        "Den Hartog, Mechanical Vibrations, 4th ed. (1956), section 3.3: the untuned damper",
+        _lanchester_h_infinity,
+    ),
+    "lanchester_h2": ClosedForm(
+        "force", DISPLACEMENT, H2, VARIANCE, ANY, WARBURTON, _lanchester_h2
+    ),
+    "lanchester_stability": ClosedForm(
+        *("force", DISPLACEMENT, STABILITY, ABSCISSA, 4.0),
+        "the stationary decay of the pair of eigenvalues of (14) of docs/model.md without d",
+        _lanchester_stability,
+    ),
+}
+"""Name -> closed form."""

@@ -1,0 +1,130 @@
+"""A tuning as text and as a figure."""
+
+# pyright: reportUnknownMemberType=false
+# matplotlib's signatures are typed in part only
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.analysis.springs import stretch_for_stiffness
+from mm_gym.analysis.tuning_criteria import amplitude
+from mm_gym.analysis.tuning_transfer import si_factor, si_unit, transfer, without_dimension
+from mm_gym.analysis.values import linear_values
+from mm_gym.drawing import COLOURS, STYLES, legend_below, panels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from mm_gym.analysis.tuning_scene import Design, Tuning
+
+NAMES = {
+    "h_infinity": "the largest amplitude",
+    "h2": "the variance under white noise",
+    "stability": "the largest real part of the eigenvalues",
+}
+
+HEADER = ("", "k2 [N/m]", "c [N s/m]", "stretch", "f", "zeta", "criterion", "peak", "at [rad/s]")
+POINTS = 2000
+SPAN = (0.25, 2.0)
+"""Frequencies drawn, over the least and the largest natural frequency."""
+
+
+def table(tuning: Tuning) -> str:
+    """Return the scene's design, the optima and the closed forms as a table, and what it means."""
+    values = linear_values(tuning.scene)
+    w1 = float(np.sqrt(values.k1 / values.m1))
+    rows = [HEADER, _row("scene", tuning.before, _own_stretch(tuning))]
+    if tuning.out_of_reach is not None:
+        rows.append(_row("best springs", tuning.free, None))
+    rows.append(_row("tuned", tuning.after, tuning.stretch))
+    for reference in tuning.closed_forms:
+        a = reference.absorber
+        k2, c = a.stiffness(values.m2, w1), a.damping(values.m2, w1)
+        numbers = (f"{k2:.6g}", f"{c:.6g}", "", f"{a.frequency_ratio:.6f}")
+        rows.append((reference.name, *numbers, f"{a.damping_ratio:.6f}", f"{a.value:.7g}", "", ""))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if k == 0 else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    return "\n".join([*_title(tuning), "", *lines, "", *_notes(tuning, values.d)])
+
+
+def _title(tuning: Tuning) -> list[str]:
+    path = f"of {tuning.channel} under excitation of the {tuning.excitation}"
+    if tuning.excitation == "force":
+        path = f"of {tuning.channel} under a force on the carriage"
+    if tuning.criterion == "stability":
+        path = "over w1"
+    return [f"tuned: {NAMES[tuning.criterion]} {path}; amplitudes without dimension"]
+
+
+def _row(name: str, design: Design, stretch: float | None) -> tuple[str, ...]:
+    return (
+        name,
+        f"{design.stiffness:.6g}",
+        f"{design.damping:.6g}",
+        "" if stretch is None else f"{stretch:.6g}",
+        f"{design.frequency_ratio:.6f}",
+        f"{design.damping_ratio:.6f}",
+        f"{design.value:.7g}",
+        f"{design.peak:.7g}",
+        f"{design.peak_frequency:.6g}",
+    )
+
+
+def _notes(tuning: Tuning, damping: float) -> list[str]:
+    notes = [f"{reference.name}: {reference.source}" for reference in tuning.closed_forms]
+    if tuning.closed_forms and damping > 0.0:
+        notes.append("closed forms are for a carriage without damping; this one has some")
+    if tuning.out_of_reach is not None:
+        worse = abs(tuning.after.value / tuning.free.value - 1.0)
+        notes.append(f"{tuning.out_of_reach}. The best that they do is {worse:.2%} worse")
+    return notes
+
+
+def _own_stretch(tuning: Tuning) -> float | None:
+    """Return the stretch of the scene's own design: of the middle of its range."""
+    springs = tuning.scene.springs
+    if springs.kind == "none":
+        return None
+    return float(stretch_for_stiffness(tuning.before.stiffness, springs.stiffness))
+
+
+def draw(tuning: Tuning) -> Figure:
+    """Return the frequency response before and after; call it within `drawing.style`."""
+    values = linear_values(tuning.scene)
+    scaled, w1 = without_dimension(values), float(np.sqrt(values.k1 / values.m1))
+    designs = [("scene", tuning.before), ("tuned", tuning.after)]
+    if tuning.out_of_reach is not None:
+        designs.append(("springs of any stiffness", tuning.free))
+    frequencies = _frequencies([design for _, design in designs], w1)
+    figure, (axes,) = panels(3.0, 1, 1)
+    factor = si_factor(values, tuning.excitation, tuning.channel)
+    for k, (name, design) in enumerate(designs):
+        own = scaled._replace(
+            k2=design.stiffness / values.k1,
+            c=design.damping / float(np.sqrt(values.k1 * values.m1)),
+        )
+        curve = amplitude(transfer(own, tuning.excitation, tuning.channel), frequencies / w1)
+        axes.semilogy(frequencies, factor * curve, STYLES[k], color=COLOURS[k], label=name)
+    name = tuning.channel.replace("_", " ")
+    unit = si_unit(tuning.excitation, tuning.channel)
+    axes.set(xlabel="frequency [rad/s]", ylabel=f"{name} [{unit}]")
+    legend_below(figure, axes, 3)
+    return figure
+
+
+def _frequencies(designs: list[Design], w1: float) -> NDArray[np.float64]:
+    """Return the frequencies [rad/s] to draw, with all peaks among them."""
+    own = [design.frequency_ratio * w1 for design in designs if design.frequency_ratio > 0.0]
+    low, high = SPAN[0] * min(w1, *own), SPAN[1] * max(w1, *own)
+    peaks = [d.peak_frequency for d in designs if low < d.peak_frequency < high]
+    return np.sort(np.append(np.linspace(low, high, POINTS), peaks))

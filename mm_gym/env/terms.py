@@ -1,0 +1,88 @@
+"""The information that a step returns: state, actuators, the reward's terms and the constraint."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.kernels import layout as at
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.plant.plant import Plant
+
+    Array = NDArray[np.float64]
+
+InfoLevel: TypeAlias = Literal["none", "light", "full"]
+"""none: nothing; light: state and what the actuators applied; full: reward terms and constraint."""
+
+TERMS = ("reward_displacement", "reward_velocity", "reward_effort", "reward_stroke")
+"""Terms of the reward, which is their sum."""
+
+
+def checked_level(level: str) -> InfoLevel:
+    """Return a level of information, or raise `SceneError` with the nearest."""
+    allowed: tuple[InfoLevel, ...] = get_args(InfoLevel)
+    for known in allowed:
+        if level == known:
+            return known
+    msg = f"info: got {level!r}{suggest(str(level), allowed)}; allowed: {', '.join(allowed)}"
+    raise SceneError(msg)
+
+
+class Terms:
+    """The reward's terms and the constraint of a plant's lanes.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        task = plant.task
+        self._weights = task[
+            [at.WEIGHT_DISPLACEMENT, at.WEIGHT_VELOCITY, at.WEIGHT_EFFORT, at.WEIGHT_STROKE]
+        ].tolist()
+        self._furthest, self._rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
+        self._actuators = len(plant.actuators)
+
+    def rewards(self, state: Array, actions: NDArray[np.floating]) -> dict[str, Array]:
+        """Return the reward's terms (lanes,) of a control step [-], none of them positive.
+
+        Parameters
+        ----------
+        state
+            (4, lanes): x1, x2 [m], v1, v2 [m/s] at the step's end.
+        actions
+            (actuators * lanes,) as the kernels take them.
+        """
+        displacement, velocity, effort, stroke = self._weights
+        x1, x2, v1, _ = state
+        clipped = np.clip(actions.astype(np.float64), -1.0, 1.0).reshape(self._actuators, -1)
+        values = (
+            displacement * x1 * x1,
+            velocity * v1 * v1,
+            effort * (clipped * clipped).sum(axis=0),
+            stroke * (x2 - x1) * (x2 - x1),
+        )
+        return {name: 0.0 - value for name, value in zip(TERMS, values, strict=True)}
+
+    def constraint(self, state: Array) -> dict[str, Array]:
+        """Return what the limits leave (lanes,), by state (4, lanes).
+
+        Returns
+        -------
+        constraint
+            The larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1 [-];
+            a limit that is not set counts as infinite.
+        cost
+            1 where a limit is exceeded, 0 elsewhere.
+        """
+        x1, offset = np.abs(state[0]), np.abs(state[1] - state[0])
+        used = np.maximum(x1 / self._furthest, offset / self._rail)
+        exceeded = (x1 > self._furthest) | (offset > self._rail)
+        return {"cost": exceeded.astype(np.float64), "constraint": used - 1.0}

@@ -1,0 +1,121 @@
+"""Impulses: their times and sizes in an episode.
+
+Random ones are a Poisson process. Number n of a lane's process is a hash of the lane's key and n,
+so that an episode's impulses depend neither on how it is propagated nor on when they are looked at.
+
+The kernels take `own`, the first of a part's own slots in the description of the excitation, and
+`row`, the first of its rows. Times are since the start of the episode.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.memory import span
+from mm_gym.kernels.random import numbered, uniform
+
+IS_RANGE, LOWEST, HIGHEST = 0, 1, 2
+"""Own slots, of an impulse's size."""
+
+SIZE, RATE, TIME = 0, 1, 2
+KEY, COUNT, RANDOM, NEXT = 3, 4, 5, 6
+"""Rows of the process: its key, the random impulses so far, when the next of them comes [s], and
+when the next impulse of any kind does [s]."""
+
+ROWS = 7
+
+NEVER = 1e300
+"""Time of an impulse that does not come; finite, as all that `set_state` accepts."""
+
+CLOSE = 1e-12
+"""Part of the time within which an impulse is at the start of a sample interval."""
+
+
+@borrowing_kernel
+def begin(lanes, row, streams, i):
+    """Draw the key of an episode's impulses, and with it when the first one comes."""
+    lanes[row + KEY, i], lanes[row + COUNT, i] = uniform(streams, i), 0.0
+    lanes[row + RANDOM, i] = NEVER
+    if lanes[row + RATE, i] > 0.0:
+        lanes[row + RANDOM, i] = min(_wait(lanes, row, i), NEVER)
+    lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], lanes[row + TIME, i], NEVER)
+
+
+@borrowing_kernel
+def earliest(count, step):
+    """Return the time [s] before which no impulse belongs to sample interval `count`.
+
+    It is number `count` of the episode, and lasts `step` [s].
+    """
+    return step * (count * (1.0 - CLOSE))
+
+
+@borrowing_kernel
+def after_start(count, step):
+    """Return the time [s] before which an impulse is at the start of sample interval `count`."""
+    return step * (count + CLOSE * max(count, 1.0))
+
+
+@borrowing_kernel
+def before_end(count, step):
+    """Return the time [s] from which on an impulse belongs to a later sample interval."""
+    return earliest(count + 1.0, step)
+
+
+@borrowing_kernel
+def some_inside(lanes, row, clock, step, first, last):
+    """Tell whether in one of the lanes an impulse comes before the sample interval's end."""
+    now, intervals_per_step, interval = clock
+    some = False
+    for i in span(first, last):
+        count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
+        some |= lanes[row + NEXT, i] < before_end(count, step)
+    return some
+
+
+@borrowing_kernel
+def take(model, own, lanes, row, since, i):
+    """Return the size of the next impulse, and look up when the one after it comes.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    own, row
+        See above.
+    lanes
+        (rows, lanes) float64; the rows of the process are written.
+    since
+        Time [s] before which there can be no impulse: in a state that was set the process may be
+        far behind, and goes on from there.
+    i
+        The lane.
+    """
+    now, time, size = lanes[row + NEXT, i], lanes[row + TIME, i], 0.0
+    if time == now:
+        size += _size(model, own, lanes, row, 0.0, i)
+    if lanes[row + RANDOM, i] <= now:
+        lanes[row + COUNT, i] += 1.0
+        size += _size(model, own, lanes, row, 2.0 * lanes[row + COUNT, i], i)
+        lanes[row + RANDOM, i] = min(max(now, since) + _wait(lanes, row, i), NEVER)
+    following = time if time > now else NEVER
+    lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], following, NEVER)
+    return size
+
+
+@borrowing_kernel
+def _wait(lanes, row, i):
+    """Return the time [s] from the last random impulse to the next: that of a Poisson process."""
+    number = numbered(lanes[row + KEY, i], 2.0 * lanes[row + COUNT, i] + 1.0)
+    return -math.log(1.0 - number) / lanes[row + RATE, i]
+
+
+@borrowing_kernel
+def _size(model, own, lanes, row, n, i):
+    """Return the size of an impulse [N s] or [m/s]; if it is drawn, from number n."""
+    if model[own + IS_RANGE] > 0.0:
+        low, high = model[own + LOWEST], model[own + HIGHEST]
+        return low + (high - low) * numbered(lanes[row + KEY, i], n)
+    return lanes[row + SIZE, i]

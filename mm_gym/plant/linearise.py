@@ -1,0 +1,109 @@
+"""The motion about a point, with the inputs of actuators, disturbance and ground.
+
+The laws are (1) to (6) of docs/model.md and their slopes.
+"""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal, localcontext
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.errors import CompileError
+from mm_gym.kernels import laws
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
+from mm_gym.state_space.coefficients import values_of
+from mm_gym.state_space.equations import state_space
+from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Decimals = NDArray[np.object_]
+
+DRIVERS = ("force", "stretch", "disturbance", "ground", "one")
+"""What drives the motion, in the order of the columns of `Tangent.drivers`; one is constant."""
+
+
+class Tangent(NamedTuple):
+    """The motion x' = A x + drivers d about a point, in decimals.
+
+    Attributes
+    ----------
+    a
+        (4, 4), for deviations of x1, x2, v1, v2.
+    drivers
+        (4, 5), see `DRIVERS`; the last is the motion at the point itself.
+    spring
+        Slopes of the springs' force over the offset [N/m] and over the stretch [N].
+    spring_force
+        Force of the springs on the carriage at the point [N].
+    """
+
+    a: Decimals
+    drivers: Decimals
+    spring: tuple[float, float]
+    spring_force: float
+
+
+def tangent(row: Array) -> Tangent:
+    """Return the motion about the state that a lane (rows,) is in.
+
+    Raises
+    ------
+    CompileError
+        If the carriage has no mass.
+    """
+    if row[at.M1] == 0.0:
+        msg = "carriage.mass: 0 leaves three states; state_space needs some mass"
+        raise CompileError(msg)
+    x1, x2, v1, v2 = (float(value) for value in row[:4])
+    offset, w = x2 - x1, v2 - v1
+    values = values_of(row)
+    beta, vr = float(row[at.BETA]), float(row[at.VR])
+    over_offset, over_stretch = _spring_slopes(row, offset)
+    if row[at.L0] > 0.0:
+        values["k2"] = Decimal(over_offset)
+    if vr > 0.0 and abs(w) > vr:
+        values["c"] = Decimal(float(row[at.CHI]))
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+        k1 = Decimal(float(row[at.K1]))
+        values["k1"] += 3 * k1 * Decimal(beta) * Decimal(x1) ** 2  # the slope of (1)
+        system = state_space(values)
+        m1, m2 = values["m1"], values["m2"]
+        slope = Decimal(over_stretch)
+        zero = 0 * m1
+        stretch = np.array([zero, zero, slope / m1, -slope / m2])
+        force, spring_force = _forces(row)
+        moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
+        one = np.array([Decimal(value) for value in moving])
+        drivers = np.column_stack([system.force, stretch, system.force, system.ground, one])
+    return Tangent(system.a, drivers, (over_offset, over_stretch), spring_force)
+
+
+def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:
+    """Return the slopes of the springs' force over the offset [N/m] and over the stretch [N]."""
+    k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
+    if l0 == 0.0:  # (5)
+        return float(plain(laws.stiffness)(k0, stretch)), -12.0 * k0 * offset / stretch**4
+    square = (offset / l0) ** 2
+    product = stretch**2 - square  # (6)
+    return (
+        2.0 * k0 * (1.0 + 2.0 * stretch / product**2 + 8.0 * stretch * square / product**3),
+        4.0 * k0 * offset * (1.0 / product**2 - 4.0 * stretch**2 / product**3),
+    )
+
+
+def _forces(row: Array) -> tuple[tuple[float, float], float]:
+    """Return the forces [N] on both masses at the point, and the springs' on the carriage."""
+    x1, x2, v1, v2 = (float(value) for value in row[:4])
+    k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
+    springs = float(plain(laws.spring_force)(k0, l0, stretch, x2 - x1))
+    c, vr, kinetic, chi = (float(row[k]) for k in (at.C, at.VR, at.KINETIC_FORCE, at.CHI))
+    inner = float(plain(laws.interface_force)(c, vr, kinetic, chi, v2 - v1)) + springs
+    k1, alpha, beta, d = (float(row[k]) for k in (at.K1, at.ALPHA, at.BETA, at.D))
+    outer = -d * v1 - float(plain(laws.carriage_force)(k1, alpha, beta, x1))
+    return (inner + outer, -inner), springs

@@ -1,0 +1,77 @@
+"""The lane at the point about which a plant is made linear."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SceneError
+from mm_gym.kernels import laws
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.plant.plant import Plant
+
+    Array = NDArray[np.float64]
+
+
+def lane_at(
+    plant: Plant, values: Mapping[str, float] | ArrayLike | None, about: ArrayLike | None
+) -> Array:
+    """Return the lane (rows,) with some values, and the state of the point.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, a value is not one that the scene was compiled for, or an array has
+        the wrong shape.
+    """
+    support = plant.support
+    if values is None or hasattr(values, "keys"):
+        row = 0.5 * (support.start_low + support.start_high)
+        named: Mapping[str, float] = values or {}  # pyright: ignore[reportAssignmentType, reportUnknownVariableType]
+        for name, value in named.items():
+            row[support.row_of(name)] = _value(plant, name, value)
+        for follower, ratio, other in support.products:
+            row[follower] = row[ratio] * row[other]
+    else:
+        row = _numbers("at", values, len(plant.template))
+    row[:4] = 0.0 if about is None else _numbers("about", about, 4)
+    row[at.FORCE] = 0.0
+    if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
+        furthest = row[at.STRETCH] * row[at.L0]
+        msg = f"about: got an offset of {row[at.X2] - row[at.X1]:g} m; allowed: below {furthest:g}"
+        raise SceneError(msg)
+    plain(laws.write_regimes)(row[:, None], 0, 1)
+    return row
+
+
+def _value(plant: Plant, name: str, value: object) -> float:
+    support = plant.support
+    row = support.row_of(name)
+    if row < at.FORCE:
+        msg = f"at.{name}: the point's state is about = (x1, x2, v1, v2)"
+        raise SceneError(msg)
+    low, high = float(support.low[row]), float(support.high[row])
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and low <= value <= high):  # pyright: ignore[reportOperatorIssue] - a number
+        msg = f"at.{name}: got {value!r}; allowed: {low:g} to {high:g}"
+        raise SceneError(msg)
+    return float(value)  # pyright: ignore[reportArgumentType] - a number
+
+
+def _numbers(what: str, values: object, size: int) -> Array:
+    array = np.array(values)
+    if array.dtype.kind not in "fiu" or array.shape != (size,):
+        msg = f"{what}: got shape {array.shape} of {array.dtype}; allowed: ({size},) numbers"
+        raise SceneError(msg)
+    if not np.isfinite(array[: at.HARMONICS]).all():  # a plateau behind them may be endless
+        msg = f"{what}: got NaN or infinity; allowed: finite numbers"
+        raise SceneError(msg)
+    return array.astype(np.float64)

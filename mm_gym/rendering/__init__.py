@@ -1,0 +1,1 @@
+"""Pictures of episodes: drawn with pygame-ce, which is imported with the first frame."""

@@ -1,0 +1,101 @@
+"""An episode without an agent, drawn into a file: its last picture, or a video."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from mm_gym.errors import SceneError
+from mm_gym.files import write_bytes
+from mm_gym.kernels import layout as at
+from mm_gym.plant.compile import compile_scene
+from mm_gym.rendering.canvas import load_pygame
+from mm_gym.rendering.chart import columns
+from mm_gym.rendering.history import History
+from mm_gym.rendering.look import SIZE
+from mm_gym.rendering.picture import Picture
+from mm_gym.rendering.subject import subject_of
+from mm_gym.simulation.lanes import Lanes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mm_gym.rendering.history import Past
+    from mm_gym.scene.scene import Scene
+
+KINDS = (".png", ".mp4")
+
+
+def draw_episode(scene: Scene, path: str, *, seed: int = 0, steps: int | None = None) -> None:
+    """Draw an episode in which the actuators stay at action 0.
+
+    Parameters
+    ----------
+    scene
+        The scene, with or without actuators.
+    path
+        A file: ``.png`` for the last picture, ``.mp4`` for a video of one picture a control step.
+    seed
+        Of the scene's draws.
+    steps
+        Control steps; by default an episode.
+
+    Raises
+    ------
+    SceneError
+        If the file has another ending.
+    DependencyNotInstalled
+        Without pygame-ce or, for a video, moviepy.
+    SimulationError
+        If the motion cannot be followed.
+    """
+    if Path(path).suffix.lower() not in KINDS:
+        msg = f"--out: got {path!r}; allowed: a file whose name ends in {' or '.join(KINDS)}"
+        raise SceneError(msg)
+    plant = compile_scene(scene)
+    lanes = Lanes(plant, 1)
+    lanes.seed(seed)
+    subject = subject_of(scene, plant)
+    history, picture = History(lanes, subject, columns(subject)), Picture(subject)
+    pasts = _pasts(lanes, history, plant.steps if steps is None else steps)
+    if path.lower().endswith(".png"):
+        *_, last = pasts
+        content = BytesIO()
+        load_pygame().image.save(picture.draw(last), content, "picture.png")
+        write_bytes(path, content.getvalue())
+        return
+    video = _video(path, subject.frames)
+    for past in pasts:
+        video.write_frame(picture.pixels(past))
+    video.close()
+
+
+def _pasts(lanes: Lanes, history: History, steps: int) -> Iterator[Past]:
+    """Yield what each picture shows, from the start of an episode to its end."""
+    lanes.restart()
+    history.note()
+    yield history.past(0)
+    action = np.zeros(len(lanes.plant.actuators))
+    for _ in range(steps):
+        status = lanes.advance(action)
+        if status > at.ENDED:
+            lanes.raise_for(status)
+        history.note()
+        yield history.past(0)
+        if lanes.terminated[0] or lanes.truncated[0]:
+            return
+
+
+def _video(path: str, frames: int) -> Any:  # noqa: ANN401 - moviepy ships no types
+    """Return a writer of videos, as Gymnasium's and Stable-Baselines3's recorders use it."""
+    try:
+        writers: Any = import_module("moviepy.video.io.ffmpeg_writer")
+    except ImportError as error:
+        msg = "videos need moviepy; install it with: pip install moviepy"
+        raise DependencyNotInstalled(msg) from error
+    return writers.FFMPEG_VideoWriter(path, SIZE, frames)

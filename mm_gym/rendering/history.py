@@ -1,0 +1,125 @@
+"""The recent past of every lane: what its pictures show of the last control steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
+from mm_gym.kernels.outputs import excitation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.rendering.subject import Subject
+    from mm_gym.simulation.lanes import Lanes
+
+    Array = NDArray[np.float64]
+
+KEPT = at.BEGAN + 1
+"""Rows that are kept of a lane's own: its state, what the actuators apply, the reward."""
+
+STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
+"""Further rows: control steps since the episode began, force of the excitation [N], acceleration
+[m/s^2], displacement [m] and velocity [m/s] of the ground, these two as the camera sees them."""
+
+ROWS = KEPT + 5
+
+CAMERA_DAMPING = 0.7
+"""Damping ratio [-] with which the camera follows the ground."""
+
+
+@dataclass(frozen=True)
+class Past:
+    """The last control steps of a lane's episode, oldest first.
+
+    Attributes
+    ----------
+    rows
+        (rows, n) float64: rows of the lane, then those of this module.
+    lane
+        (all rows,) float64: the lane as it is now, with its parameters.
+    displacement, offset, disturbance, acceleration
+        Largest magnitudes since the episode began: of carriage and ground in the picture [m], of
+        the sphere's offset [m], of force [N] and ground acceleration [m/s^2] of the excitation.
+    """
+
+    rows: Array
+    lane: Array
+    displacement: float
+    offset: float
+    disturbance: float
+    acceleration: float
+
+    def now(self, row: int) -> float:
+        """Return a row's newest value."""
+        return float(self.rows[row, -1])
+
+
+class History:
+    """What is remembered of all lanes, as far as the strip charts reach back.
+
+    The camera stands on a mass that a spring and a damper hold to the ground, as in a seismometer:
+    it follows slow motions of the ground, so that the ground stays in view, and shows fast ones.
+    """
+
+    def __init__(self, lanes: Lanes, subject: Subject, columns: int) -> None:
+        self._lanes = lanes
+        self._subject = subject
+        self._ring = np.zeros((columns, ROWS, lanes.count))
+        self._peaks = np.zeros((4, lanes.count))
+        self._first_of_block = np.arange(lanes.count) // at.BLOCK * at.BLOCK
+        self._excitation = plain(excitation)
+        self.noted = 0
+        w, step = 2.0 * np.pi * subject.camera_frequency, subject.time_step
+        camera = np.zeros((3, 3))
+        camera[0, 1], camera[1] = 1.0, (-w * w, -2.0 * CAMERA_DAMPING * w, 1.0)
+        self._camera: Array = np.asarray(expm(camera * step), np.float64)[:2]
+
+    def note(self) -> None:
+        """Remember the present state of all lanes."""
+        values = self._lanes.values
+        now = self._ring[self.noted % len(self._ring)]
+        now[:KEPT] = values[:KEPT]
+        now[STEP] = values[at.NOW, self._first_of_block] - values[at.BEGAN]
+        starts = now[STEP] == 0.0
+        model, every = self._lanes.plant.model, slice(None)
+        if self._subject.disturbance:
+            now[PUSH] = self._excitation(model, values, False, every)
+        if self._subject.acceleration:
+            now[SHAKE] = self._excitation(model, values, True, every)
+            self._follow(now, starts)
+        sizes = np.abs(
+            (
+                np.abs(now[at.X1]) + np.abs(now[GROUND]),
+                now[at.X2] - now[at.X1],
+                now[PUSH],
+                now[SHAKE],
+            )
+        )
+        sizes = np.where(np.isfinite(sizes), sizes, 0.0)
+        self._peaks = np.where(starts, sizes, np.maximum(self._peaks, sizes))
+        self.noted += 1
+
+    def _follow(self, now: Array, starts: NDArray[np.bool_]) -> None:
+        """Advance what the camera sees of the ground by a control step."""
+        before = self._ring[self.noted % len(self._ring) - 1]
+        mean = 0.5 * (before[SHAKE] + now[SHAKE])
+        seen = self._camera @ np.stack([before[GROUND], before[GROUND_VELOCITY], mean])
+        now[GROUND : GROUND_VELOCITY + 1] = np.where(starts, 0.0, seen)
+
+    def past(self, lane: int) -> Past:
+        """Return the recent past of a lane, back to a break or the start of its episode."""
+        count = min(self.noted, len(self._ring))
+        order = np.arange(self.noted - count, self.noted) % len(self._ring)
+        rows = self._ring[order, :, lane]
+        breaks = np.flatnonzero(np.diff(rows[:, STEP]) != 1.0)
+        first = int(breaks[-1]) + 1 if breaks.size else 0
+        peaks = self._peaks[:, lane]
+        # A motion that could not be followed ends beyond all numbers.
+        shown = np.where(np.isfinite(rows), rows, 0.0)
+        return Past(shown[first:].T, self._lanes.values[:, lane].copy(), *map(float, peaks))

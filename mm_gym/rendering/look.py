@@ -1,0 +1,65 @@
+"""Colours and sizes of a picture."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+Colour: TypeAlias = tuple[int, int, int]
+Point: TypeAlias = tuple[float, float]
+
+PIXELS = 0.8
+"""Pixels to a unit, in which all other places and lengths are given; a video has few to spare."""
+
+WIDTH, HEIGHT = 800, 480
+"""Size of a picture in units."""
+
+SIZE = int(PIXELS * WIDTH), int(PIXELS * HEIGHT)
+"""Size of a picture [px]: multiples of 16, as video coders like them."""
+
+BAR = 10, 80
+"""Width and height of the scale of the springs' colours [px]."""
+
+PAPER: Colour = (255, 255, 255)
+INK: Colour = (34, 38, 46)
+GREY: Colour = (98, 105, 117)
+PALE: Colour = (222, 226, 231)
+BODY: Colour = (232, 236, 240)
+
+# Okabe and Ito's colours, as in the figures.
+CONTROL: Colour = (0, 114, 178)
+DISTURBANCE: Colour = (213, 94, 0)
+OFFSET: Colour = (0, 136, 98)
+STRETCH: Colour = (150, 60, 120)
+LIMIT: Colour = (178, 24, 60)
+FILM: Colour = (150, 205, 235)
+HATCH: Colour = (190, 196, 204)
+SHADE: Colour = (142, 151, 163)
+SHINE: Colour = (250, 250, 250)
+
+SMALL, TEXT, LARGE = 16, 18, 23
+"""Sizes of the font, whose letters are two thirds of it high."""
+
+PLASMA = np.array(
+    [(13, 8, 135), (84, 2, 163), (139, 10, 165), (185, 50, 137), (219, 92, 104), (244, 136, 73)],
+    np.float64,
+)
+"""Colours of the springs, from short to long: of even steps, also to colour-blind eyes."""
+
+SHADES = 20
+"""Steps of the scale: a video keeps a colour that does not change in no room."""
+
+
+def spring_colour(fraction: float) -> Colour:
+    """Return the colour of a spring: 0 for the shortest, 1 for the longest."""
+    place = round(min(max(fraction, 0.0), 1.0) * SHADES) / SHADES * (len(PLASMA) - 1)
+    k = min(int(place), len(PLASMA) - 2)
+    red, green, blue = PLASMA[k] + (place - k) * (PLASMA[k + 1] - PLASMA[k])
+    return int(red), int(green), int(blue)
+
+
+def lighter(colour: Colour, part: float) -> Colour:
+    """Return a colour mixed with white."""
+    red, green, blue = (int(c + (255 - c) * part) for c in colour)
+    return red, green, blue

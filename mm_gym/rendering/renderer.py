@@ -1,0 +1,146 @@
+"""The renderer of an environment: its pictures as arrays, as lists of them, or in a window."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.error import ResetNeeded
+
+from mm_gym.kernels import layout as at
+from mm_gym.rendering.canvas import load_pygame
+from mm_gym.rendering.chart import columns
+from mm_gym.rendering.history import History
+from mm_gym.rendering.look import SIZE
+from mm_gym.rendering.picture import Picture
+from mm_gym.rendering.subject import subject_of
+from mm_gym.rendering.window import Window
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.lanes import Lanes
+
+    Frame = NDArray[np.uint8]
+
+LIST = "rgb_array_list"
+
+MOST_TILES = 9
+"""Lanes that a window shows at once."""
+
+MOST_WIDTH, MOST_HEIGHT = 1280, 768
+"""Largest size of a window [px]."""
+
+
+class Renderer:
+    """Draws the lanes of an environment.
+
+    Parameters
+    ----------
+    scene, lanes
+        The scene, and the lanes in which it is stepped.
+    mode
+        ``"human"``, ``"rgb_array"`` or ``"rgb_array_list"``.
+
+    Notes
+    -----
+    pygame is imported with the first picture: programs often ask for pictures that they never look
+    at, and those need no pygame.
+    """
+
+    def __init__(self, scene: Scene, lanes: Lanes, mode: str) -> None:
+        self._lanes = lanes
+        self._mode = mode
+        self._subject = subject_of(scene, lanes.plant)
+        self._history = History(lanes, self._subject, columns(self._subject))
+        self._collected: list[list[Frame]] = [[] for _ in range(lanes.count)]
+
+    @cached_property
+    def _picture(self) -> Picture:
+        return Picture(self._subject)
+
+    @cached_property
+    def _tiles(self) -> tuple[int, int, float]:
+        """Columns and rows of the lanes in the window, and the scale of their pictures."""
+        shown = min(self._lanes.count, MOST_TILES)
+        across = ceil(sqrt(shown))
+        down = ceil(shown / across)
+        return (
+            across,
+            down,
+            min(1.0, MOST_WIDTH / (across * SIZE[0]), MOST_HEIGHT / (down * SIZE[1])),
+        )
+
+    @cached_property
+    def _window(self) -> Window:
+        across, down, scale = self._tiles
+        size = int(across * scale * SIZE[0]), int(down * scale * SIZE[1])
+        return Window(size, self._subject.frames)
+
+    def note(self, *, watched: bool = True) -> None:
+        """Take note of the present state of all lanes: call it after each reset and each step.
+
+        Parameters
+        ----------
+        watched
+            Whether it is shown, or collected, if that is the mode.
+        """
+        self._history.note()
+        if watched and self._mode == "human":
+            self._show(paced=True)
+        if watched and self._mode == LIST:
+            self._collect()
+
+    def render(self) -> list[Frame] | list[list[Frame]] | None:
+        """Return each lane's picture, or the list of those since the last call, or show them.
+
+        Raises
+        ------
+        DependencyNotInstalled
+            Without pygame.
+        ResetNeeded
+            Before the first reset.
+        """
+        if self._history.noted == 0:
+            msg = "there is nothing to draw yet: call reset() before render()"
+            raise ResetNeeded(msg)
+        if self._mode == "human":
+            return self._show(paced=False)
+        if self._mode == LIST:
+            collected = self._collected
+            self._collected = [[] for _ in collected]
+            return collected
+        return [self._frame(lane) for lane in range(self._lanes.count)]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if "_window" in vars(self):
+            self._window.close()
+            del self._window
+
+    def _frame(self, lane: int) -> Frame:
+        return self._picture.pixels(self._history.past(lane))
+
+    def _collect(self) -> None:
+        begins = self._lanes.values[at.NOW, 0] == self._lanes.values[at.BEGAN]
+        for lane, frames in enumerate(self._collected):
+            if begins[lane]:
+                frames.clear()
+            frames.append(self._frame(lane))
+
+    def _show(self, *, paced: bool) -> None:
+        if self._lanes.count == 1:
+            self._window.show(self._picture.draw(self._history.past(0)), paced=paced)
+            return
+        pygame: Any = load_pygame()
+        across, down, scale = self._tiles
+        width, height = int(scale * SIZE[0]), int(scale * SIZE[1])
+        sheet = pygame.Surface((across * width, down * height), 0, 32)
+        for lane in range(min(self._lanes.count, MOST_TILES)):
+            picture = self._picture.draw(self._history.past(lane))
+            place = width * (lane % across), height * (lane // across)
+            sheet.blit(pygame.transform.smoothscale(picture, (width, height)), place)
+        self._window.show(sheet, paced=paced)

@@ -1,0 +1,150 @@
+"""What of a scene is drawn: its parts, their limits, and how far they may be expected to move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mm_gym.kernels import layout as at
+from mm_gym.rendering.playback import frames_per_second, natural_period, speed_text
+from mm_gym.scene.excitation import Impulse
+from mm_gym.scene.scene import bounds
+
+if TYPE_CHECKING:
+    from mm_gym.plant.plant import Plant
+    from mm_gym.scene.scene import Scene
+
+MOST_LIMIT = 3.0
+"""A limit widens the view at first if it is at most this many times the expected motion."""
+
+NOISE_PEAKS = 3.0
+"""Largest force that is expected of a noise, in its root mean square."""
+
+CAMERA = 0.3
+"""Frequency below which the camera follows the ground, in the carriage's natural frequency."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The parts of a scene, as its pictures need them.
+
+    Attributes
+    ----------
+    time_step, steps, frames
+        Control step [s], control steps of an episode, and frames per second.
+    period
+        The carriage's natural period [s].
+    speed
+        How the time on the screen relates to that of the motion.
+    has_damper, has_sphere, has_springs
+        Whether they are drawn.
+    interface
+        Its kind.
+    stretch_range
+        Stretches [-] from one end of the springs' colours to the other.
+    force_limit
+        Of the control force [N], or None.
+    is_stretched
+        Whether the stretch is actuated.
+    displacement_limit, rail_limit
+        [m], or None.
+    displacement, offset
+        How far carriage and sphere are expected to move [m]; the view begins with them.
+    disturbance
+        Largest force [N] expected of the excitation, 0 if there is none.
+    acceleration
+        Largest acceleration of the ground [m/s^2] expected, 0 if it is at rest.
+    impulse, ground_impulse
+        Largest impulse [N s] on the carriage, and jump of the ground's velocity [m/s]; 0 for none.
+    """
+
+    time_step: float
+    steps: int
+    frames: int
+    period: float
+    speed: str
+    has_damper: bool
+    has_sphere: bool
+    has_springs: bool
+    interface: str
+    stretch_range: tuple[float, float]
+    force_limit: float | None
+    is_stretched: bool
+    displacement_limit: float | None
+    rail_limit: float | None
+    displacement: float
+    offset: float
+    disturbance: float
+    acceleration: float
+    impulse: float
+    ground_impulse: float
+
+    @property
+    def camera_frequency(self) -> float:
+        """Frequency [Hz] below which the camera follows the ground."""
+        return CAMERA / min(self.period, self.steps * self.time_step)
+
+
+def subject_of(scene: Scene, plant: Plant) -> Subject:
+    """Return what of a scene is drawn."""
+    low, high = plant.support.low, plant.support.high
+    start_low, start_high = plant.support.start_low, plant.support.start_high
+    has_springs = scene.springs.kind != "none"
+    actuation, objective = scene.actuation, scene.objective
+    frames = frames_per_second(plant)
+    stretches = float(low[at.STRETCH]), float(high[at.STRETCH])
+    if stretches[0] == stretches[1]:
+        stretches = 0.0, 2.0 * stretches[1]
+    drawn = [max(abs(start_low[row]), abs(start_high[row])) for row in (at.X1, at.X2)]
+    return Subject(
+        time_step=plant.time_step,
+        steps=plant.steps,
+        frames=frames,
+        period=min(natural_period(plant), plant.steps * plant.time_step),
+        speed=speed_text(plant.time_step, frames),
+        has_damper=bool(high[at.D] > 0.0),
+        has_sphere=has_springs or scene.interface.kind != "none",
+        has_springs=has_springs,
+        interface=scene.interface.kind,
+        stretch_range=stretches,
+        force_limit=None if actuation.force is None else actuation.force.limit,
+        is_stretched=actuation.stretch is not None,
+        displacement_limit=objective.displacement_limit,
+        rail_limit=objective.rail_half_length,
+        displacement=_expected(
+            float(drawn[0]), objective.displacement_scale, objective.displacement_limit
+        ),
+        offset=_expected(float(drawn[1]), objective.stroke_scale, objective.rail_half_length),
+        disturbance=sum(_size(scene, k) for k in _parts(scene, "force", impulses=False)),
+        acceleration=sum(_size(scene, k) for k in _parts(scene, "ground", impulses=False)),
+        impulse=max((_size(scene, k) for k in _parts(scene, "force", impulses=True)), default=0.0),
+        ground_impulse=max(
+            (_size(scene, k) for k in _parts(scene, "ground", impulses=True)), default=0.0
+        ),
+    )
+
+
+def _expected(drawn: float, scale: float, limit: float | None) -> float:
+    expected = max(drawn, scale)
+    if limit is not None and limit <= MOST_LIMIT * expected:
+        return max(expected, 1.05 * limit)
+    return expected
+
+
+def _parts(scene: Scene, target: str, *, impulses: bool) -> list[int]:
+    return [
+        k
+        for k, part in enumerate(scene.excitation)
+        if part.target == target and isinstance(part, Impulse) == impulses
+    ]
+
+
+def _size(scene: Scene, k: int) -> float:
+    """Return the largest value expected of a part of the excitation; of a record, 1."""
+    part = scene.excitation[k]
+    for name, factor in (("size", 1.0), ("amplitude", 1.0), ("rms", NOISE_PEAKS)):
+        value = getattr(part, name, None)
+        if value is not None:
+            ends = bounds(scene.range_of(f"excitation.{k}.{name}", value))
+            return max(abs(ends[0]), abs(ends[1])) * factor or 1.0
+    return 1.0

@@ -1,0 +1,94 @@
+"""Accelerations, base force and channels of a trajectory, from its states and what acts on them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SimulationError, suggest
+from mm_gym.kernels import laws
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.channels import CHANNELS
+from mm_gym.kernels.jit import plain
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+def spring_force(p: Array, state: Array, stretch: Array) -> Array:
+    """Return the force (n,) [N] of the sphere's springs on the carriage.
+
+    Parameters
+    ----------
+    p
+        (rows,) the lane's parameters.
+    state
+        (n, 4) x1, x2 [m], v1, v2 [m/s].
+    stretch
+        (n,) [-].
+    """
+    force = plain(laws.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
+    return np.broadcast_to(force, len(state)).astype(np.float64)
+
+
+def interface_force(p: Array, slip: Array) -> Array:
+    """Return the force (n,) [N] of the interface on the carriage at slip velocities (n,) [m/s]."""
+    c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
+    intercept = plain(laws.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
+    regime = np.where(np.abs(slip) <= plain(laws.threshold)(vr), 0.0, np.sign(slip))
+    force = np.empty(len(slip))
+    for side in (-1.0, 0.0, 1.0):
+        slope, constant = plain(laws.interface_line)(side, c, chi, intercept)
+        force[regime == side] = slope * slip[regime == side] + constant
+    return force
+
+
+def base_force(p: Array, state: Array) -> Array:
+    """Return the force (n,) [N] of the carriage's spring and damper on the base."""
+    x1, v1 = state[:, 0], state[:, 2]
+    return plain(laws.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1) + p[at.D] * v1
+
+
+def acceleration(p: Array, state: Array, applied: Array, disturbance: Array) -> Array:
+    """Return the absolute accelerations (n, 2) [m/s^2] of carriage and sphere, (1) and (2).
+
+    Parameters
+    ----------
+    p
+        (rows,) the lane's parameters.
+    state
+        (n, 4) x1, x2 [m], v1, v2 [m/s].
+    applied
+        (n, 2) force [N] and stretch [-].
+    disturbance
+        (n,) disturbing force [N].
+
+    Raises
+    ------
+    SimulationError
+        If the carriage has no mass.
+    """
+    if p[at.M1] == 0.0:
+        msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
+        raise SimulationError(msg)
+    inner = interface_force(p, state[:, 3] - state[:, 2]) + spring_force(p, state, applied[:, 1])
+    outer = disturbance + applied[:, 0] - base_force(p, state)
+    return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])
+
+
+def check_channel(name: str) -> None:
+    """Raise `SimulationError` for a name that is no channel's."""
+    if name not in CHANNELS:
+        msg = f"channel: got {name!r}{suggest(name, CHANNELS)}; allowed: {', '.join(CHANNELS)}"
+        raise SimulationError(msg)
+
+
+def root_mean_square(time: Array, values: Array) -> float:
+    """Return the root of the mean of the square over time, whose instants need not be even."""
+    if len(time) == 1:
+        return float(abs(values[0]))
+    area = np.sum(0.5 * np.diff(time) * (values[1:] ** 2 + values[:-1] ** 2))
+    return float(np.sqrt(area / (time[-1] - time[0])))

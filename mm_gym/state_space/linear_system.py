@@ -1,0 +1,210 @@
+"""A linear system as matrices with names and units: the control engineer's view of a plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mm_gym.errors import DesignError
+from mm_gym.state_space.subspace import kept_by_zeros, reachable_basis
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+
+
+class Signal(NamedTuple):
+    """A state, an input or an output.
+
+    Attributes
+    ----------
+    name, unit
+        Its name and SI unit.
+    point
+        Its value at the point of linearisation; the system has deviations from it.
+    """
+
+    name: str
+    unit: str
+    point: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """The system x' = A x + B u + drift, y = C x + D u, or x_next in place of x' where sampled.
+
+    All signals are deviations from their `point`, which is 0 for a linear plant about rest, except
+    of the stretch.
+
+    Attributes
+    ----------
+    A, B, C, D
+        (n, n), (n, m), (p, n) and (p, m) float64, SI.
+    states, inputs, outputs
+        Name, unit and point of each.
+    drift
+        (n,) what moves the state at the point itself; zero where it is an equilibrium.
+    process_noise
+        (n, n): covariance of what random excitation adds to the state in a control step; of a
+        continuous system the intensity of white noise.
+    sensor_noise
+        (p, p): covariance of the sensors' noise in a sample; of a continuous system the intensity
+        that has the same effect, covariance times control step.
+    time_step
+        Control step [s] of a sampled system, or None.
+    dead_time
+        (p,) age of each output [s] that is not among the states, because the system is continuous.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    drift: Array
+    process_noise: Array
+    sensor_noise: Array
+    time_step: float | None
+    dead_time: Array
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Eigenvalues (n,): [1/s], or of the control step's map [-]."""
+        return np.linalg.eigvals(self.A).astype(np.complex128)
+
+    def frequency_response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
+        """Return the amplitudes (p, m, k) of the outputs under inputs exp(i w t).
+
+        Parameters
+        ----------
+        frequencies
+            (k,) w [rad/s].
+
+        Raises
+        ------
+        DesignError
+            If a frequency is not finite, or is that of an eigenvalue without damping.
+        """
+        w = np.atleast_1d(np.asarray(frequencies, np.float64))
+        if w.ndim != 1 or not np.isfinite(w).all():
+            msg = "frequencies: allowed: a one-dimensional array of finite numbers [rad/s]"
+            raise DesignError(msg)
+        s = 1j * w if self.time_step is None else np.exp(1j * w * self.time_step)
+        pencil = s[:, None, None] * np.eye(len(self.A)) - self.A
+        try:
+            solved = np.linalg.solve(pencil, np.broadcast_to(self.B, (len(w), *self.B.shape)))
+        except np.linalg.LinAlgError:
+            msg = "frequencies: one is that of an eigenvalue without damping"
+            raise DesignError(msg) from None
+        response = self.C @ solved + self.D
+        late = np.exp(-1j * np.outer(w, self.dead_time))
+        return np.moveaxis(response * late[:, :, None], 0, -1).astype(np.complex128)
+
+    def controllable(self, *, noise: bool = False) -> LinearSystem:
+        """Return the part that the inputs reach; a free sphere drifts and is no part of it.
+
+        States that no input moves are left out. If what is left is still not controllable, its
+        states are combinations z1, z2, ... of them that are.
+
+        Parameters
+        ----------
+        noise
+            Whether random excitation counts as an input, so that its filters' states are kept.
+
+        Raises
+        ------
+        DesignError
+            If the inputs move nothing.
+        """
+        moved = np.hstack([self.B, self.process_noise]) if noise else self.B
+        kept = kept_by_zeros(self.A, moved)
+        if not kept.any():
+            names = ", ".join(signal.name for signal in self.inputs) or "none"
+            msg = f"inputs: {names} move nothing at this point; choose another point or input"
+            raise DesignError(msg)
+        part = self._selected(kept)
+        moved = np.hstack([part.B, part.process_noise]) if noise else part.B
+        basis, back = reachable_basis(part.A, moved)
+        return part if basis.shape[1] == len(part.A) else _within(part, basis, back)
+
+    def observable(self) -> LinearSystem:
+        """Return the part that the outputs show: the dual of `controllable`.
+
+        Raises
+        ------
+        DesignError
+            If the outputs show nothing.
+        """
+        kept = kept_by_zeros(self.A.T, self.C.T)
+        if not kept.any():
+            names = ", ".join(signal.name for signal in self.outputs) or "none"
+            msg = f"outputs: {names} show nothing of the states; choose other channels"
+            raise DesignError(msg)
+        part = self._selected(kept)
+        back, basis = reachable_basis(part.A.T, part.C.T)
+        return part if back.shape[1] == len(part.A) else _within(part, basis.T, back.T)
+
+    def to_control(self) -> Any:  # noqa: ANN401 - of an optional package
+        """Return the system as `control.StateSpace`, sampled if this one is.
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without python-control (extra: agents).
+        DesignError
+            If the system is continuous and its outputs are late.
+        """
+        try:
+            import control  # noqa: PLC0415 - optional
+        except ImportError as error:
+            from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415 - slow to import
+
+            msg = 'to_control needs python-control; install it with: pip install "mm-gym[agents]"'
+            raise DependencyNotInstalled(msg) from error
+        if self.dead_time.any():
+            msg = (
+                f"sensors.delay: a delay of {self.dead_time.max():g} s has finitely many states "
+                "only with sampled=True"
+            )
+            raise DesignError(msg)
+        names = [
+            [signal.name.replace(".", "_") for signal in signals]  # dots are python-control's own
+            for signals in (self.inputs, self.outputs, self.states)
+        ]
+        return control.StateSpace(  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+            *(self.A, self.B, self.C, self.D, self.time_step or 0.0),
+            inputs=names[0],
+            outputs=names[1],
+            states=names[2],
+        )
+
+    def _selected(self, kept: NDArray[np.bool_]) -> LinearSystem:
+        """Return the system of some of the states."""
+        rows = np.flatnonzero(kept)
+        return replace(
+            self,
+            A=self.A[np.ix_(rows, rows)],
+            B=self.B[rows],
+            C=self.C[:, rows],
+            drift=self.drift[rows],
+            process_noise=self.process_noise[np.ix_(rows, rows)],
+            states=tuple(self.states[row] for row in rows),
+        )
+
+
+def _within(system: LinearSystem, basis: Array, back: Array) -> LinearSystem:
+    """Return the system of z with x = basis z and z = back x."""
+    return replace(
+        system,
+        A=back @ system.A @ basis,
+        B=back @ system.B,
+        C=system.C @ basis,
+        drift=back @ system.drift,
+        process_noise=back @ system.process_noise @ back.T,
+        states=tuple(Signal(f"z{k + 1}", "-") for k in range(basis.shape[1])),
+    )

@@ -1,0 +1,101 @@
+"""Does the LQG cost what it says, from the observation alone?"""
+
+import numpy as np
+import pytest
+from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
+
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqg import LQG, design_lqg
+from agents.controllers.lqr import LQR
+from agents.controllers.true_state import TrueState
+from agents.evaluation.baselines import output_feedback
+from agents.evaluation.episodes import evaluate
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
+
+NOISY = Scene(
+    springs={"kind": "small_on_large", "stiffness": 35.0, "stretch": 2.0},
+    interface={"kind": "viscous", "damping": 0.3},
+    excitation=[
+        {"kind": "noise", "rms": 1.0, "low_frequency": 30.0, "high_frequency": 90.0},
+    ],
+    # The force costs what one of 4 N would, and is never clipped.
+    actuation={"force": {"limit": 400.0, "lag": 0.01}},
+    sensors={
+        "channels": ["carriage_acceleration", "sphere_offset"],
+        "noise": {"carriage_acceleration": 3.0, "sphere_offset": 5e-4},
+        "delay": 2,
+    },
+    objective={"effort_weight": 100.0, "velocity_weight": 0.1},
+    control={"time_step": 0.01, "steps": 700},
+)
+LANES, SETTLED = 300, 200
+
+
+def test_cost_and_error_are_those_of_the_riccati_equations():
+    law = LQG(NOISY, unmodelled=1e-6)
+    env = MovingMassVectorEnv(NOISY, LANES, autoreset_mode="Disabled")
+    observation, info = env.reset(seed=0)
+    law.reset(env)
+    costs, errors = [], []
+    for step in range(NOISY.control.steps):
+        late = law.estimate  # before this step's observation
+        state = info["state"]
+        action = law.act(observation, info)
+        assert np.abs(action).max() < 1.0
+        if step >= SETTLED:
+            c, gain = law.design.system.C, law.design.filters[-1]
+            shown = observation.astype(float) * law.unit
+            errors.append((late + (shown - late @ c.T) @ gain.T)[:, :4] - state)
+        observation, reward, *_, info = env.step(action)
+        if step >= SETTLED:
+            costs.append(-reward)
+    # Lanes are independent: five standard errors of their mean.
+    of_lanes = np.mean(costs, axis=0)
+    spread = of_lanes.std(ddof=1) / np.sqrt(LANES)
+    assert abs(of_lanes.mean() - law.design.cost) <= 5.0 * spread
+    assert spread <= 0.01 * law.design.cost
+    each = np.mean(np.square(errors), axis=0)  # (lanes, 4)
+    expected = np.diag(law.design.error)[:4]
+    uncertain = each.std(axis=0, ddof=1) / np.sqrt(LANES)
+    assert np.all(np.abs(each.mean(axis=0) - expected) <= 5.0 * uncertain)
+    assert np.all(uncertain <= 0.03 * expected)
+
+
+def test_without_noise_and_late_it_costs_what_the_regulator_of_the_true_state_does():
+    # The first frame shows the whole state, and the rest follows from the model.
+    late = CARRIAGE_FORCE.replace(**{"sensors.delay": 2})
+    known = Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE), TrueState())
+    expected = evaluate(CARRIAGE_FORCE, known, episodes=50)
+    found = evaluate(late, LQG(late), episodes=50)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-4)
+    assert (expected.reads, found.reads) == ("full state", "observation")
+
+
+def test_baselines_have_an_lqg_where_one_can_be_designed():
+    assert [law.name for law in output_feedback(CARRIAGE_FORCE)] == ["LQG"]
+    assert output_feedback(CARRIAGE_FORCE_FRICTION) == output_feedback(PRE_STRETCH) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (PRE_STRETCH, r"actuation\.force: missing"),
+        (CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0}), "effort_weight: got 0"),
+        (
+            CARRIAGE_FORCE.replace(**{"actuation.force": {"rate_limit": 10.0, "command": "rate"}}),
+            r"command: got 'rate'",
+        ),
+        (
+            CARRIAGE_FORCE.replace(**{"sensors.channels": ["carriage_velocity"]}),
+            "not detectable",
+        ),
+        (CARRIAGE_FORCE_FRICTION, "no stabilising solution"),
+        (
+            NOISY.replace(excitation=[{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]),
+            "no stabilising solution",
+        ),
+    ],
+)
+def test_ill_posed_designs_are_refused_with_the_reason(scene, message):
+    with pytest.raises(DesignError, match=message):
+        design_lqg(scene)

@@ -1,0 +1,110 @@
+"""Do controllers that claim the observation use nothing else, and is the estimate good?"""
+
+import numpy as np
+import pytest
+from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, TASKS
+
+from agents.controllers.actuators import Actuators
+from agents.controllers.constant import no_control
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import LQR
+from agents.controllers.model import Model
+from agents.controllers.observed_state import ObservedState
+from agents.controllers.true_state import TrueState
+from agents.evaluation.episodes import evaluate
+from mm_gym import DesignError, MovingMassVectorEnv
+
+LAGGING = HYBRID.replace(
+    **{
+        "actuation.force.lag": 0.02,
+        "actuation.force.rate_limit": 5.0,
+        "actuation.stretch.lag": 0.01,
+    }
+)
+
+
+@pytest.mark.parametrize("scene", [*TASKS.values(), LAGGING], ids=[*TASKS, "lagging"])
+def test_model_of_the_actuators_is_the_environments(scene) -> None:
+    env = MovingMassVectorEnv(scene, 20)
+    _, info = env.reset(seed=1)
+    actuators = Actuators(scene)
+    actuators.begin(info["applied"])
+    generator = np.random.default_rng(1)
+    for _ in range(12):
+        action = generator.uniform(-1.5, 1.5, env.action_space.shape)
+        *_, info = env.step(action)
+        reached = actuators.advance(action)
+        # Fused multiplication in the kernel: the last bits may differ.
+        np.testing.assert_allclose(reached, info["applied"], rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "scene", [CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION], ids=["linear", "friction"]
+)
+def test_model_moves_as_the_environment_without_disturbance(scene) -> None:
+    env = MovingMassVectorEnv(scene, 20)
+    _, info = env.reset(seed=2)
+    model = Model(scene, 20)
+    model.begin(info["state"])
+    for _ in range(10):
+        action = np.random.default_rng(3).uniform(-1, 1, env.action_space.shape)
+        *_, info = env.step(action)
+        state, _ = model.advance(action * 4.0)
+        # x2 enters as an offset, which rounds; the force passes through another unit.
+        np.testing.assert_allclose(state, info["state"], rtol=1e-11, atol=1e-14)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("scene", [CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH])
+def test_estimate_is_the_state_where_nothing_disturbs(scene, delay) -> None:
+    scene = scene.replace(**{"sensors.delay": delay, "excitation": [], "randomization": {}})
+    scene = scene.replace(**{"initial.carriage_displacement": 0.004})
+    env = MovingMassVectorEnv(scene, 10)
+    observation, info = env.reset(seed=4)
+    source = ObservedState(scene)
+    source.begin(10)
+    generator = np.random.default_rng(5)
+    scale = scene.objective.displacement_scale
+    for _ in range(20):
+        state, applied = source.read(observation, {})
+        # Observations are in single precision.
+        np.testing.assert_allclose(state[:, :2], info["state"][:, :2], atol=3e-6 * scale)
+        np.testing.assert_allclose(applied, info["applied"], rtol=1e-5)
+        action = generator.uniform(-1, 1, env.action_space.shape)
+        source.send(action)
+        observation, *_, info = env.step(action)
+
+
+def test_estimate_is_better_than_the_noisy_observation() -> None:
+    noise = {"carriage_displacement": 1e-3, "carriage_velocity": 0.05}
+    scene = CARRIAGE_FORCE.replace(**{"sensors.noise": noise})
+    env = MovingMassVectorEnv(scene, 200)
+    observation, info = env.reset(seed=6)
+    source = ObservedState(scene)
+    source.begin(200)
+    errors = []
+    for _ in range(60):
+        state, _ = source.read(observation, {})
+        errors.append((state - info["state"])[:, [0, 2]])
+        source.send(np.zeros((200, 1)))
+        observation, *_, info = env.step(np.zeros((200, 1)))
+    late = np.sqrt(np.mean(np.square(errors[30:]), axis=(0, 1)))
+    # Nothing disturbs the motion, so the filter averages over some thirty frames.
+    assert np.all(late < (0.3e-3, 0.015))
+
+
+def test_hidden_position_is_refused_by_name() -> None:
+    scene = PRE_STRETCH.replace(**{"sensors.channels": ["stretch"], "sensors.history": 1})
+    with pytest.raises(DesignError, match=r"sensors\.channels: .* stretch"):
+        ObservedState(scene)
+
+
+def test_late_and_noisy_observation_costs_something() -> None:
+    noise = {"carriage_displacement": 1e-3, "carriage_velocity": 0.1}
+    scene = CARRIAGE_FORCE.replace(**{"sensors.delay": 2, "sensors.noise": noise})
+    costs = [
+        evaluate(scene, Feedback(scene, LQR(scene), source), episodes=50).cost
+        for source in (TrueState(), None)
+    ]
+    nothing = evaluate(scene, Feedback(scene, no_control(scene)), episodes=50).cost
+    assert costs[0] < costs[1] < nothing

@@ -1,0 +1,158 @@
+"""What an environment is made from: single changes, the number of its steps, its specification."""
+
+import json
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeAwareObservation, TimeLimit
+from tasks import CARRIAGE_FORCE, HYBRID, TASKS
+
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, load_scene
+from mm_gym.sb3 import make_vec_env
+from mm_gym.task_files import path_of
+
+NAME = "mm_gym/CarriageForce-v0"
+STEPS = CARRIAGE_FORCE.control.steps
+SHORT = CARRIAGE_FORCE.replace(**{"control.steps": 9})
+
+
+def lasts(env):
+    """Control steps of an episode, of one environment or the first lane of several."""
+    env.reset(seed=0)
+    for step in range(1, 2 * HYBRID.control.steps):
+        _, _, terminated, truncated, _ = env.step(np.zeros(env.action_space.shape, np.float32))
+        if np.any(terminated | truncated):
+            return step
+    return None
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_registered_number_of_steps_is_that_of_the_scene(name):
+    assert gymnasium.spec(name).max_episode_steps == TASKS[name].control.steps
+
+
+MADE = [
+    ({}, STEPS),
+    ({"max_episode_steps": 7}, 7),
+    ({"max_episode_steps": STEPS + 50}, STEPS + 50),
+    ({"changes": {"control.steps": 50}}, 50),
+    ({"changes": {"control.steps": 2 * STEPS}}, 2 * STEPS),
+    ({"changes": {"control.steps": 30}, "max_episode_steps": 30}, 30),
+    ({"changes": {"control.steps": 2 * STEPS}, "max_episode_steps": -1}, 2 * STEPS),
+    ({"scene": "mm_gym/Hybrid-v0"}, HYBRID.control.steps),
+    ({"scene": path_of("mm_gym/Hybrid-v0")}, HYBRID.control.steps),
+    ({"scene": SHORT}, 9),
+    ({"scene": SHORT, "max_episode_steps": STEPS}, STEPS),
+    ({"scene": SHORT, "changes": {"control.steps": 11}}, 11),
+    ({"scene": path_of("mm_gym/Hybrid-v0"), "max_episode_steps": STEPS}, STEPS),
+]
+
+
+@pytest.mark.parametrize(("arguments", "steps"), MADE)
+def test_episodes_last_as_long_as_asked_for_however_they_are_made(arguments, steps):
+    single = gymnasium.make(NAME, **arguments)
+    assert lasts(single) == single.unwrapped.scene.control.steps == single.spec.max_episode_steps
+    again = gymnasium.make(EnvSpec.from_json(single.spec.to_json()))
+    vector = gymnasium.make_vec(NAME, 2, **arguments, autoreset_mode=AutoresetMode.DISABLED)
+    more = gymnasium.make_vec(EnvSpec.from_json(vector.spec.to_json()))
+    sync = gymnasium.make_vec(NAME, 2, "sync", **arguments)
+    assert {lasts(env) for env in (single, again, vector, more, sync)} == {steps}
+    assert again.unwrapped.scene == more.unwrapped.scene == single.unwrapped.scene
+    assert (again.spec, more.spec) == (single.spec, vector.spec)
+    assert vector.spec.max_episode_steps == steps
+
+
+@pytest.mark.parametrize(("arguments", "steps"), MADE)
+def test_observed_time_ends_with_the_episode(arguments, steps):
+    env = TimeAwareObservation(gymnasium.make(NAME, **arguments))
+    assert env.max_timesteps == steps
+
+
+def test_time_limit_of_ones_own_is_left_alone():
+    env = TimeLimit(gymnasium.make(NAME, changes={"control.steps": 2 * STEPS}), 12)
+    assert lasts(env) == 12
+
+
+def test_registration_of_ones_own_sets_the_steps(monkeypatch):
+    registry = dict(gymnasium.registry)
+    monkeypatch.setattr(gymnasium.envs.registration, "registry", registry)
+    for steps in (5, 2 * STEPS):
+        name = f"Mine{steps}-v0"
+        gymnasium.register(
+            name, "mm_gym:MovingMassEnv", max_episode_steps=steps, kwargs={"scene": NAME}
+        )
+        assert lasts(gymnasium.make(name)) == steps
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_two_numbers_of_steps_are_refused(make):
+    words = r"control\.steps: got 20 in changes and max_episode_steps = 30; allowed: one of them"
+    with pytest.raises(SceneError, match=words):
+        make(NAME, changes={"control.steps": 20}, max_episode_steps=30)
+
+
+@pytest.mark.parametrize("steps", [0, -3, 2.5, True])
+def test_number_of_steps_is_checked(steps):
+    with pytest.raises(SceneError, match=f"max_episode_steps: got {steps}"):
+        MovingMassVectorEnv(NAME, 2, max_episode_steps=steps)
+
+
+def test_number_of_steps_of_a_vector_may_be_of_numpy():
+    assert lasts(MovingMassVectorEnv(NAME, 2, max_episode_steps=np.int64(6))) == 6
+
+
+CHANGES = {
+    "control.steps": 13,
+    "carriage.cubic_coefficient": 2e6,
+    "initial.carriage_displacement": [-0.002, 0.003],
+    "actuation.force.rate_limit": 50.0,
+}
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **changes: MovingMassEnv(NAME, **changes),
+        lambda **changes: MovingMassVectorEnv(CARRIAGE_FORCE, 2, **changes),
+        lambda **changes: gymnasium.make(NAME, **changes),
+        lambda **changes: gymnasium.make_vec(NAME, 2, **changes),
+        lambda **changes: gymnasium.make_vec(NAME, 2, "sync", **changes).envs[0],
+        lambda **changes: make_vec_env(NAME, 2, **changes).env,
+    ],
+    ids=["single", "vector", "make", "make_vec", "sync", "sb3"],
+)
+def test_fields_change_by_dotted_name_wherever_a_scene_is_chosen(make):
+    expected = load_scene(NAME).replace(**CHANGES)
+    assert make(changes=json.loads(json.dumps(CHANGES))).unwrapped.scene == expected
+    with pytest.raises(SceneError) as caught:
+        make(changes={"control.stepz": 3, "carriage.mass": "heavy"})
+    assert sorted(str(caught.value).splitlines()) == [
+        "carriage.mass: got 'heavy'; allowed: a number",
+        "control.stepz: unknown key; did you mean 'steps'?; allowed: time_step, steps",
+    ]
+
+
+@pytest.mark.parametrize("changes", [["control.steps"], "control.steps", {1: 2}, 3])
+def test_changes_are_a_dictionary(changes):
+    with pytest.raises(SceneError, match=r"changes: got .*; allowed: a dictionary of val"):
+        MovingMassEnv(NAME, changes=changes)
+
+
+def test_scene_is_a_scene_a_name_or_a_path():
+    file = path_of(NAME)
+    given = [CARRIAGE_FORCE, NAME, file, str(file)]
+    assert {MovingMassEnv(scene).scene.digest for scene in given} == {CARRIAGE_FORCE.digest}
+    assert Path(file).is_file()
+    with pytest.raises(
+        SceneError, match="scene: got int; allowed: a Scene, a task's id or the path"
+    ):
+        MovingMassEnv(3)
+
+
+def test_environment_made_directly_has_no_specification():
+    for env in (MovingMassEnv(NAME), MovingMassVectorEnv(NAME, 2)):
+        assert env.spec is None

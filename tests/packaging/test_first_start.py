@@ -1,0 +1,262 @@
+"""The first start: processes that start at once compile once, and a terminal is told of it."""
+
+import importlib.util
+import io
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core.codegen import JITCPUCodegen
+
+import mm_gym
+from mm_gym.__main__ import main
+from mm_gym.kernels import cache, episodes, jit, notice
+from mm_gym.kernels.dispatcher import KernelDispatcher
+from mm_gym.kernels.lock import locked
+from mm_gym.simulation import warm as warm_module
+from mm_gym.simulation.lanes import Lanes
+from mm_gym.task_files import path_of
+
+pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
+
+TASK = "mm_gym/CarriageForce-v0"
+
+MODULE = """
+from mm_gym.kernels.jit import kernel
+
+@kernel
+def half(x):
+    return 0.5 * x
+
+@kernel
+def quarter(x):
+    return half(half(x))
+
+@kernel
+def eighth(x):
+    return half(half(half(x)))
+"""
+
+COMPILED_HERE = """
+from mm_gym.kernels.dispatcher import OnceDispatcher
+
+compiled = 0
+
+def counted(self, kinds, made=OnceDispatcher._announced_and_made):
+    global compiled
+    compiled += 1
+    return made(self, kinds)
+
+OnceDispatcher._announced_and_made = counted
+"""
+"""Counts the kernels whose machine code a process makes."""
+
+QUARTER = f"{COMPILED_HERE}\nimport module\nprint(module.quarter(2.0), compiled)"
+
+STEP = f"""{COMPILED_HERE}
+import gymnasium, mm_gym
+env = gymnasium.make("{TASK}")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(compiled)
+"""
+
+HOLD = """
+import sys
+from pathlib import Path
+from mm_gym.kernels.lock import locked
+with locked(Path(sys.argv[1])) as is_held:
+    print(is_held, flush=True)
+    sys.stdin.read()
+"""
+
+COUNT = """
+import sys
+from pathlib import Path
+from mm_gym.kernels.lock import locked
+number = Path(sys.argv[2])
+for _ in range(20):
+    with locked(Path(sys.argv[1])):
+        before = int(number.read_text())
+        number.write_text(str(before + 1))
+"""
+
+
+def start(program, *arguments, folder=None, **environment):
+    path = os.pathsep.join(map(str, filter(None, [Path(mm_gym.__file__).parents[1], folder])))
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        env=os.environ | environment | {"PYTHONPATH": path},
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    path = tmp_path / "module.py"
+    path.write_text(MODULE)
+
+    def load():
+        spec = importlib.util.spec_from_file_location("module", path)
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
+        spec.loader.exec_module(module)
+        return module
+
+    return load
+
+
+def test_lock_keeps_processes_apart_and_leaves_nothing_behind(tmp_path):
+    number = tmp_path / "number"
+    number.write_text("0")
+    processes = [start(COUNT, tmp_path / "lock", number) for _ in range(3)]
+    assert [process.communicate() for process in processes] == [("", "")] * 3
+    assert number.read_text() == "60"
+    assert list(tmp_path.iterdir()) == [number]
+
+
+def test_lock_of_a_killed_process_is_free(tmp_path):
+    path = tmp_path / "lock"
+    process = start(HOLD, path)
+    assert process.stdout.readline() == "True\n"
+    with locked(path, patience=0.1) as is_held:
+        assert not is_held, "the other process has it; this one goes on without"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert path.exists()
+    with locked(path, patience=0.0) as is_held:
+        assert is_held
+    assert not path.exists()
+
+
+def test_without_a_place_for_a_lock_the_work_is_done_without(tmp_path):
+    (tmp_path / "file").touch()
+    with locked(tmp_path / "file" / "lock") as is_held:
+        assert not is_held
+
+
+def test_processes_that_start_at_once_compile_once(module, tmp_path):
+    module()
+    place = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    processes = [start(QUARTER, folder=tmp_path, **place) for _ in range(4)]
+    results = [process.communicate() for process in processes]
+    assert sorted(results) == [("0.5 0\n", "")] * 3 + [("0.5 1\n", "")]
+
+
+@pytest.mark.slow
+def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
+    alone = start(STEP, NUMBA_CACHE_DIR=str(tmp_path / "one")).communicate()[0]
+    processes = [start(STEP, NUMBA_CACHE_DIR=str(tmp_path / "ten")) for _ in range(10)]
+    results = [process.communicate() for process in processes]
+    assert [err for _, err in results] == [""] * 10
+    assert sum(int(out) for out, _ in results) == int(alone) > 0
+
+
+def test_only_what_python_calls_becomes_machine_code(module):
+    kernels = module()
+    assert kernels.quarter(2.0) == 0.5
+    assert len(kernels.quarter.overloads) == 1
+    assert not kernels.half.overloads
+    assert kernels.half(2.0) == 1.0, "Python may call it nevertheless"
+
+
+def test_code_that_kernels_link_is_loaded_and_becomes_machine_code_for_python(module):
+    assert module().quarter(2.0) == 0.5
+    kernels = module()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(kernels.half), "_lower", refused_but_for(kernels.eighth))
+        assert kernels.eighth(2.0) == 0.25
+        assert kernels.half(2.0) == 1.0
+    assert module().half(2.0) == 1.0
+
+
+def refused_but_for(kernel, lower=KernelDispatcher._lower):
+    def only(self, kinds):
+        assert self is kernel, "it is on disk"
+        return lower(self, kinds)
+
+    return only
+
+
+def test_code_made_for_one_processor_is_not_used_on_another(module, monkeypatch):
+    def hits():
+        kernels = module()
+        assert kernels.quarter(2.0) == 0.5
+        return sum(kernels.quarter.stats.cache_hits.values())
+
+    assert [hits(), hits()] == [0, 1]
+    here = JITCPUCodegen.magic_tuple
+    monkeypatch.setattr(JITCPUCodegen, "magic_tuple", lambda self: (*here(self)[:1], "another", ""))
+    assert hits() == 0
+
+
+class Terminal(io.StringIO):
+    """A stream that says that somebody reads it."""
+
+    def isatty(self):
+        return True
+
+
+def test_terminal_is_told_once_that_and_for_how_long_kernels_are_compiled(module, monkeypatch):
+    monkeypatch.setattr(notice, "_announced", [])
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    kernels = module()
+    kernels.quarter(2.0)
+    kernels.half(2.0)
+    words = terminal.getvalue().split()
+    assert words[:4] == ["mm_gym:", "compiling", "once,", "about"]
+    assert words[5:] == ["s"]
+
+
+def test_pipe_is_told_nothing(module, monkeypatch):
+    monkeypatch.setattr(notice, "_announced", [])
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert module().quarter(2.0) == 0.5
+    assert stream.getvalue() == ""
+
+
+def test_estimate_counts_every_kernel_that_is_called_and_none_twice(module):
+    kernels = module()
+    one, both = notice.seconds(kernels.half), notice.seconds(kernels.quarter)
+    sizes = [len(kernel.py_func.__code__.co_code) for kernel in (kernels.half, kernels.quarter)]
+    assert one == pytest.approx(notice.SECONDS_PER_BYTE * sizes[0], rel=1e-12)
+    assert both == pytest.approx(notice.SECONDS_PER_BYTE * sum(sizes), rel=1e-12)
+    assert notice.seconds(kernels.half, kernels.quarter) == both
+    # those in other modules too, that it names by their modules
+    assert notice.seconds(episodes.start) > 5.0 * notice.seconds(episodes.run_end)
+
+
+def test_after_warming_a_process_compiles_nothing(capsys):
+    assert main(["warm", TASK]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0].startswith(f"1/1 {TASK}: ")
+    assert out[1].endswith(" s in total")
+    assert start(STEP).communicate() == ("0\n", "")
+
+
+def test_warming_takes_files_and_reports_what_is_no_scene(capsys):
+    assert main(["warm", str(path_of(TASK))]) == 0
+    assert main(["warm", "mm_gym/CarriageForse-v0"]) == 2
+    assert "did you mean 'mm_gym/CarriageForce-v0'?" in capsys.readouterr().err
+
+
+def test_warming_fails_where_compiled_code_cannot_be_kept(monkeypatch, capsys):
+    def warned(*_):
+        warnings.warn(f"{cache.NOT_KEPT}: no space", RuntimeWarning, stacklevel=2)
+        return Lanes(*_)
+
+    monkeypatch.setattr(warm_module, "Lanes", warned)
+    assert main(["warm", TASK]) == 2
+    assert capsys.readouterr().err == f"error: {cache.NOT_KEPT}: no space\n"
