@@ -179,10 +179,16 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
             {"stretch": over_stretch},
             parts.tangent.spring_force,
         )
-    if name == "stretch":
-        return motion, {"stretch": 1.0}, float(row[at.STRETCH])
-    return motion, {"disturbance" if name == "disturbance_force" else "ground": 1.0}, 0.0
+    return motion, {SHOWN[name]: 1.0}, float(row[at.STRETCH]) if name == "stretch" else 0.0
 
+
+SHOWN = {
+    "applied_force": "force",
+    "stretch": "stretch",
+    "disturbance_force": "disturbance",
+    "ground_acceleration": "ground",
+}
+"""The driver that each of the other channels shows."""
 
 ABSOLUTE = ("force", "stretch", "disturbance")
 """Drivers of the absolute accelerations."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
@@ -92,7 +93,7 @@ def _lags(plant: Plant) -> dict[str, float]:
 
 
 SEES = {
-    "force": ("carriage_acceleration",),
+    "force": ("carriage_acceleration", "applied_force"),
     "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
 }
 """Channels that change at once with what an actuator applies."""
@@ -216,10 +217,32 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
         first = own.stop
     drivers = parts.tangent.drivers.astype(np.float64)
     for impulse in parts.impulses:
-        kick = moved[:4, :4] @ drivers[:, GROUND if impulse.ground else DISTURBANCE]
-        spread[:4, :4] += impulse.rate * interval * impulse.square * np.outer(kick, kick)
-        mean[:4] += impulse.rate * interval * impulse.mean * kick
+        driver = GROUND if impulse.ground else DISTURBANCE
+        spread[:4, :4] += (
+            impulse.rate
+            * impulse.square
+            * _spread_of_kicks(parts.tangent.a, drivers[:, driver], interval)
+        )
+        mean[:4] += impulse.rate * impulse.mean * moved[:4, 4 + driver]
     return step, spread, mean
+
+
+def _spread_of_kicks(a: Array, kick: Array, duration: float) -> Array:
+    """Return the integral (4, 4) of exp(A s) kick (exp(A s) kick)' over a duration [s].
+
+    By Gauss and Legendre over a part in which A s is small, which then is doubled.
+    """
+    rate = float(np.abs(a.astype(np.float64)).sum(axis=0).max())
+    doublings = max(0, math.ceil(math.log2(max(rate * duration, 1.0)))) + 2
+    part = duration / 2.0**doublings
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    moved = [exponential(a, 0.5 * part * (1.0 + float(node))) @ kick for node in nodes]
+    spread = 0.5 * part * np.einsum("k,ki,kj->ij", weights, moved, moved)
+    transition = exponential(a, part)
+    for _ in range(doublings):
+        spread += transition @ spread @ transition.T
+        transition = transition @ transition
+    return spread
 
 
 def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> LinearSystem:

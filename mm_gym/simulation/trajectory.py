@@ -101,8 +101,8 @@ class Trajectory:
             values = self.state[:, channel.row]
             subtracted = channel.subtracted
             return values - self.state[:, subtracted] if subtracted in range(4) else values
-        if name == "stretch":
-            return self.applied[:, 1]
+        if name in ("applied_force", "stretch"):
+            return self.applied[:, int(name == "stretch")]
         if name == "spring_force":
             return spring_force(self.parameters, self.state, self.applied[:, 1])
         if name in ("disturbance_force", "ground_acceleration"):
