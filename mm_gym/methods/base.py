@@ -68,6 +68,10 @@ class Method(ABC):
     entries: ClassVar[Entries]
     option: ClassVar[Option | None] = None
 
+    def deferral(self, settings: Settings) -> str | None:  # noqa: ARG002 - most defer to none
+        """Return why `auto` prefers a later method although this one applies, or None."""
+        return None
+
     def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:  # noqa: ARG002 - most apply at any
         """Return why the method does not apply to a support, or None if it does.
 

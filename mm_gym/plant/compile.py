@@ -25,7 +25,7 @@ the same with actuated stretch, randomised       parametric          Taylor seri
   excitation beyond harmonics and impulses
 cubic coefficient above 0, only the start        smooth nonlinear    splitting, extrapolated
   randomised, short control steps, no
-  excitation, tolerance of 1e-12 or more
+  excitation, tolerance above 1e-9
 cubic coefficient other than 0 otherwise, or     smooth nonlinear    adaptive Taylor series
   finite stretch
 the same with dry friction                       switched nonlinear  adaptive Taylor series,
@@ -143,12 +143,14 @@ def _choose(
     """Return the first method of the table that applies and has the name asked for, and why."""
     obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
-    reasons = _reasons(support, obstacles, applicable[0])
-    if asked in ("auto", applicable[0].name):
-        return applicable[0], reasons
+    deferrals = {method: method.deferral(settings) for method in applicable[:-1]}
+    chosen = next((m for m in applicable if deferrals.get(m) is None), applicable[0])
+    reasons = _reasons(support, obstacles | deferrals, chosen)
+    if asked in ("auto", chosen.name):
+        return chosen, reasons
     for method in applicable:
         if method.name == asked:
-            return method, (f"solver.method asks for it in place of {applicable[0].name!r}",)
+            return method, (f"solver.method asks for it in place of {chosen.name!r}",)
     allowed = ", ".join(repr(name) for name in ("auto", *_names(applicable)))
     why = f"({'; '.join(reasons)})"
     msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"

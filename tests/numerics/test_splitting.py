@@ -32,7 +32,10 @@ SPRUNG = FREE.replace(
     springs={"kind": "small_on_large", "stiffness": 35.0},
     **{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}},
 )
-SCENES = {"free": FREE, "sprung": SPRUNG}
+SCENES = {
+    name: scene.replace(**{"solver.method": "splitting"})
+    for name, scene in (("free", FREE), ("sprung", SPRUNG))
+}
 
 
 def _end(plant: Plant, model: np.ndarray) -> np.ndarray:
@@ -132,6 +135,18 @@ def test_drifts_are_the_exponential_of_the_dampers() -> None:
         want = exponential(decimals(generator), time)
         assert np.abs(drift[:4] - want[:2, 2:].ravel()).max() <= 1e-15
         assert np.abs(drift[4:] - want[2:, 2:].ravel()).max() <= 1e-15
+
+
+def test_it_is_taken_above_the_default_tolerance_and_the_series_from_there_on() -> None:
+    names = {
+        tolerance: compile_scene(FREE.replace(**{"solver.tolerance": tolerance})).method.name
+        for tolerance in (1e-2, 1.01e-9, 1e-9, 1e-12)
+    }
+    assert names == {1e-2: "splitting", 1.01e-9: "splitting", 1e-9: "taylor", 1e-12: "taylor"}
+    plant = compile_scene(FREE)
+    assert "over many lanes the splitting is faster" in plant.explain()
+    # Asked for, it is taken at any tolerance that its round-off allows.
+    assert compile_scene(SCENES["free"]).method.name == "splitting"
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,7 @@ def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.Monkey
     monkeypatch.setattr(episode, "EPISODES", 1)
     scene = load_scene("mm_gym/CarriageForceDuffing-v0")
     alone, many = (work_precision(scene, lanes=count) for count in (1, 512))
-    assert (many.lanes, many.steps, many.auto) == (512, measure.STEPS_OF_LANES, "splitting")
+    assert (many.lanes, many.steps, many.auto) == (512, measure.STEPS_OF_LANES, "taylor")
     assert "for each of 512 lanes side by side" in many.table()
     settings = [
         next(one for one in result.settings if (one.method, one.value) == ("splitting", 1e-3))
