@@ -227,7 +227,7 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
     return step, spread, mean
 
 
-def _spread_of_kicks(a: Array, kick: Array, duration: float) -> Array:
+def _spread_of_kicks(a: NDArray[np.object_], kick: Array, duration: float) -> Array:
     """Return the integral (4, 4) of exp(A s) kick (exp(A s) kick)' over a duration [s].
 
     By Gauss and Legendre over a part in which A s is small, which then is doubled.
