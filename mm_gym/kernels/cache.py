@@ -82,24 +82,27 @@ class _Entries(caching.IndexDataCacheFile):
     """Entries that say what they are of, in files that are used only if they are whole.
 
     Numba numbers entries, and writes the index first. After a full disk, a kill, or two processes
-    at once, a number in the index may lead to code for other arguments or from older sources.
+    at once, a number in the index may lead to code for other arguments or from older sources. A
+    file from other sources is not unpickled: it may name modules that are gone.
     """
 
     def load(self, key: object) -> object | None:
         entry = super().load(key)
-        if entry is None or entry[:2] != (self._source_stamp, key):
-            return None
-        return entry[2]
+        return None if entry is None or entry[0] != key else entry[1]
 
     def save(self, key: object, data: object) -> None:
-        super().save(key, (self._source_stamp, key, data))
+        super().save(key, (key, data))
+
+    @property
+    def _mark(self) -> bytes:
+        """The sources' mark, with which a file's content begins."""
+        return hashlib.sha256(repr(self._source_stamp).encode()).digest()
 
     def _load_index(self) -> dict[Any, str]:
-        stamp, names = self._read(self._index_path) or (None, {})
-        return names if stamp == self._source_stamp else {}
+        return self._read(self._index_path) or {}
 
     def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._source_stamp, overloads))
+        self._write(self._index_path, overloads)
 
     def _load_data(self, name: str) -> Any | None:  # noqa: ANN401 - what was pickled
         return self._read(self._data_path(name))
@@ -107,8 +110,7 @@ class _Entries(caching.IndexDataCacheFile):
     def _save_data(self, name: str, data: object) -> None:
         self._write(self._data_path(name), data)
 
-    @staticmethod
-    def _read(path: str) -> Any | None:  # noqa: ANN401 - the same
+    def _read(self, path: str) -> Any | None:  # noqa: ANN401 - the same
         try:
             content = Path(path).read_bytes()
         except OSError:  # none yet; if there is more to it, writing fails too and says so
@@ -117,10 +119,12 @@ class _Entries(caching.IndexDataCacheFile):
         if hashlib.sha256(content).digest() != digest:
             _warn(f"compiled again, for the file is damaged: {path}")
             return None
-        return pickle.loads(content)  # noqa: S301 - ours, as its digest says
+        if not content.startswith(self._mark):
+            return None
+        return pickle.loads(content[_DIGEST_SIZE:])  # noqa: S301 - ours, as its digest says
 
     def _write(self, path: str, data: object) -> None:
-        content = self._dump(data)
+        content = self._mark + self._dump(data)
         with self._open_for_write(path) as stream:
             stream.write(hashlib.sha256(content).digest() + content)
 

@@ -186,6 +186,22 @@ def _refused_entry(*_):
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
+class Gone:
+    """What an older version had, and this one has no module for."""
+
+    def __reduce__(self):
+        return __import__, ("a_module_that_is_gone",)
+
+
+def test_files_of_older_sources_are_passed_over_though_they_name_what_is_gone(tmp_path):
+    entries(tmp_path, "older").save("arguments", Gone())
+    entries(tmp_path, "older")._write(str(tmp_path / "kernel.nbi"), {"arguments": Gone()})
+    present = entries(tmp_path, "present")
+    assert present.load("arguments") is None
+    present.save("arguments", "code")
+    assert present.load("arguments") == "code"
+
+
 def test_code_for_other_arguments_is_not_taken_when_two_processes_number_theirs_alike(tmp_path):
     one, other = entries(tmp_path, "stamp"), entries(tmp_path, "stamp")
     other.save("other", "other code")
