@@ -63,10 +63,10 @@ def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
     """Print the controllers by their cost, the least first."""
     count, reference = results[0].returns.size, results[0]
     table = Table(title=f"cost: root of the mean of -reward per step, {count} held-out episodes")
-    table.add_column("controller", no_wrap=True)
-    table.add_column("reads")
+    table.add_column("controller")
+    table.add_column("reads", no_wrap=True)
     for heading in ("cost", "ratio", "rms x1", "return"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for result in sorted(results, key=lambda result: result.cost):
         table.add_row(
             result.name,

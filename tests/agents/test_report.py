@@ -172,3 +172,13 @@ def test_figures_and_files_name_a_frequency_only_where_one_is_drawn(
 )
 def test_nothing_gained_is_never_a_negative_zero(value, text) -> None:
     assert percent(value) == text
+
+
+def test_ranking_shows_all_numbers_in_a_narrow_terminal(capsys, monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    long = evaluation("frequency tracking, linear prediction of the force", 0.3456, 0.3)
+    print_ranking([STILL, long], CARRIAGE_FORCE)
+    printed = capsys.readouterr().out
+    assert "0.346" in printed
+    assert "observation" in printed
+    assert "\u2026" not in printed
