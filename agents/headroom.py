@@ -18,7 +18,7 @@ import tyro
 from agents.evaluation.headroom import EPISODES, SCORES, headroom
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
-from mm_gym.task_files import ids, path_of
+from mm_gym.tasks import ids, path_of
 
 
 @dataclass(frozen=True)

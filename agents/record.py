@@ -23,7 +23,7 @@ from agents.training.config import Changes  # noqa: TC001 - pydantic reads the a
 from agents.training.runs import RunError
 from mm_gym import ActionError, DesignError, SceneError, SimulationError, load_scene
 from mm_gym.scene import Part
-from mm_gym.task_files import path_of
+from mm_gym.tasks import path_of
 
 FIRST_SEED = 3_000_000
 """Apart from the seeds of the evaluations and of the trainings."""

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.report import table
-from mm_gym.task_files import ids
+from mm_gym.tasks import ids
 
 STEP = (
     "import gymnasium, mm_gym; e = gymnasium.make('{}'); e.reset(seed=0); "

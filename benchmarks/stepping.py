@@ -17,7 +17,7 @@ from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
 from mm_gym.paper import scene as paper_scene
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.task_files import ids
+from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -25,7 +25,7 @@ from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
 from mm_gym.simulation.simulate import simulate
-from mm_gym.task_files import ids, is_id, path_of
+from mm_gym.tasks import ids, is_id, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

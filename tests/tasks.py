@@ -1,7 +1,7 @@
 """Scenes of the registered tasks, for tests that begin from one."""
 
 from mm_gym import load_scene
-from mm_gym.task_files import ids
+from mm_gym.tasks import ids
 
 TASKS = {name: load_scene(name) for name in ids()}
 """Scene of each registered id."""

@@ -8,7 +8,7 @@ from agents.evaluation.headroom import SCORES
 from agents.report.description import describe
 from agents.report.tables import markdown, percent
 from mm_gym import load_scene
-from mm_gym.task_files import ids, path_of
+from mm_gym.tasks import ids, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -13,7 +13,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
-from mm_gym.task_files import path_of
+from mm_gym.tasks import path_of
 
 if TYPE_CHECKING:
     from pathlib import Path

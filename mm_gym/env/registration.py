@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gymnasium
 
-from mm_gym.task_files import ids, steps_of
+from mm_gym.tasks import ids, steps_of
 
 
 def register_envs() -> None:

@@ -12,7 +12,7 @@ from gymnasium.envs import registration
 from mm_gym.env.time_limit import STEPS
 from mm_gym.scene.dotted_names import plain
 from mm_gym.scene.scene import Scene
-from mm_gym.task_files import ids
+from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec

@@ -25,7 +25,7 @@ from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Sprin
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
-from mm_gym.task_files import DEFAULT_STEPS
+from mm_gym.tasks import DEFAULT_STEPS
 
 if TYPE_CHECKING:
     from mm_gym.scene.dotted_names import Data

@@ -11,7 +11,7 @@ from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.draft import draft_of
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_lines import lines_of
-from mm_gym.task_files import is_id, path_of
+from mm_gym.tasks import is_id, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

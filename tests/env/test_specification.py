@@ -13,7 +13,7 @@ from tasks import CARRIAGE_FORCE, HYBRID, TASKS
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, load_scene
 from mm_gym.sb3 import make_vec_env
-from mm_gym.task_files import path_of
+from mm_gym.tasks import path_of
 
 NAME = "mm_gym/CarriageForce-v0"
 STEPS = CARRIAGE_FORCE.control.steps

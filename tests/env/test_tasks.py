@@ -8,23 +8,23 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from tasks import CARRIAGE_FORCE
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, load_scene, task_files
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, load_scene, tasks
 from mm_gym.env.registration import register_envs
 
-FILES = sorted(task_files.FOLDER.glob("*.toml"))
+FILES = sorted(tasks.FOLDER.glob("*.toml"))
 
 
 def test_every_file_is_a_registered_task_that_loads():
     registered = {name for name in gymnasium.registry if name.startswith("mm_gym/")}
-    assert registered == set(task_files.ids())
-    assert {task_files.path_of(name): load_scene(name) for name in registered} == {
+    assert registered == set(tasks.ids())
+    assert {tasks.path_of(name): load_scene(name) for name in registered} == {
         file: load_scene(file) for file in FILES
     }
 
 
-@pytest.mark.parametrize("name", task_files.ids())
+@pytest.mark.parametrize("name", tasks.ids())
 def test_second_line_of_a_file_says_what_the_task_is(name):
-    line = task_files.path_of(name).read_text("utf-8").splitlines()[1]
+    line = tasks.path_of(name).read_text("utf-8").splitlines()[1]
     assert line.startswith(f"# {name}: ")
     assert line.endswith(".")
 
@@ -39,22 +39,22 @@ def test_second_line_of_a_file_says_what_the_task_is(name):
     ],
 )
 def test_name_of_a_file_gives_the_id(tmp_path, monkeypatch, file, name):
-    monkeypatch.setattr(task_files, "FOLDER", tmp_path)
+    monkeypatch.setattr(tasks, "FOLDER", tmp_path)
     (tmp_path / f"{file}.toml").touch()
-    assert task_files.ids() == [name]
-    assert task_files.path_of(name) == tmp_path / f"{file}.toml"
+    assert tasks.ids() == [name]
+    assert tasks.path_of(name) == tmp_path / f"{file}.toml"
 
 
 def test_one_file_adds_a_task(tmp_path, monkeypatch):
     folder, name = tmp_path / "tasks", "mm_gym/SkyHook-v3"
-    shutil.copytree(task_files.FOLDER, folder)
+    shutil.copytree(tasks.FOLDER, folder)
     (folder / "sky_hook_v3.toml").write_text("[actuation.force]\nlimit = 7.0\n", "utf-8")
-    monkeypatch.setattr(task_files, "FOLDER", folder)
+    monkeypatch.setattr(tasks, "FOLDER", folder)
     monkeypatch.setattr(gymnasium.envs.registration, "registry", dict(gymnasium.registry))
     monkeypatch.setattr(gymnasium, "registry", gymnasium.envs.registration.registry)
     register_envs()
-    assert name in task_files.ids()
-    assert len(task_files.ids()) == len(FILES) + 1
+    assert name in tasks.ids()
+    assert len(tasks.ids()) == len(FILES) + 1
     for env in (gymnasium.make(name), gymnasium.make_vec(name, 2), MovingMassEnv(name)):
         env.reset(seed=0)
         env.step(env.action_space.sample())
@@ -67,7 +67,7 @@ def test_registering_again_changes_nothing():
     assert gymnasium.registry == before
 
 
-@pytest.mark.parametrize("name", task_files.ids())
+@pytest.mark.parametrize("name", tasks.ids())
 def test_specification_goes_through_json(name):
     spec = gymnasium.spec(name)
     assert EnvSpec.from_json(spec.to_json()) == spec
@@ -119,12 +119,12 @@ def test_path_that_looks_like_an_id_in_part_is_a_path(tmp_path, monkeypatch):
 
 def test_scene_given_beside_an_id_is_the_one_used():
     scene = CARRIAGE_FORCE.replace(**{"control.steps": 7})
-    for given in (scene, "mm_gym/Hybrid-v0", str(task_files.path_of("mm_gym/Hybrid-v0"))):
+    for given in (scene, "mm_gym/Hybrid-v0", str(tasks.path_of("mm_gym/Hybrid-v0"))):
         env = gymnasium.make("mm_gym/CarriageForce-v0", scene=given).unwrapped
         assert env.scene == (scene if given is scene else load_scene("mm_gym/Hybrid-v0"))
 
 
-@pytest.mark.parametrize("name", task_files.ids())
+@pytest.mark.parametrize("name", tasks.ids())
 def test_lanes_of_a_task_equal_single_environments(name):
     native = MovingMassVectorEnv(name, 3)
     singles = [MovingMassEnv(name) for _ in range(3)]

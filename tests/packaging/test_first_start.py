@@ -20,7 +20,7 @@ from mm_gym.kernels.dispatcher import KernelDispatcher
 from mm_gym.kernels.lock import locked
 from mm_gym.simulation import warm as warm_module
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.task_files import path_of
+from mm_gym.tasks import path_of
 
 pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 

@@ -46,7 +46,7 @@ def test_wheel_holds_every_module_and_nothing_generated(wheel):
 
 
 def test_wheel_holds_the_tasks_and_their_schema(wheel, tmp_path):
-    files = {f"mm_gym/tasks/{path.name}" for path in (ROOT / "mm_gym" / "tasks").iterdir()}
+    files = {f"mm_gym/tasks/{path.name}" for path in (ROOT / "mm_gym" / "tasks").glob("*.*")}
     assert {"mm_gym/tasks/pre_stretch.toml", "mm_gym/tasks/scene.schema.json"} <= files
     assert files == {name for name in wheel.namelist() if name.startswith("mm_gym/tasks/")}
     shutil.unpack_archive(wheel.filename, tmp_path, "zip")
@@ -59,7 +59,10 @@ print(mm_gym.__file__, len(names))
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, check=True, text=True
     )
-    assert done.stdout.split() == [str(tmp_path / "mm_gym" / "__init__.py"), str(len(files) - 1)]
+    assert done.stdout.split() == [
+        str(tmp_path / "mm_gym" / "__init__.py"),
+        str(sum(name.endswith(".toml") for name in files)),
+    ]
 
 
 def test_wheel_names_its_extras_and_licence(wheel):

@@ -9,8 +9,9 @@ import time
 import numpy as np
 import pytest
 
-from mm_gym import SceneError, records
-from mm_gym.records import MOST_BYTES, read_record
+from mm_gym import SceneError
+from mm_gym.records import read_record, text
+from mm_gym.records.text import MOST_BYTES
 
 from .files import GOOD, SAMPLES, peer, read
 
@@ -56,7 +57,7 @@ def mutated(chance, content):
 def test_mutated_file_is_read_or_refused(monkeypatch, count):
     content = b""
     # In memory, because writing and opening a file takes longer than all the rest.
-    monkeypatch.setattr(records, "read_bytes", lambda *_, **__: content)
+    monkeypatch.setattr(text, "read_bytes", lambda *_, **__: content)
     accepted, slowest, messages = 0, 0.0, []
     for i in range(count):
         chance = random.Random(i)  # noqa: S311 - not cryptography
@@ -122,7 +123,7 @@ STEPS = {"columns": 0.01, "comments": 0.01}
 @pytest.mark.parametrize("kind", LARGE)
 def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     name, content = LARGE[kind]
-    monkeypatch.setattr(records, "read_bytes", lambda *_, **__: content)
+    monkeypatch.setattr(text, "read_bytes", lambda *_, **__: content)
     start = time.process_time()
     with pytest.raises(SceneError):
         read_record(name, unit="g", time_step=STEPS.get(kind))

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mm_gym import SceneError, records
-from mm_gym.records import ACCELERATION_UNITS, LARGEST, MOST_BYTES, UNITS, read_record, resample
+from mm_gym import SceneError
+from mm_gym.records import ACCELERATION_UNITS, LARGEST, UNITS, read_record, resample
+from mm_gym.records.text import BLOCK, MOST_BYTES
 
 from .files import COUNTS, GOOD, QUANTITY, SAMPLES, TITLE, peer, read
 
@@ -377,7 +378,7 @@ def test_lines_that_end_in_two_carriage_returns_are_read(tmp_path):
 
 
 def test_line_is_named_in_any_block_of_a_long_file(tmp_path):
-    count = 3 * records.BLOCK // 8
+    count = 3 * BLOCK // 8
     times = [f"{0.25 * k:g} 1" for k in range(count)]
     times[count - 2] = times[count - 3]
     with pytest.raises(SceneError, match=rf"csv:{count + 1}: time: .* on line {count}$"):

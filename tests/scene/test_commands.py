@@ -8,7 +8,7 @@ from tasks import TASKS
 
 from mm_gym import simulate
 from mm_gym.__main__ import main
-from mm_gym.task_files import path_of
+from mm_gym.tasks import path_of
 
 SCENE = "[initial]\ncarriage_displacement = [0.005, 0.01]\n"
 WRONG = "[carriage]\nmass = -1\nmas = 2\n"

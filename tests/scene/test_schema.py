@@ -9,7 +9,7 @@ import pytest
 from mm_gym import Scene, SceneError
 from mm_gym.__main__ import main
 from mm_gym.scene.schema import scene_schema
-from mm_gym.task_files import FOLDER
+from mm_gym.tasks import FOLDER
 
 FILES = sorted(FOLDER.glob("*.toml"))
 DRAFTS = [jsonschema.Draft7Validator, jsonschema.Draft202012Validator]

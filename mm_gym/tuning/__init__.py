@@ -1,11 +1,13 @@
 """Tuned-mass dampers: optima in closed form, and by numerical optimisation for any linear scene."""
 
-from mm_gym.analysis.tuning_closed_forms import CLOSED_FORMS, Absorber, ClosedForm, closed_form
-from mm_gym.analysis.tuning_nonlinear import duffing_absorber
-from mm_gym.analysis.tuning_scene import Design, Tuning, evaluate, stretch_for, tune
-from mm_gym.analysis.tuning_search import CRITERIA
-from mm_gym.analysis.tuning_transfer import CHANNELS, EXCITATIONS
 from mm_gym.errors import DesignError, OutOfReachError
+from mm_gym.tuning.closed_forms import CLOSED_FORMS, Absorber, ClosedForm, closed_form
+from mm_gym.tuning.duffing import duffing_absorber
+from mm_gym.tuning.optimum import evaluate, tune
+from mm_gym.tuning.reach import stretch_for
+from mm_gym.tuning.result import Design, Tuning
+from mm_gym.tuning.search import CRITERIA
+from mm_gym.tuning.transfer import CHANNELS, EXCITATIONS
 
 __all__ = [
     "CHANNELS",

@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.analysis.tuning_transfer import Transfer
+    from mm_gym.tuning.transfer import Transfer
 
     Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 from mm_gym.analysis.springs import spring_stiffness
-from mm_gym.analysis.tuning_closed_forms import closed_form
-from mm_gym.analysis.tuning_scene import stretch_for
 from mm_gym.analysis.values import linear_values
 from mm_gym.errors import DesignError
+from mm_gym.tuning.closed_forms import closed_form
+from mm_gym.tuning.reach import stretch_for
 
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene

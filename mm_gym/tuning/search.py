@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import minimize, root
 
-from mm_gym.analysis.tuning_criteria import (
+from mm_gym.analysis.values import Linear, characteristic
+from mm_gym.errors import DesignError
+from mm_gym.tuning.criteria import (
     abscissa,
     amplitude,
     largest_peak,
@@ -21,16 +23,14 @@ from mm_gym.analysis.tuning_criteria import (
     valley,
     variance,
 )
-from mm_gym.analysis.tuning_transfer import Transfer, transfer
-from mm_gym.analysis.values import Linear, characteristic
-from mm_gym.errors import DesignError
+from mm_gym.tuning.transfer import Transfer, transfer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from mm_gym.analysis.tuning_criteria import Peak
+    from mm_gym.tuning.criteria import Peak
 
     Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Problem:
     values
         Coefficients without dimension; k2 and c are replaced.
     excitation, channel, criterion
-        See `mm_gym.analysis.tuning_scene.tune`.
+        See `mm_gym.tuning.tune`.
     stiffness
         (lowest, highest) k2 / k1 allowed; both 0 without springs.
     """

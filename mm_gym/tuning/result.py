@@ -1,25 +1,32 @@
-"""A tuning as text and as a figure."""
+"""The result of a tuning: numbers, a table and a figure."""
 
 # pyright: reportUnknownMemberType=false
 # matplotlib's signatures are typed in part only
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mm_gym.analysis.springs import stretch_for_stiffness
-from mm_gym.analysis.tuning_criteria import amplitude
-from mm_gym.analysis.tuning_transfer import si_factor, si_unit, transfer, without_dimension
 from mm_gym.analysis.values import linear_values
-from mm_gym.drawing import COLOURS, STYLES, legend_below, panels
+from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
+from mm_gym.files import write_text
+from mm_gym.scene.toml_text import toml_of
+from mm_gym.tuning.criteria import amplitude
+from mm_gym.tuning.transfer import si_factor, si_unit, transfer, without_dimension
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from mm_gym.analysis.tuning_scene import Design, Tuning
+    from mm_gym.scene.scene import Scene
+    from mm_gym.tuning.closed_forms import Absorber
+
 
 NAMES = {
     "h_infinity": "the largest amplitude",
@@ -33,7 +40,97 @@ SPAN = (0.25, 2.0)
 """Frequencies drawn, over the least and the largest natural frequency."""
 
 
-def table(tuning: Tuning) -> str:
+class Design(NamedTuple):
+    """A stiffness and a damping, and what they attain.
+
+    Attributes
+    ----------
+    stiffness, damping
+        k2 [N/m] and c [N s/m].
+    frequency_ratio, damping_ratio
+        f = w2 / w1, and zeta = c / (2 m2 w2); without springs 0, and zeta = c / (2 m2 w1).
+    value
+        The criterion, without dimension as in `Absorber`.
+    peak_frequency
+        Where the amplitude is largest [rad/s].
+    peak
+        The largest amplitude, without dimension.
+    """
+
+    stiffness: float
+    damping: float
+    frequency_ratio: float
+    damping_ratio: float
+    value: float
+    peak_frequency: float
+    peak: float
+
+
+class Reference(NamedTuple):
+    """A closed form for the scene's mass ratio, on a carriage without damping."""
+
+    name: str
+    absorber: Absorber
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Tuning:
+    """The optimum of a scene.
+
+    Attributes
+    ----------
+    scene, tuned
+        The scene, and the same with the optimal stretch and damping.
+    excitation, channel, criterion
+        What it was tuned for, see `tune`.
+    before, free, after
+        The scene's own design; the optimum of springs of any stiffness; the optimum that the
+        scene's springs reach, which is that of `tuned`.
+    stretch
+        Stretch of the springs in `tuned` [-], or None without springs.
+    closed_forms
+        Those for this excitation, channel and criterion.
+    out_of_reach
+        Why the springs do not reach `free`, or None if they do.
+    """
+
+    scene: Scene
+    tuned: Scene
+    excitation: str
+    channel: str
+    criterion: str
+    before: Design
+    free: Design
+    after: Design
+    stretch: float | None
+    closed_forms: tuple[Reference, ...]
+    out_of_reach: str | None
+
+    def table(self) -> str:
+        """Return the scene's design, the optima and the closed forms as text."""
+        return _table(self)
+
+    def plot(self, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw the frequency response before and after, and write it as a PNG if a path is given.
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without matplotlib (extra: plot).
+        """
+        with style():
+            figure = _draw(self)
+            if path is not None:
+                save(figure, path)
+        return figure
+
+    def to_toml(self, path: str | PathLike[str]) -> None:
+        """Write the tuned scene as a TOML file, whole or not at all."""
+        write_text(path, toml_of(self.tuned))
+
+
+def _table(tuning: Tuning) -> str:
     """Return the scene's design, the optima and the closed forms as a table, and what it means."""
     values = linear_values(tuning.scene)
     w1 = float(np.sqrt(values.k1 / values.m1))
@@ -98,7 +195,7 @@ def _own_stretch(tuning: Tuning) -> float | None:
     return float(stretch_for_stiffness(tuning.before.stiffness, springs.stiffness))
 
 
-def draw(tuning: Tuning) -> Figure:
+def _draw(tuning: Tuning) -> Figure:
     """Return the frequency response before and after; call it within `drawing.style`."""
     values = linear_values(tuning.scene)
     scaled, w1 = without_dimension(values), float(np.sqrt(values.k1 / values.m1))

@@ -1,4 +1,4 @@
-"""The registered tasks: one scene file each in `mm_gym/tasks`, whose name gives the task's id.
+"""The registered tasks: one scene file each in this folder, whose name gives the task's id.
 
 ``pre_stretch.toml`` is "mm_gym/PreStretch-v0", and ``pre_stretch_v1.toml`` would be its version 1.
 Such a file is all that a new task needs.
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mm_gym.errors import SceneError, suggest
 
-FOLDER = Path(__file__).with_name("tasks")
+FOLDER = Path(__file__).parent
 
 DEFAULT_STEPS = 400
 """Control steps in an episode of a scene that states no number."""

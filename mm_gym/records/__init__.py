@@ -1,0 +1,13 @@
+"""Recorded motions in files: PEER's AT2, and columns of text.
+
+Records are read strictly: the first line that does not fit is refused, because nobody would notice
+a sample that is misread or missing.
+"""
+
+from mm_gym.records.numbers import LARGEST as LARGEST
+from mm_gym.records.read import read_record as read_record
+from mm_gym.records.record import Record as Record
+from mm_gym.records.record import resample as resample
+from mm_gym.records.units import ACCELERATION_UNITS as ACCELERATION_UNITS
+from mm_gym.records.units import FORCE_UNITS as FORCE_UNITS
+from mm_gym.records.units import UNITS as UNITS

@@ -1,0 +1,172 @@
+"""The optimum of a scene, with any springs and with its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.analysis.values import Linear, linear_values
+from mm_gym.errors import DesignError, suggest
+from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
+from mm_gym.tuning.criteria import largest_peak
+from mm_gym.tuning.reach import obstacle, reach_of, stretch_within
+from mm_gym.tuning.result import Design, Reference, Tuning
+from mm_gym.tuning.search import CRITERIA, FREQUENCY_RATIOS, Problem, measure, search
+from mm_gym.tuning.transfer import check_path, transfer, without_dimension
+
+if TYPE_CHECKING:
+    from mm_gym.scene.scene import Scene
+
+
+def tune(
+    scene: Scene,
+    *,
+    excitation: str | None = None,
+    channel: str = "carriage_displacement",
+    criterion: str = "h_infinity",
+) -> Tuning:
+    """Find the damping of the interface, and the stretch of the springs, that suit a scene best.
+
+    Parameters
+    ----------
+    scene
+        Any scene whose carriage has mass. It is linear about rest: the middle stands for a range,
+        the tangent for a cubic spring. Without springs the damping alone is tuned.
+    excitation
+        "force" on the carriage or "ground"; by default "ground" if all of the scene's excitation
+        moves it, else "force". The kind of the scene's excitation is not looked at.
+    channel
+        What is kept small: one of `mm_gym.tuning.CHANNELS`.
+    criterion
+        "h_infinity": the largest amplitude over all frequencies; "h2": the variance under white
+        noise; "stability": the largest real part of the eigenvalues.
+
+    Returns
+    -------
+    Tuning
+        The optimum with springs of any stiffness, and the best that the scene's springs reach:
+        2 k0 < k2 <= 6 k0, or what the limits of `actuation.stretch` leave of that.
+
+    Raises
+    ------
+    DesignError
+        If a name is unknown, the carriage has no mass, the interface is dry friction, what is tuned
+        is drawn, or the criterion is infinite for any damping and stiffness.
+    """
+    excitation = _checked(scene, excitation, channel, criterion)
+    drawn = [name for name in TUNED if name in scene.randomization]
+    if drawn:
+        msg = f"randomization.{drawn[0]}: it is what is tuned; leave it out"
+        raise DesignError(msg)
+    values = linear_values(scene)
+    scaled = without_dimension(values)
+    reach = reach_of(scene)
+    anything = scaled.m2 * np.square(FREQUENCY_RATIOS)
+    limits = (0.0, 0.0) if reach is None else (float(anything[0]), float(anything[1]))
+
+    def optimum(stiffness: tuple[float, float]) -> Design:
+        problem = Problem(scaled, excitation, channel, criterion, stiffness)
+        return _design(values, search(problem), excitation, channel, criterion)
+
+    free = after = optimum(limits)
+    reason = None
+    if reach is not None:
+        reason = obstacle(reach, free.stiffness)
+        if reason is not None:
+            after = optimum((reach.low / values.k1, reach.high / values.k1))
+    stretch = None if reach is None else stretch_within(reach, after.stiffness)
+    return Tuning(
+        scene=scene,
+        tuned=_tuned(scene, stretch, after.damping),
+        excitation=excitation,
+        channel=channel,
+        criterion=criterion,
+        before=_design(values, scaled, excitation, channel, criterion),
+        free=free,
+        after=after,
+        stretch=stretch,
+        closed_forms=_references(
+            scaled.m2, (excitation, channel), criterion, has_springs=reach is not None
+        ),
+        out_of_reach=reason,
+    )
+
+
+def evaluate(
+    scene: Scene,
+    *,
+    excitation: str | None = None,
+    channel: str = "carriage_displacement",
+    criterion: str = "h_infinity",
+) -> Design:
+    """Return a scene's own design and what it attains; arguments and errors as for `tune`."""
+    excitation = _checked(scene, excitation, channel, criterion)
+    values = linear_values(scene)
+    return _design(values, without_dimension(values), excitation, channel, criterion)
+
+
+TUNED = ("interface.damping", "springs.stretch")
+
+
+def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str) -> str:
+    """Return the excitation; raise `DesignError` for what cannot be tuned."""
+    if criterion not in CRITERIA:
+        near = suggest(criterion, CRITERIA)
+        msg = f"criterion: got {criterion!r}{near}; allowed: {', '.join(CRITERIA)}"
+        raise DesignError(msg)
+    if excitation is None:
+        targets = {part.target for part in scene.excitation}
+        excitation = "ground" if targets == {"ground"} else "force"
+    check_path(excitation, channel)
+    if scene.interface.kind == "dry_friction":
+        msg = "interface.kind: 'dry_friction' has no damping to tune; allowed: 'viscous', 'none'"
+        raise DesignError(msg)
+    values = linear_values(scene)
+    for name, value in (
+        ("carriage.mass", values.m1),
+        ("carriage.linear_coefficient", values.k1),
+    ):
+        if value == 0.0:
+            msg = f"{name}: got 0; there is no resonance to tune to; allowed: greater than 0"
+            raise DesignError(msg)
+    return excitation
+
+
+def _tuned(scene: Scene, stretch: float | None, damping: float) -> Scene:
+    """Return the scene with a stretch and a viscous interface."""
+    changes: dict[str, object] = {"interface": {"kind": "viscous", "damping": damping}}
+    if stretch is not None:
+        actuated = scene.actuation.stretch is not None
+        changes["initial.stretch" if actuated else "springs.stretch"] = stretch
+    return scene.replace(**changes)
+
+
+def _design(values: Linear, found: Linear, excitation: str, channel: str, criterion: str) -> Design:
+    """Return a design from coefficients without dimension."""
+    w1 = float(np.sqrt(values.k1 / values.m1))
+    peak = largest_peak(transfer(found, excitation, channel))
+    f = float(np.sqrt(found.k2 / found.m2))
+    return Design(
+        stiffness=found.k2 * values.k1,
+        damping=found.c * float(np.sqrt(values.k1 * values.m1)),
+        frequency_ratio=f,
+        damping_ratio=found.c / (2.0 * found.m2 * (f or 1.0)),
+        value=measure(found, excitation, channel, criterion),
+        peak_frequency=peak.frequency * w1,
+        peak=peak.amplitude,
+    )
+
+
+def _references(
+    mass_ratio: float, path: tuple[str, str], criterion: str, *, has_springs: bool
+) -> tuple[Reference, ...]:
+    """Return the closed forms for what is tuned, as far as they hold for the mass ratio."""
+    return tuple(
+        Reference(name, closed_form(name, mass_ratio), form.source)
+        for name, form in CLOSED_FORMS.items()
+        if criterion == form.criterion
+        and (criterion == "stability" or path == (form.excitation, form.channel))
+        and has_springs != name.startswith("lanchester")
+        and mass_ratio < form.largest
+    )

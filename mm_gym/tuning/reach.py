@@ -1,0 +1,99 @@
+"""The stiffness that the springs of a scene reach, and the stretch that gives it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
+from mm_gym.errors import DesignError, OutOfReachError
+
+if TYPE_CHECKING:
+    from mm_gym.scene.scene import Scene
+
+REACHED = 1e-9
+"""Relative distance from the end of the springs' range that is round-off."""
+
+
+def stretch_for(scene: Scene, stiffness: float) -> float:
+    """Return the stretch [-] at which the scene's springs have a stiffness k2 [N/m].
+
+    Raises
+    ------
+    OutOfReachError
+        If there is none, or it is beyond the limits of `actuation.stretch`; the message says what
+        the springs reach, and which `springs.stiffness` would do.
+    DesignError
+        If the scene has no springs.
+    """
+    reach = reach_of(scene)
+    if reach is None:
+        msg = "springs.kind: 'none' has no stretch; allowed: 'small_on_large', 'finite_stretch'"
+        raise DesignError(msg)
+    reason = obstacle(reach, stiffness)
+    if reason is not None:
+        raise OutOfReachError(reason)
+    return stretch_within(reach, stiffness)
+
+
+class Reach(NamedTuple):
+    """What the springs of a scene reach.
+
+    Attributes
+    ----------
+    k0
+        ``springs.stiffness`` [N/m].
+    low, high
+        Least and largest k2 [N/m]. The least is approached, and not reached, unless the stretch is
+        limited.
+    shortest, longest
+        Least and largest stretch [-].
+    is_limited
+        Whether `actuation.stretch` limits the stretch.
+    """
+
+    k0: float
+    low: float
+    high: float
+    shortest: float
+    longest: float
+    is_limited: bool
+
+
+LONGEST = 1e4
+"""Stretch [-] that stands for an infinite one: k2 is then 2 k0 but for 2e-12 of it."""
+
+
+def reach_of(scene: Scene) -> Reach | None:
+    """Return what the scene's springs reach; None without springs."""
+    springs, actuator = scene.springs, scene.actuation.stretch
+    if springs.kind == "none":
+        return None
+    low, high = (1.0, LONGEST) if actuator is None else (actuator.minimum, actuator.maximum)
+    k0 = springs.stiffness
+    least = spring_stiffness(np.inf if actuator is None else high, k0)
+    return Reach(
+        k0, float(least), float(spring_stiffness(low, k0)), low, high, actuator is not None
+    )
+
+
+def obstacle(reach: Reach, stiffness: float) -> str | None:
+    """Return why no stretch gives a stiffness [N/m], or None."""
+    low, high = reach.low, reach.high
+    above = low * (1.0 - REACHED) <= stiffness if reach.is_limited else low < stiffness
+    if above and stiffness <= high * (1.0 + REACHED):
+        return None
+    limits = "the limits of actuation.stretch" if reach.is_limited else "stretch >= 1"
+    least, most = reach.k0 * stiffness / high, reach.k0 * stiffness / low
+    return (
+        f"k2 = {stiffness:.6g} N/m is out of reach: with springs.stiffness = {reach.k0:g} N/m and "
+        f"{limits} the springs have {low:.6g} to {high:.6g} N/m. A springs.stiffness from "
+        f"{least:.4g} to {most:.4g} N/m reaches it"
+    )
+
+
+def stretch_within(reach: Reach, stiffness: float) -> float:
+    """Return the stretch of a stiffness that is in reach, kept from rounding out of its limits."""
+    wanted = stretch_for_stiffness(stiffness, reach.k0)
+    return float(np.clip(wanted, reach.shortest, reach.longest))
