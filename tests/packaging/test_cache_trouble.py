@@ -13,8 +13,6 @@ import pytest
 import mm_gym
 from mm_gym.kernels import cache, jit
 
-pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
-
 MODULE = """
 from mm_gym.kernels.jit import kernel
 

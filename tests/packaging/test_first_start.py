@@ -15,14 +15,12 @@ from numba.core.codegen import JITCPUCodegen
 
 import mm_gym
 from mm_gym.__main__ import main
-from mm_gym.kernels import cache, episodes, jit, notice
+from mm_gym.kernels import cache, episodes, notice
 from mm_gym.kernels.dispatcher import KernelDispatcher
 from mm_gym.kernels.lock import locked
 from mm_gym.simulation import warm as warm_module
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.task_files import path_of
-
-pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 
 TASK = "mm_gym/CarriageForce-v0"
 
