@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from benchmarks.report import installed, table
+from benchmarks.report import installed, processor, table
 from mm_gym import MovingMassVectorEnv, load_scene
 
 if TYPE_CHECKING:
@@ -85,7 +85,8 @@ def nonlinear() -> str:
         for one, error, speed in zip(candidates, errors, speeds, strict=True)
     ]
     settings = table(("", "setting", "error", "million steps/s"), rows)
-    return f"{INTRODUCTION}\n{_levels(candidates, errors, speeds)}\n\n{settings}\n"
+    levels = _levels(candidates, errors, speeds)
+    return f"{INTRODUCTION}\nProcessor: {processor()}.\n\n{levels}\n\n{settings}\n"
 
 
 def _levels(candidates: list[Candidate], errors: list[float], speeds: list[float]) -> str:

@@ -38,7 +38,7 @@ def machine() -> str:
     """Return processor, system and package versions as a Markdown list."""
     return "\n".join(
         [
-            f"- processor: {_processor()}, {platform.machine()}",
+            f"- processor, unless a section names its own: {processor()}, {platform.machine()}",
             f"- Python {platform.python_version()} on {platform.system()}",
             "- " + ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name))),
         ]
@@ -53,7 +53,8 @@ def installed(name: str) -> str | None:
         return None
 
 
-def _processor() -> str:
+def processor() -> str:
+    """Return the name of the processor, as the system states it."""
     information = Path("/proc/cpuinfo")
     if information.exists():
         for line in information.read_text(encoding="utf-8").splitlines():

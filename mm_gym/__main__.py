@@ -199,10 +199,7 @@ def _tune(options: argparse.Namespace) -> None:
     from mm_gym.tuning import tune  # noqa: PLC0415 - it imports SciPy's optimisers
 
     scene = load_scene(options.scene)
-    outputs: list[Path] = []
-    if options.out is not None:
-        outputs = _in_folder(options.out, ["tuned.toml", "response.png"])
-        check_outputs(outputs, _inputs(options.scene, scene))
+    outputs = _checked_outputs(options, scene, ["tuned.toml", "response.png"])
     found = tune(
         scene, excitation=options.excitation, channel=options.channel, criterion=options.criterion
     )
@@ -224,10 +221,7 @@ def _work_precision(options: argparse.Namespace) -> None:
     from mm_gym.precision import work_precision  # noqa: PLC0415 - it imports SciPy's integrators
 
     scene = load_scene(options.scene)
-    outputs: list[Path] = []
-    if options.out is not None:
-        outputs = _in_folder(options.out, ["work_precision.csv", "work_precision.png"])
-        check_outputs(outputs, _inputs(options.scene, scene))
+    outputs = _checked_outputs(options, scene, ["work_precision.csv", "work_precision.png"])
     result = work_precision(scene, seed=options.seed, lanes=options.lanes)
     print(f"{result.table()}\n\n{result.recommendations()}")
     if outputs:
@@ -260,6 +254,15 @@ def _inputs(path: str, scene: Scene) -> list[str | Path]:
     """Return the files that a command reads: a scene's own, and its records'."""
     records = [source.file for source in scene.excitation if isinstance(source, Recorded)]
     return [path_of(path) if is_id(path) else path, *records]
+
+
+def _checked_outputs(options: argparse.Namespace, scene: Scene, names: Sequence[str]) -> list[Path]:
+    """Return the files to write to ``--out``, none without it; refuse what cannot be written."""
+    if options.out is None:
+        return []
+    outputs = _in_folder(options.out, names)
+    check_outputs(outputs, _inputs(options.scene, scene))
+    return outputs
 
 
 def _in_folder(folder: str, names: Sequence[str]) -> list[Path]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.cross_entropy import Search
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -19,46 +19,27 @@ if TYPE_CHECKING:
 
     Plans = NDArray[np.float64]
 
-CORRELATION = 0.6
-"""Correlation of successive actions' noise; white noise would hardly move the carriage."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How hard the planner tries.
-
-    Attributes
-    ----------
-    window, hold
-        Control steps planned ahead, and carried out before the next plan.
-    population, elite, rounds
-        Plans tried at once, those that the next are drawn around, and repetitions.
-    """
-
-    window: int = 40
-    hold: int = 8
-    population: int = 48
-    elite: int = 6
-    rounds: int = 4
+SEARCH = Search(horizon=40, plans=48, elite=6, rounds=4, kept=1, spread=0.5)
+HOLD = 8
+"""Control steps that are carried out before the next plan."""
 
 
 class Planner:
     """Try plans over a window of the episode, from the exact state, and follow the best.
 
     It knows the disturbance to come, which no agent can, and starts from the own plan of a law
-    without memory. Its cost is reachable if the future is known; better may exist. De Boer et al.,
-    *A tutorial on the cross-entropy method*, Ann. Oper. Res. 134 (2005).
+    without memory. Its cost is reachable if the future is known; better may exist.
     """
 
     name = "planner (knows the episode)"
     reads: Reads = "episode"
 
-    def __init__(self, scene: Scene, law: Law, effort: Effort | None = None) -> None:
+    def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
         if scene.objective.displacement_limit or scene.objective.rail_half_length:
             msg = "objective: the planner needs episodes that do not end early"
             raise ValueError(msg)
         self.scene, self.law = scene, law
-        self.effort = effort or Effort()
+        self.search = search
         self.noise = np.random.default_rng(0)
 
     def reset(self, env: MovingMassVectorEnv) -> None:
@@ -73,8 +54,8 @@ class Planner:
         self.age = 0
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return the next action of the plan; plan again every `Effort.hold` steps."""
-        if self.step % self.effort.hold == 0:
+        """Return the next action of the plan; plan again every `HOLD` steps."""
+        if self.step % HOLD == 0:
             self.plan = self._improved(self.plan[self.age :], info)
             self.age = 0
         self.step += 1
@@ -83,13 +64,15 @@ class Planner:
 
     def _improved(self, old: Plans, info: dict[str, Any]) -> Plans:
         state = self.env.get_state()
-        length = min(self.effort.window, self.scene.control.steps - self.step)
+        length = min(self.search.horizon, self.scene.control.steps - self.step)
         first = self._plan_of_law(state, info, length)
         if len(old):
             kept = np.concatenate([old[:length], first[len(old) :]])
             better = self._worth(state, kept) > self._worth(state, first)
             first = np.where(better[:, None], kept, first)
-        return self._searched(state, first)
+        return self.search.best(
+            first[:, :, None], lambda plans: self._worths(state, plans), self.noise
+        )
 
     def _plan_of_law(self, state: Mapping[str, Any], info: dict[str, Any], length: int) -> Plans:
         self.trial.set_state(state)
@@ -99,26 +82,9 @@ class Planner:
             *_, info = self.trial.step(plan[i])
         return plan
 
-    def _searched(self, state: Mapping[str, Any], best: Plans) -> Plans:
-        """Return the best of the plans drawn and of the one to start from."""
-        mean, deviation = best, np.full(best.shape, 0.5)
-        rows = np.arange(best.shape[1])
-        for _ in range(self.effort.rounds):
-            plans = mean[:, :, None] + deviation[:, :, None] * self._noise(best.shape)
-            plans[:, :, 0] = best
-            np.clip(plans, -1.0, 1.0, out=plans)
-            worth = [self._worth(state, plan) for plan in np.moveaxis(plans, 2, 0)]
-            order = np.argsort(-np.stack(worth, axis=1), axis=1)[:, : self.effort.elite]
-            chosen = plans[:, rows[:, None], order]
-            best, mean, deviation = chosen[:, :, 0], chosen.mean(axis=2), chosen.std(axis=2)
-        return best
-
-    def _noise(self, shape: tuple[int, ...]) -> Plans:
-        length, lanes, columns = shape
-        noise = self.noise.standard_normal((length, lanes, self.effort.population, columns))
-        for i in range(1, length):
-            noise[i] = CORRELATION * noise[i - 1] + np.sqrt(1 - CORRELATION**2) * noise[i]
-        return noise
+    def _worths(self, state: Mapping[str, Any], plans: Plans) -> Plans:
+        """Return each lane's sums of rewards (lanes, plans) of plans (length, lanes, plans, k)."""
+        return np.stack([self._worth(state, plan) for plan in np.moveaxis(plans, 2, 0)], axis=1)
 
     def _worth(self, state: Mapping[str, Any], plan: Plans) -> NDArray[np.float64]:
         """Return each lane's sum of rewards of a plan (length, lanes, k)."""

@@ -133,9 +133,21 @@ def read_settings(path: str | Path) -> TrainSettings:
 
 
 def settings_from_command_line(description: str) -> TrainSettings:
-    """Read ``[FILE.toml] [--flags]``: the file first, then flags over it."""
+    """Read ``[FILE.toml] [--flags]``: the file first, then flags over it.
+
+    Raises
+    ------
+    SceneError
+        If the first argument is neither a flag nor a settings file that can be read.
+    """
     arguments = sys.argv[1:]
     default = TrainSettings()
-    if arguments and arguments[0].endswith(".toml"):
-        default = read_settings(arguments.pop(0))
+    if arguments and not arguments[0].startswith("-"):
+        path = arguments.pop(0)
+        if not path.endswith(".toml"):
+            msg = (
+                f"settings file: got {path!r}; allowed: a path that ends in .toml, before the flags"
+            )
+            raise SceneError(msg)
+        default = read_settings(path)
     return cli(TrainSettings, default=default, args=arguments, description=description)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,7 @@ from agents.controllers.frequency_tracking import FrequencyTracking, reachable_b
 from agents.controllers.lead import STRETCHES, Lead
 from agents.controllers.matching_stretch import MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
-from agents.controllers.predictive_control import PredictiveControl, Search
+from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.stretch_command import StretchCommand
@@ -273,7 +274,7 @@ def test_predictive_control_is_better_than_its_law_without_knowing_the_disturban
     scene = PRE_STRETCH_SHOCK.replace(**{"control.steps": 120})
     law = ClippedLQR(scene, 1.25, 1.0)
     alone = evaluate(scene, Feedback(scene, law), episodes=40)
-    search = Search(horizon=20, plans=24)
+    search = replace(SEARCH, horizon=20, plans=24)
     planned = evaluate(scene, Feedback(scene, PredictiveControl(scene, law, search)), episodes=40)
     assert planned.reads == "observation"
     assert planned.cost < 0.98 * alone.cost

@@ -1,6 +1,7 @@
 """Do the committed scores hold, and is there something to gain on every task?"""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.headroom import SCORES, headroom
-from agents.evaluation.planner import Effort, Planner
+from agents.evaluation.planner import SEARCH, Planner
 from agents.evaluation.statistics import interval
 
 COMMITTED = json.loads(SCORES.read_text("utf-8"))
@@ -65,7 +66,7 @@ def test_planner_cannot_beat_the_regulator_that_is_optimal() -> None:
 def test_planner_finds_what_its_law_does_not() -> None:
     scene = PRE_STRETCH.replace(**{"control.steps": 100})
     law = no_control(scene)
-    planned = evaluate(scene, Planner(scene, law, Effort(rounds=2)), episodes=4)
+    planned = evaluate(scene, Planner(scene, law, replace(SEARCH, rounds=2)), episodes=4)
     assert planned.cost < 0.7 * evaluate(scene, Feedback(scene, law), episodes=4).cost
 
 
@@ -73,7 +74,7 @@ def test_planner_finds_what_its_law_does_not() -> None:
 def test_planner_does_better_than_its_law_under_random_excitation(name) -> None:
     scene = TASKS[name].replace(**{"control.steps": 60})
     law = constant_stretch(scene, 2.0)
-    planned = evaluate(scene, Planner(scene, law, Effort(rounds=1)), episodes=20)
+    planned = evaluate(scene, Planner(scene, law, replace(SEARCH, rounds=1)), episodes=20)
     # In each episode by itself: the plans are tried against the disturbance that then comes.
     assert np.all(
         planned.penalties

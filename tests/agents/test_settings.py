@@ -128,6 +128,16 @@ def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
     assert [path.name for path in tmp_path.iterdir()] == ["errors"]
 
 
+@pytest.mark.parametrize("path", ["agent.tom", "configs", ""])
+def test_settings_file_of_another_ending_is_refused_by_name(path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["train", path, "--seed", "1"])
+    with pytest.raises(SceneError) as caught:
+        settings_from_command_line("")
+    assert str(caught.value) == (
+        f"settings file: got {path!r}; allowed: a path that ends in .toml, before the flags"
+    )
+
+
 def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
     tmp_path, monkeypatch
 ):

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import wells
+from wells import FRICTION, PLACE
 
-from mm_gym import Scene, SceneError, SimulationError, simulate
+from mm_gym import SceneError, SimulationError, simulate
 from mm_gym.analysis import (
     asymptotic_offset,
     bifurcation,
@@ -13,25 +15,11 @@ from mm_gym.analysis import (
 )
 from mm_gym.analysis.wells import Spring
 
-PLACE = 0.01
-BISTABLE = Scene(
-    carriage={"linear_coefficient": -1.0, "cubic_coefficient": PLACE**-2},
-    initial={"carriage_displacement": 0.015, "sphere_offset": 0.02},
+BISTABLE, UNSTABLE = (
+    scene.replace(**{"initial.carriage_displacement": 0.015})
+    for scene in (wells.BISTABLE, wells.UNSTABLE)
 )
-SOFTENING = BISTABLE.replace(
-    **{
-        "carriage.linear_coefficient": 1.0,
-        "carriage.cubic_coefficient": -(PLACE**-2),
-        "initial.carriage_displacement": 0.008,
-    }
-)
-UNSTABLE = BISTABLE.replace(**{"carriage.cubic_coefficient": 0.0})
-FRICTION = {
-    "kind": "dry_friction",
-    "static_coefficient": 0.5,
-    "kinetic_coefficient": 0.3,
-    "reference_velocity": 0.1,
-}
+SOFTENING = wells.SOFTENING.replace(**{"initial.carriage_displacement": 0.008})
 SPRINGS = {"kind": "small_on_large", "stiffness": 35.0, "stretch": 1.5}
 FREE = {"kind": "none"}
 

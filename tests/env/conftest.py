@@ -4,7 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rollouts import LANES
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
+
+from mm_gym import MovingMassEnv, MovingMassVectorEnv
 
 # Short horizons, and limits that random starts and actions sometimes exceed; some episodes of the
 # first begin beyond the limit and end in their first step.
@@ -77,6 +80,14 @@ def ending_scene(request):
 @pytest.fixture(params=["force", "stretch"])
 def scene(request):
     return {"force": CARRIAGE_FORCE, "stretch": PRE_STRETCH}[request.param]
+
+
+@pytest.fixture(params=["single", "vector"])
+def make(request):
+    """Return a function that makes an environment of a scene: of one lane, or of several."""
+    if request.param == "single":
+        return MovingMassEnv
+    return lambda scene: MovingMassVectorEnv(scene, LANES)
 
 
 def _assert_same(one, other):

@@ -126,7 +126,6 @@ def test_the_process_environment_is_left_as_it_was(monkeypatch):
         assert os.environ.get("GOMP_SPINCOUNT") == given
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_forked_process_continues():
     alone, together = envs(CARRIAGE_FORCE, (1, 2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracle import error
+from wells import BISTABLE, FRICTION, PLACE, SOFTENING, UNSTABLE
 
 from mm_gym import (
     CompileError,
@@ -23,27 +24,10 @@ from mm_gym.simulation.recording import blank, run
 from .conftest import assert_lanes_equal_single
 from .decimal_series import ControlStep
 
-PLACE = 0.01
-"""Wells or barrier at x1 = +-10 mm."""
-
-BISTABLE = Scene(
-    carriage={"linear_coefficient": -1.0, "cubic_coefficient": PLACE**-2},
-    initial={"carriage_displacement": 0.002, "sphere_offset": 0.02},
-)
-SOFTENING = BISTABLE.replace(
-    **{"carriage.linear_coefficient": 1.0, "carriage.cubic_coefficient": -(PLACE**-2)}
-)
-UNSTABLE = BISTABLE.replace(**{"carriage.cubic_coefficient": 0.0})
 SCENES = {
     "bistable": BISTABLE,
     "softening": SOFTENING,
     "both negative": SOFTENING.replace(**{"carriage.linear_coefficient": -1.0}),
-}
-FRICTION = {
-    "kind": "dry_friction",
-    "static_coefficient": 0.5,
-    "kinetic_coefficient": 0.3,
-    "reference_velocity": 0.1,
 }
 FORCED = {"actuation.force": {"limit": 4.0}}
 RATE = np.sqrt(400.0 / 0.1)

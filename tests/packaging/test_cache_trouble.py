@@ -1,19 +1,12 @@
 """Kernels run whatever the state of their cache: missing, full, damaged, or written to at once."""
 
 import errno
-import importlib.util
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numba
 import pytest
+from kernel_modules import loaded, start
 
-import mm_gym
 from mm_gym.kernels import cache, jit
-
-pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 
 MODULE = """
 from mm_gym.kernels.jit import kernel
@@ -42,10 +35,7 @@ def twice(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "module.py"
     path.write_text(MODULE)
-    spec = importlib.util.spec_from_file_location("module", path)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
-    spec.loader.exec_module(module)
+    module = loaded(path, monkeypatch)
     return lambda: jit.kernel(module.twice.py_func)
 
 
@@ -58,26 +48,13 @@ def files(folder, suffix):
     return sorted(folder.rglob(f"*{suffix}"))
 
 
-def start(folder, **environment):
-    root = str(Path(mm_gym.__file__).parents[1])
-    return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM],
-        env=os.environ | environment | {"PYTHONPATH": os.pathsep.join([root, str(folder)])},
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 def test_without_a_folder_to_write_to_kernels_run_after_one_warning(tmp_path):
     # Permissions would not keep root out, as in a container; a file in the folder's place does.
     (tmp_path / "module.py").write_text(MODULE)
     (tmp_path / "__pycache__").touch()
     nowhere = str(tmp_path / "module.py" / "x")
-    process = start(
-        tmp_path, **dict.fromkeys(("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), nowhere)
-    )
+    places = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), nowhere)
+    process = start(PROGRAM, folder=tmp_path, **places)
     out, err = process.communicate()
     assert (process.returncode, out) == (0, "3.0 4.5\n"), err
     assert err.count("Warning") == 1
@@ -88,7 +65,7 @@ def test_without_a_folder_to_write_to_kernels_run_after_one_warning(tmp_path):
 def test_processes_at_once_fill_one_cache(tmp_path):
     (tmp_path / "module.py").write_text(MODULE)
     places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    processes = [start(tmp_path, **places) for _ in range(4)]
+    processes = [start(PROGRAM, folder=tmp_path, **places) for _ in range(4)]
     assert [process.communicate() for process in processes] == [("3.0 4.5\n", "")] * 4
     assert len(files(tmp_path / "cache", ".nbi")) == len(files(tmp_path / "cache", ".nbc")) == 2
 

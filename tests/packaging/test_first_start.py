@@ -1,28 +1,22 @@
 """The first start: processes that start at once compile once, and a terminal is told of it."""
 
-import importlib.util
 import io
-import os
 import signal
-import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numba
 import pytest
+from kernel_modules import loaded, start
 from numba.core.codegen import JITCPUCodegen
 
-import mm_gym
 from mm_gym.__main__ import main
-from mm_gym.kernels import cache, episodes, jit, notice
+from mm_gym.kernels import cache, episodes, notice
 from mm_gym.kernels.dispatcher import KernelDispatcher
 from mm_gym.kernels.lock import locked
 from mm_gym.simulation import warm as warm_module
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import path_of
-
-pytestmark = pytest.mark.skipif(not jit.COMPILED, reason="nothing is compiled")
 
 TASK = "mm_gym/CarriageForce-v0"
 
@@ -87,33 +81,12 @@ for _ in range(20):
 """
 
 
-def start(program, *arguments, folder=None, **environment):
-    path = os.pathsep.join(map(str, filter(None, [Path(mm_gym.__file__).parents[1], folder])))
-    return subprocess.Popen(
-        [sys.executable, "-c", program, *map(str, arguments)],
-        env=os.environ | environment | {"PYTHONPATH": path},
-        cwd=folder,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "module.py"
     path.write_text(MODULE)
-
-    def load():
-        spec = importlib.util.spec_from_file_location("module", path)
-        module = importlib.util.module_from_spec(spec)
-        monkeypatch.setitem(sys.modules, "module", module)  # numba imports it to load code
-        spec.loader.exec_module(module)
-        return module
-
-    return load
+    return lambda: loaded(path, monkeypatch)
 
 
 def test_lock_keeps_processes_apart_and_leaves_nothing_behind(tmp_path):
