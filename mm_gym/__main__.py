@@ -20,7 +20,8 @@ from mm_gym.errors import (
     suggest,
 )
 from mm_gym.files import check_outputs
-from mm_gym.plant.compile import compile_findings, compile_scene
+from mm_gym.plant.compile import compile_scene
+from mm_gym.plant.findings import compile_findings
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene

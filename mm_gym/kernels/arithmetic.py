@@ -60,6 +60,27 @@ def _compiled_prefer_widest_vectors() -> Callable[..., None]:
     return lambda: _prefer_widest_vectors()  # noqa: PLW0108 - numba wants a plain function
 
 
+@intrinsic
+def _stay_apart(_context):
+    def build(context, builder, _signature, _arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.none(), build
+
+
+def stay_apart() -> None:
+    """Keep the kernel that calls this from being inlined.
+
+    Its callers may not prefer the widest vectors, and would have them cut up.
+    """
+
+
+@overload(stay_apart, inline="always")
+def _compiled_stay_apart() -> Callable[..., None]:
+    return lambda: _stay_apart()  # noqa: PLW0108 - numba wants a plain function
+
+
 @kernel
 def clip(value, low, high):
     """Return the value limited to [low, high]."""

@@ -6,15 +6,9 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import inlined_kernel
-from mm_gym.kernels.simd import (
-    LANES,
-    all_hold,
-    element,
-    everywhere,
-    load,
-    store,
-    with_element,
-)
+from mm_gym.kernels.simd import LANES, element, everywhere, with_element
+from mm_gym.kernels.simd_masks import all_hold
+from mm_gym.kernels.simd_memory import load, store
 
 
 @inlined_kernel

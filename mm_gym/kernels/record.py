@@ -1,7 +1,7 @@
 """Records: their time in an episode, their jets and their corners.
 
-The kernels take `own`, the first of a record's own slots in the description of the excitation, and
-`row`, the first of its rows.
+The kernels take `model`, (m,) float64, which they read; `own`, the first of a record's own slots in
+the description of the excitation; and `row`, the first of its rows.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ def add(model, own, lanes, row, jet, began, duration, i):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    own, row
+    model, own, row
         See above.
     lanes
         (rows, lanes) float64; the jet and scratch rows of the record are written.
@@ -48,9 +46,7 @@ def add_lines(model, own, lanes, row, jet, clock, first, last):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    own, row
+    model, own, row
         See above.
     lanes
         (rows, lanes) float64; the jet is written.
@@ -82,9 +78,7 @@ def next_corner(model, own, lanes, row, began, elapsed, duration, i):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    own, row
+    model, own, row
         See above.
     lanes
         (rows, lanes) float64, read.

@@ -18,7 +18,6 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import COMPILED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +27,9 @@ if TYPE_CHECKING:
 LANES = 16
 """Numbers in a vector: two of the widest registers, so that one hides the other's latency."""
 
-_NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
+NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
+"""The compiler's type of a vector."""
+
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
@@ -43,30 +44,19 @@ class _Mask(types.Type):
         super().__init__(f"Mask({LANES})")
 
 
-class _Rows(types.Type):
-    def __init__(self) -> None:
-        super().__init__(f"Rows({LANES})")
-
-
-VECTOR, MASK, ROWS = _Vector(), _Mask(), _Rows()
+VECTOR, MASK = _Vector(), _Mask()
 
 
 @register_model(_Vector)
 class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: object, fe_type: object) -> None:
-        super().__init__(manager, fe_type, _NUMBERS)
+        super().__init__(manager, fe_type, NUMBERS)
 
 
 @register_model(_Mask)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: object, fe_type: object) -> None:
         super().__init__(manager, fe_type, _BITS)
-
-
-@register_model(_Rows)
-class _RowsModel(models.PrimitiveModel):
-    def __init__(self, manager: object, fe_type: object) -> None:
-        super().__init__(manager, fe_type, _NUMBERS.as_pointer())
 
 
 def spread(builder: Any, kind: types.Type, value: Any) -> Any:
@@ -76,10 +66,10 @@ def spread(builder: Any, kind: types.Type, value: Any) -> Any:
     if isinstance(kind, types.Integer):
         value = builder.sitofp(value, ir.DoubleType())
     first = builder.insert_element(
-        ir.Constant(_NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
+        ir.Constant(NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
     )
     order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(first, ir.Constant(_NUMBERS, ir.Undefined), order)
+    return builder.shuffle_vector(first, ir.Constant(NUMBERS, ir.Undefined), order)
 
 
 def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Callable[..., Any]:
@@ -96,7 +86,7 @@ def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Cal
 
 def call(builder: Any, name: str, *arguments: Any) -> Any:
     """Call a function of LLVM's on vectors."""
-    kind = ir.FunctionType(_NUMBERS, [_NUMBERS] * len(arguments))
+    kind = ir.FunctionType(NUMBERS, [NUMBERS] * len(arguments))
     function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
     return builder.call(function, arguments)
 
@@ -161,91 +151,6 @@ def _and(x, y):
 
 
 @intrinsic
-def _select(_context, mask, x, y):
-    def build(_context, builder, signature, arguments):
-        chosen = spread(builder, signature.args[1], arguments[1])
-        return builder.select(
-            arguments[0], chosen, spread(builder, signature.args[2], arguments[2])
-        )
-
-    return VECTOR(mask, x, y), build
-
-
-def where(condition: bool, x: float, y: float) -> float:  # noqa: FBT001 - as NumPy has it
-    """Return x where a condition holds, otherwise y."""
-    return np.where(condition, x, y)[()]
-
-
-@overload(where)
-def _where(condition, x, y):
-    if condition == MASK:
-        return lambda condition, x, y: _select(condition, x, y)
-    return lambda condition, x, y: x if condition else y
-
-
-@intrinsic
-def _none(_context, mask):
-    def build(_context, builder, _signature, arguments):
-        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
-        return builder.icmp_unsigned("==", bits, ir.Constant(ir.IntType(LANES), 0))
-
-    return types.boolean(mask), build
-
-
-def none(condition: bool) -> bool:  # noqa: FBT001 - as above
-    """Tell whether a condition holds in no lane."""
-    return not np.any(condition)
-
-
-@overload(none)
-def _compiled_none(condition):
-    if condition == MASK:
-        return lambda condition: _none(condition)
-    return lambda condition: not condition
-
-
-@intrinsic
-def _all_hold(_context, mask):
-    def build(_context, builder, _signature, arguments):
-        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
-        return builder.icmp_unsigned("==", bits, ir.Constant(ir.IntType(LANES), -1))
-
-    return types.boolean(mask), build
-
-
-def all_hold(condition: bool) -> bool:  # noqa: FBT001 - as above
-    """Tell whether a condition holds in every lane."""
-    return bool(np.all(condition))
-
-
-@overload(all_hold)
-def _compiled_all_hold(condition):
-    if condition == MASK:
-        return lambda condition: _all_hold(condition)
-    return lambda condition: condition
-
-
-def larger(x: float, y: float) -> float:
-    """Return the larger of two; the first where one is not a number."""
-    return where(y > x, y, x)
-
-
-@overload(larger)
-def _larger(x, y):
-    return lambda x, y: where(y > x, y, x)
-
-
-def smaller(x: float, y: float) -> float:
-    """Return the smaller of two; the first where one is not a number."""
-    return where(y < x, y, x)
-
-
-@overload(smaller)
-def _smaller(x, y):
-    return lambda x, y: where(y < x, y, x)
-
-
-@intrinsic
 def _fused(_context, x, y, z):
     def build(_context, builder, signature, arguments):
         pairs = zip(signature.args, arguments, strict=True)
@@ -264,7 +169,7 @@ def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:
 
     def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         wide = signature.args[0] == VECTOR
-        whole, number = (_INTEGERS, _NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
+        whole, number = (_INTEGERS, NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
         return build(builder, arguments[0], whole, number)
 
     return intrinsic(lambda _context, x: (x(x), codegen))
@@ -315,105 +220,6 @@ def _compiled_alike(x, value):
     if x == VECTOR:
         return lambda x, value: _spread_number(value)  # noqa: ARG005
     return lambda x, value: value  # noqa: ARG005
-
-
-@intrinsic
-def _rows_of(_context, numbers):
-    def build(context, builder, signature, arguments):
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        return builder.bitcast(array.data, _NUMBERS.as_pointer())
-
-    return ROWS(numbers), build
-
-
-def rows_of(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return an array, beginning on a cache line, as rows of a vector each.
-
-    It is lent: the array must live as long, and no bounds are checked.
-    """
-    return numbers.reshape(-1, LANES)
-
-
-@overload(rows_of)
-def _compiled_rows_of(numbers):
-    return lambda numbers: _rows_of(numbers)
-
-
-@intrinsic
-def _get(_context, rows, k):
-    def build(_context, builder, _signature, arguments):
-        return builder.load(builder.gep(arguments[0], [arguments[1]]), align=64)
-
-    return VECTOR(rows, k), build
-
-
-@overload(operator.getitem)
-def _getitem(rows, k):
-    return (lambda rows, k: _get(rows, k)) if rows == ROWS else None
-
-
-@intrinsic
-def _set(_context, rows, k, value):
-    def build(context, builder, signature, arguments):
-        value = spread(builder, signature.args[2], arguments[2])
-        builder.store(value, builder.gep(arguments[0], [arguments[1]]), align=64)
-        return context.get_dummy_value()
-
-    return types.none(rows, k, value), build
-
-
-@overload(operator.setitem)
-def _setitem(rows, k, value):
-    return (lambda rows, k, value: _set(rows, k, value)) if rows == ROWS else None
-
-
-@intrinsic
-def _load(_context, lanes, row, i):
-    def build(context, builder, signature, arguments):
-        return builder.load(_pointer(context, builder, signature, arguments), align=8)
-
-    return VECTOR(lanes, row, i), build
-
-
-@intrinsic
-def _store(_context, lanes, row, i, value):
-    def build(context, builder, signature, arguments):
-        builder.store(arguments[3], _pointer(context, builder, signature, arguments), align=8)
-        return context.get_dummy_value()
-
-    return types.none(lanes, row, i, value), build
-
-
-def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Return the address of LANES lanes of a row."""
-    kind = signature.args[0]
-    array = context.make_array(kind)(context, builder, arguments[0])
-    place = [
-        context.cast(builder, value, given, types.intp)
-        for value, given in zip(arguments[1:3], signature.args[1:3], strict=True)
-    ]
-    first = cgutils.get_item_pointer(context, builder, kind, array, place, wraparound=False)
-    return builder.bitcast(first, _NUMBERS.as_pointer())
-
-
-def load(lanes: NDArray[np.float64], row: int, i: int) -> NDArray[np.float64]:
-    """Return a row of the lanes i .. i + LANES - 1, which must exist."""
-    return lanes[row, i : i + LANES].copy()
-
-
-@overload(load)
-def _compiled_load(lanes, row, i):
-    return lambda lanes, row, i: _load(lanes, row, i)
-
-
-def store(lanes: NDArray[np.float64], row: int, i: int, value: NDArray[np.float64]) -> None:
-    """Write a row of the lanes i .. i + LANES - 1, which must exist."""
-    lanes[row, i : i + LANES] = value
-
-
-@overload(store)
-def _compiled_store(lanes, row, i, value):
-    return lambda lanes, row, i, value: _store(lanes, row, i, value)
 
 
 @intrinsic
@@ -470,39 +276,3 @@ def everywhere(x: float) -> NDArray[np.float64]:
 @overload(everywhere)
 def _compiled_everywhere(x):
     return lambda x: _spread_wide(x)
-
-
-def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
-    """Return what a kernel calls for so many rows of a vector each, which live until it returns."""
-    if not COMPILED:
-        return lambda: np.empty((count, LANES))
-
-    @intrinsic
-    def rows(_context):
-        def build(_context, builder, _signature, _arguments):
-            return cgutils.alloca_once(builder, _NUMBERS, size=ir.Constant(ir.IntType(64), count))
-
-        return ROWS(), build
-
-    return rows
-
-
-@intrinsic
-def _stay_apart(_context):
-    def build(context, builder, _signature, _arguments):
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), build
-
-
-def stay_apart() -> None:
-    """Keep the kernel that calls this from being inlined.
-
-    Its callers may not prefer the widest vectors, and would have them cut up.
-    """
-
-
-@overload(stay_apart, inline="always")
-def _compiled_stay_apart():
-    return lambda: _stay_apart()

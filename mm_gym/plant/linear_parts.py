@@ -15,8 +15,8 @@ from mm_gym.state_space.linear_system import Signal
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.methods.support import Support
     from mm_gym.plant.filters import RandomImpulses, ShapingFilter
-    from mm_gym.plant.plant import Plant
 
     Array = NDArray[np.float64]
 
@@ -29,13 +29,39 @@ FORCE, STRETCH, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
 
 
 @dataclass(frozen=True)
+class ControlLoop:
+    """A plant's motion, actuators and sensors, as far as a linear system shows them.
+
+    Attributes
+    ----------
+    support
+        All values that the scene can reach.
+    lags
+        Of "force" and "stretch": the fraction of the way to a command that the actuator goes in a
+        control step [-].
+    noise
+        Standard deviation [SI] of the noise of each channel that the scene observes, by name.
+    time_step
+        Length of a control step [s].
+    delay
+        Age of the newest frame in control steps.
+    """
+
+    support: Support
+    lags: dict[str, float]
+    noise: dict[str, float]
+    time_step: float
+    delay: int
+
+
+@dataclass(frozen=True)
 class Parts:
     """What a linear system is assembled from.
 
     Attributes
     ----------
-    plant, row
-        The plant, and the lane (rows,) at the point.
+    loop, row
+        The plant's control loop, and the lane (rows,) at the point.
     tangent
         The motion about the point.
     filters, impulses
@@ -44,11 +70,9 @@ class Parts:
         Names.
     held
         Actuators whose force [N] or stretch [-] is a state.
-    lags
-        Fraction of the way that each actuator goes in a control step.
     """
 
-    plant: Plant
+    loop: ControlLoop
     row: Array
     tangent: Tangent
     filters: list[ShapingFilter]
@@ -56,12 +80,11 @@ class Parts:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     held: tuple[str, ...]
-    lags: dict[str, float]
 
     @property
     def harmonics(self) -> list[tuple[str, bool, float, float]]:
         """Dotted name, whether it shakes the ground, amplitude and frequency of each harmonic."""
-        support = self.plant.support
+        support = self.loop.support
         found: list[tuple[str, bool, float, float]] = []
         for j, ground in enumerate(support.ground):
             first = at.HARMONICS + at.HARMONIC_ROWS * j
@@ -115,8 +138,7 @@ def sources_of(parts: Parts) -> list[Source]:
 
 def sensor_noise(parts: Parts) -> Array:
     """Return the covariance (p, p) of the sensors' noise."""
-    noise = {channel.name: channel.noise for channel in parts.plant.observed}
-    return np.diag([noise.get(name, 0.0) ** 2 for name in parts.outputs])
+    return np.diag([parts.loop.noise.get(name, 0.0) ** 2 for name in parts.outputs])
 
 
 def outputs_of(parts: Parts, *, sampled: bool) -> tuple[Array, Array, tuple[Signal, ...]]:

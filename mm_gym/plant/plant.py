@@ -11,6 +11,7 @@ import numpy as np
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import FIRST
+from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of
 from mm_gym.state_space.transition import massless_transition, transition
@@ -181,7 +182,24 @@ class Plant:
         CompileError
             If the carriage has no mass.
         """
-        return state_space_of(self, inputs, outputs, sampled=sampled, at=at, about=about)
+        return state_space_of(
+            self._control_loop(),
+            self.actuators if inputs is None else inputs,
+            self.channels if outputs is None else outputs,
+            sampled=sampled,
+            at=at,
+            about=about,
+        )
+
+    def _control_loop(self) -> ControlLoop:
+        force, stretch = self.task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR]]
+        return ControlLoop(
+            support=self.support,
+            lags={"force": float(force), "stretch": float(stretch)},
+            noise={channel.name: channel.noise for channel in self.observed},
+            time_step=self.time_step,
+            delay=self.delay,
+        )
 
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.plant.plant import Plant
+    from mm_gym.methods.support import Support
 
     Array = NDArray[np.float64]
 
 
 def lane_at(
-    plant: Plant, values: Mapping[str, float] | ArrayLike | None, about: ArrayLike | None
+    support: Support, values: Mapping[str, float] | ArrayLike | None, about: ArrayLike | None
 ) -> Array:
     """Return the lane (rows,) with some values, and the state of the point.
 
@@ -32,16 +32,15 @@ def lane_at(
         If a name is unknown, a value is not one that the scene was compiled for, or an array has
         the wrong shape.
     """
-    support = plant.support
     if values is None or hasattr(values, "keys"):
         row = 0.5 * (support.start_low + support.start_high)
         named: Mapping[str, float] = values or {}  # pyright: ignore[reportAssignmentType, reportUnknownVariableType]
         for name, value in named.items():
-            row[support.row_of(name)] = _value(plant, name, value)
+            row[support.row_of(name)] = _value(support, name, value)
         for follower, ratio, other in support.products:
             row[follower] = row[ratio] * row[other]
     else:
-        row = _numbers("at", values, len(plant.template))
+        row = _numbers("at", values, len(support.start_low))
     row[:4] = 0.0 if about is None else _numbers("about", about, 4)
     row[at.FORCE] = 0.0
     if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
@@ -52,8 +51,7 @@ def lane_at(
     return row
 
 
-def _value(plant: Plant, name: str, value: object) -> float:
-    support = plant.support
+def _value(support: Support, name: str, value: object) -> float:
     row = support.row_of(name)
     if row < at.FORCE:
         msg = f"at.{name}: the point's state is about = (x1, x2, v1, v2)"

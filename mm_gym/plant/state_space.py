@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.kernels import layout as at
 from mm_gym.kernels.channels import CHANNELS
 from mm_gym.plant.filters import random_impulses, shaping_filters
 from mm_gym.plant.linear_parts import (
@@ -18,6 +17,7 @@ from mm_gym.plant.linear_parts import (
     INPUTS,
     ONE,
     STATES,
+    ControlLoop,
     Parts,
     outputs_of,
     sensor_noise,
@@ -33,45 +33,37 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.plant.plant import Plant
-
     Array = NDArray[np.float64]
-
-ACTUATORS = ("force", "stretch")
 
 
 def state_space_of(
-    plant: Plant,
-    inputs: Sequence[str] | None,
-    outputs: Sequence[str] | None,
+    loop: ControlLoop,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
     *,
     sampled: bool,
     at: Mapping[str, float] | ArrayLike | None,
     about: ArrayLike | None,
 ) -> LinearSystem:
     """Return a plant as a linear system; see `mm_gym.plant.plant.Plant.state_space`."""
-    asked_inputs = _names("inputs", inputs, plant.actuators, INPUTS)
-    asked_outputs = _names("outputs", outputs, plant.channels, {**CHANNELS, **STATES})
-    row = lane_at(plant, at, about)
-    lags = _lags(plant)
+    asked_inputs = _names("inputs", inputs, INPUTS)
+    asked_outputs = _names("outputs", outputs, {**CHANNELS, **STATES})
+    row = lane_at(loop.support, at, about)
     parts = Parts(
-        plant=plant,
+        loop=loop,
         row=row,
         tangent=tangent(row),
-        filters=shaping_filters(plant.support, row),
-        impulses=random_impulses(plant.support, row),
+        filters=shaping_filters(loop.support, row),
+        impulses=random_impulses(loop.support, row),
         inputs=asked_inputs,
         outputs=asked_outputs,
-        held=_held(asked_inputs, asked_outputs, lags, sampled=sampled),
-        lags=lags,
+        held=_held(asked_inputs, asked_outputs, loop.lags, sampled=sampled),
     )
     return _sampled(parts) if sampled else _continuous(parts)
 
 
-def _names(
-    what: str, given: Sequence[str] | None, default: tuple[str, ...], allowed: Mapping[str, object]
-) -> tuple[str, ...]:
-    names = default if given is None else (given,) if isinstance(given, str) else tuple(given)
+def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tuple[str, ...]:
+    names = (given,) if isinstance(given, str) else tuple(given)
     for name in names:
         if name not in allowed:
             near = suggest(str(name), allowed)
@@ -82,14 +74,6 @@ def _names(
         msg = f"{what}: {twice[0]!r} is listed more than once"
         raise SceneError(msg)
     return names
-
-
-def _lags(plant: Plant) -> dict[str, float]:
-    task = plant.task
-    return {
-        "force": float(task[at.FORCE_LAG_FACTOR]),
-        "stretch": float(task[at.STRETCH_LAG_FACTOR]),
-    }
 
 
 SEES = {
@@ -105,9 +89,9 @@ def _held(
     """Return the actuators that need a state: with lag, or seen while held."""
     return tuple(
         name
-        for name in ACTUATORS
+        for name, lag in lags.items()
         if name in inputs
-        and (lags[name] < 1.0 or (sampled and any(channel in outputs for channel in SEES[name])))
+        and (lag < 1.0 or (sampled and any(channel in outputs for channel in SEES[name])))
     )
 
 
@@ -117,7 +101,7 @@ def _continuous(parts: Parts) -> LinearSystem:
     drivers = parts.tangent.drivers.astype(np.float64)
     a[:4, :4] = parts.tangent.a.astype(np.float64)
     for k, name in enumerate(parts.held):
-        lag = -parts.plant.time_step / np.log1p(-parts.lags[name])
+        lag = -parts.loop.time_step / np.log1p(-parts.loop.lags[name])
         a[:4, 4 + k] = drivers[:, DRIVERS.index(name)]
         a[4 + k, 4 + k], b[4 + k, inputs.index(name)] = -1.0 / lag, 1.0 / lag
     for k, name in enumerate(inputs):
@@ -139,10 +123,10 @@ def _continuous(parts: Parts) -> LinearSystem:
         *(a, b, c, d, tuple(states), tuple(parts.input_signal(name) for name in inputs), signals),
         drift=drift,
         process_noise=noise,
-        sensor_noise=parts.plant.time_step * sensor_noise(parts),
+        sensor_noise=parts.loop.time_step * sensor_noise(parts),
         time_step=None,
         dead_time=np.array(
-            [parts.plant.delay * parts.plant.time_step * (n in CHANNELS) for n in parts.outputs]
+            [parts.loop.delay * parts.loop.time_step * (n in CHANNELS) for n in parts.outputs]
         ),
     )
 
@@ -150,7 +134,7 @@ def _continuous(parts: Parts) -> LinearSystem:
 def _sampled(parts: Parts) -> LinearSystem:
     """Return the map of a control step, with the delay's states behind all others."""
     step, spread, kicks = _interval(parts)
-    size, count = len(step), parts.plant.support.intervals_per_step
+    size, count = len(step), parts.loop.support.intervals_per_step
     whole, noise, mean = np.eye(size), np.zeros((size, size)), np.zeros(size)
     for _ in range(count):
         noise = step @ noise @ step.T + spread
@@ -168,7 +152,7 @@ def _sampled(parts: Parts) -> LinearSystem:
     process[np.ix_(order, order)] = noise[np.ix_(kept, kept)]
     for k, name in enumerate(inputs):
         column = whole[:4, 4 + DRIVERS.index(name)]
-        fraction = parts.lags.get(name, 1.0)
+        fraction = parts.loop.lags.get(name, 1.0)
         b[:4, k] = fraction * column
         if name in parts.held:
             row = 4 + parts.held.index(name)
@@ -183,7 +167,7 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
     The states are x1, x2, v1, v2, then `DRIVERS`, which are held, then the sources.
     """
     sources, fixed = sources_of(parts), 4 + len(DRIVERS)
-    interval, harmonics = parts.plant.support.sample_interval, parts.harmonics
+    interval, harmonics = parts.loop.support.sample_interval, parts.harmonics
     size = fixed + 2 + 2 * len(harmonics)  # two ramps: of the disturbance and of the ground
     generator = np.full((size, size), Decimal(0))
     generator[:4, :4], generator[:4, 4:fixed] = parts.tangent.a, parts.tangent.drivers
@@ -247,11 +231,11 @@ def _spread_of_kicks(a: NDArray[np.object_], kick: Array, duration: float) -> Ar
 
 def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> LinearSystem:
     """Return the sampled system; late channels are shifted through states."""
-    plant, states, inputs = parts.plant, parts.names, parts.inputs
+    loop, states, inputs = parts.loop, parts.names, parts.inputs
     c, d, signals = outputs_of(parts, sampled=True)
-    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and plant.delay]
+    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and loop.delay]
     size, count = len(states), len(late)
-    total = size + count * plant.delay
+    total = size + count * loop.delay
 
     def grown(matrix: Array, rows: int, columns: int) -> Array:
         larger = np.zeros((rows, columns))
@@ -260,7 +244,7 @@ def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> Li
 
     a, noise = grown(a, total, total), grown(noise, total, total)
     b, c, d = grown(b, total, len(inputs)), grown(c, len(c), total), d.copy()
-    for age in range(1, plant.delay + 1):
+    for age in range(1, loop.delay + 1):
         own = slice(size + count * (age - 1), size + count * age)
         if age == 1:
             a[own], b[own] = c[late], d[late]
@@ -275,6 +259,6 @@ def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> Li
         drift=np.append(drift, np.zeros(total - size)),
         process_noise=noise,
         sensor_noise=sensor_noise(parts),
-        time_step=plant.time_step,
+        time_step=loop.time_step,
         dead_time=np.zeros(len(parts.outputs)),
     )

@@ -154,7 +154,7 @@ class LinearSystem:
 
         Raises
         ------
-        gymnasium.error.DependencyNotInstalled
+        ImportError
             Without python-control (extra: agents).
         DesignError
             If the system is continuous and its outputs are late.
@@ -162,10 +162,8 @@ class LinearSystem:
         try:
             import control  # noqa: PLC0415 - optional
         except ImportError as error:
-            from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415 - slow to import
-
             msg = 'to_control needs python-control; install it with: pip install "mm-gym[agents]"'
-            raise DependencyNotInstalled(msg) from error
+            raise ImportError(msg, name=error.name) from error
         if self.dead_time.any():
             msg = (
                 f"sensors.delay: a delay of {self.dead_time.max():g} s has finitely many states "

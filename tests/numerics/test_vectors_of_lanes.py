@@ -8,17 +8,9 @@ import pytest
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import (
-    LANES,
-    alike,
-    larger,
-    none,
-    read_bits,
-    rows_of,
-    smaller,
-    where,
-    write_bits,
-)
+from mm_gym.kernels.simd import LANES, alike, read_bits, write_bits
+from mm_gym.kernels.simd_masks import larger, none, smaller, where
+from mm_gym.kernels.simd_memory import rows_of
 
 
 @kernel

@@ -74,7 +74,7 @@ def excess(seed: int) -> float:
     """Return the largest error of a random scene's control steps over its tolerance.
 
     To the tolerance comes round-off, which a motion about an unstable place lets grow; see
-    `mm_gym.plant.compile.MOST_GROWTH`.
+    `mm_gym.plant.findings.MOST_GROWTH`.
     """
     scene = random_scene(np.random.default_rng(seed))
     plant, worst = compile_scene(scene), 0.0

@@ -1,5 +1,7 @@
 """Is a plant's linear system the environment's own motion, with lag, delay and filter?"""
 
+import sys
+
 import numpy as np
 import pytest
 from tasks import TASKS
@@ -208,6 +210,13 @@ def test_dead_time_is_in_the_response_and_refused_by_control():
     assert np.angle(turn).item() == pytest.approx(-60.0 * scene.control.time_step)
     with pytest.raises(DesignError, match=r"sensors\.delay"):
         late.to_control()
+
+
+def test_without_python_control_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    system = compile_scene(TASKS["mm_gym/CarriageForce-v0"]).state_space()
+    with pytest.raises(ImportError, match=r'pip install "mm-gym\[agents\]"'):
+        system.to_control()
 
 
 def test_free_sphere_is_not_controllable_and_the_reduction_is():

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import prefer_widest_vectors
+from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
 from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
@@ -21,15 +21,8 @@ from mm_gym.kernels.laws import (
     pair_force,
     stiffness,
 )
-from mm_gym.kernels.simd import (
-    LANES,
-    element,
-    everywhere,
-    none,
-    stay_apart,
-    where,
-    with_element,
-)
+from mm_gym.kernels.simd import LANES, element, everywhere, with_element
+from mm_gym.kernels.simd_masks import none, where
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 

@@ -15,7 +15,9 @@ from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import has_escaped
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, alike, larger, none, rows_of, smaller, where
+from mm_gym.kernels.simd import LANES, alike
+from mm_gym.kernels.simd_masks import larger, none, smaller, where
+from mm_gym.kernels.simd_memory import rows_of
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as taylor_step

@@ -1,0 +1,66 @@
+"""Dry friction that provably never slips, replaced by the viscous interface that it equals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.kernels import laws
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.jit import plain
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+    from mm_gym.scene.scene import Scene
+
+FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
+"""Rows of the parameters of dry friction."""
+
+
+def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tuple[str, ...]]:
+    """Return a support without dry friction that never slips, and the reason, if there is any."""
+    low, high = support.low, support.high
+    driven = (
+        scene.excitation or scene.actuation.force is not None or scene.actuation.stretch is not None
+    )
+    fixed = all(support.fixed(row) for row in FRICTION)
+    asked = scene.solver.method == "switched"
+    if not support.slips or driven or asked or not fixed or high[at.L0] > 0.0 or low[at.M1] == 0.0:
+        return support, ()
+    fastest, vr = _fastest_slip(support), low[at.VR]
+    if not fastest < vr:
+        return support, ()
+    damping = plain(laws.stick_slope)(low[at.MU1], low[at.FN], vr)
+    arrays: dict[str, NDArray[np.float64]] = {}
+    for name in ("start_low", "start_high", "low", "high"):
+        arrays[name] = getattr(support, name).copy()
+        arrays[name][list(FRICTION)] = 0.0
+        arrays[name][at.C] = damping
+    reason = (
+        f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below "
+        f"interface.reference_velocity = {vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
+    )
+    return replace(support, **arrays), (reason,)
+
+
+def _fastest_slip(support: Support) -> float:
+    """Return a bound of |w| [m/s] from the largest initial energy, which cannot grow.
+
+    It is infinite if the energy of the carriage's spring has no lower bound.
+    """
+    low, high = support.low, support.high
+    x1, offset, v1, v2 = (
+        max(abs(support.start_low[row]), abs(support.start_high[row])) for row in range(4)
+    )
+    twice = high[at.M1] * v1**2 + high[at.M2] * v2**2 + support.stiffest * offset**2
+    twice += high[at.K1] * max(0.0, high[at.ALPHA] * x1**2 + 0.5 * high[at.BETA] * x1**4)
+    alpha, beta = low[at.ALPHA], low[at.BETA]
+    if beta < 0.0 or (alpha < 0.0 and beta == 0.0):
+        return np.inf
+    if alpha < 0.0:
+        twice += 0.5 * high[at.K1] * alpha**2 / beta  # the depth of the wells, below the middle
+    return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))

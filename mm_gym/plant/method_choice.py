@@ -1,0 +1,160 @@
+"""The choice of a method for a scene, by the decision table of methods, and its reasons.
+
+The table is `mm_gym.methods.METHODS`, in order:
+
+===============================================  ==================  ==============================
+the scene's support                              plant               propagation
+===============================================  ==================  ==============================
+no interface, no springs                         linear              transition matrix; the sphere
+                                                                     flies free
+viscous interface and/or fixed stretch, cubic    linear              transition matrix, excitation
+  coefficient 0, only the start randomised                           as exosystem
+carriage without mass, otherwise linear          massless carriage   transition matrix of three
+                                                                     states
+actuated stretch or randomised excitation        parametric linear   exponential as a cubic in the
+  frequency, in short control steps, with                            generator, polynomials in
+  damping; excitation by harmonic forces and                         the springs' stiffness
+  impulses only
+the same otherwise, or with randomised           parametric linear   Taylor series of the
+  parameters                                                         exponential's action
+dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
+dry friction, cubic coefficient 0, only the      switched linear     transition matrices, crossings
+  start randomised                                                   bisected
+the same with actuated stretch, randomised       parametric          Taylor series for each regime
+  parameters or excitation frequency, or         switched linear
+  excitation beyond harmonics and impulses
+cubic coefficient above 0, only the start        smooth nonlinear    splitting, extrapolated
+  randomised, short control steps, no
+  excitation, tolerance above 1e-9
+cubic coefficient other than 0 otherwise, or     smooth nonlinear    adaptive Taylor series
+  finite stretch
+the same with dry friction                       switched nonlinear  adaptive Taylor series,
+                                                                     crossings located
+===============================================  ==================  ==============================
+
+A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the
+interface.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mm_gym import methods
+from mm_gym.errors import CompileError
+from mm_gym.kernels import layout as at
+from mm_gym.methods.support import MASSLESS
+
+if TYPE_CHECKING:
+    from mm_gym.methods import Method
+    from mm_gym.methods.support import Support
+    from mm_gym.scene.scene import Solver
+
+FIXED = "every parameter has one value"
+
+
+def settings_of(solver: Solver) -> methods.Settings:
+    """Return what methods read of a scene's ``solver``."""
+    return methods.Settings(solver.tolerance, solver.substeps or 1)
+
+
+def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
+    """Return the first method of the table that applies and has the name asked for, and why.
+
+    Raises
+    ------
+    CompileError
+        If the method asked for does not apply.
+    """
+    asked, settings = solver.method, settings_of(solver)
+    obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
+    applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
+    deferrals = {method: method.deferral(settings) for method in applicable[:-1]}
+    chosen = next((m for m in applicable if deferrals.get(m) is None), applicable[0])
+    reasons = _reasons(support, obstacles | deferrals, chosen)
+    if asked in ("auto", chosen.name):
+        return chosen, reasons
+    for method in applicable:
+        if method.name == asked:
+            return method, (f"solver.method asks for it in place of {chosen.name!r}",)
+    allowed = ", ".join(repr(name) for name in ("auto", *_names(applicable)))
+    why = f"({'; '.join(reasons)})"
+    msg = f"solver.method: {asked!r} does not apply to this scene {why}; allowed: {allowed}"
+    raise CompileError(msg)
+
+
+def _names(applicable: list[Method]) -> list[str]:
+    return list(dict.fromkeys(method.name for method in applicable))
+
+
+def _reasons(
+    support: Support, obstacles: dict[Method, str | None], chosen: Method
+) -> tuple[str, ...]:
+    """Return the reasons for the choice, one clause each."""
+    reasons = [*_nonlinearities(support), *_instability(support), *_friction(support)]
+    if support.kind == MASSLESS:
+        balance = "carriage.mass is 0: the forces on the carriage balance"
+        return balance, *_instability(support), FIXED
+    before = [method for method in _before(chosen) if support.kind in method.kinds]
+    skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
+    if support.is_nonlinear:
+        return (*reasons, *skipped)
+    if not support.slips:
+        reasons.append(_coupling(support))
+    moves = [_moves(name, support) for name in support.varying]
+    if support.sampled:
+        moves.append("there is excitation besides harmonics")
+    return (*reasons, *(moves or [FIXED]), *skipped)
+
+
+def _before(chosen: Method) -> tuple[Method, ...]:
+    """Return the methods before one in the table."""
+    return methods.METHODS[: methods.METHODS.index(chosen)]
+
+
+def _nonlinearities(support: Support) -> list[str]:
+    reasons: list[str] = []
+    low, high = support.low[at.BETA], support.high[at.BETA]
+    if support.is_cubic:
+        furthest = low if -low > high else high
+        reasons.append(f"carriage.cubic_coefficient reaches {furthest:g} 1/m^2")
+    if support.high[at.L0] > 0.0:
+        reasons.append("springs of finite stretch")
+    return reasons
+
+
+def _instability(support: Support) -> list[str]:
+    """Return where the carriage has no stable rest, as far as its spring tells."""
+    (alpha, beta), place = support.low[[at.ALPHA, at.BETA]], "|x1| = sqrt(-alpha / beta)"
+    reasons: list[str] = []
+    if alpha < 0.0:
+        start = f"carriage.linear_coefficient reaches {alpha:g}, so that x1 = 0 is unstable"
+        ends = f"the spring has two wells, at {place}" if beta > 0.0 else "motions may grow forever"
+        reasons.append(f"{start} and {ends}")
+    if beta < 0.0 < support.high[at.ALPHA]:
+        reasons.append(f"the carriage escapes beyond the barrier at {place}")
+    return reasons
+
+
+def _friction(support: Support) -> list[str]:
+    if not support.slips:
+        return []
+    return [
+        (
+            "dry friction may slip faster than interface.reference_velocity = "
+            f"{support.low[at.VR]:g} m/s"
+        )
+    ]
+
+
+def _coupling(support: Support) -> str:
+    joined = support.high[at.C] > 0.0 or support.high[at.K0] > 0.0
+    if joined:
+        return "all forces are linear in the state"
+    return "nothing joins the sphere to the carriage"
+
+
+def _moves(name: str, support: Support) -> str:
+    row = support.names[name]
+    name = "the stretch" if row == at.STRETCH else name
+    return f"{name} takes values from {support.low[row]:g} to {support.high[row]:g}"
