@@ -183,7 +183,7 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         column = lanes.values[:, 0]
         self._views = (
             lanes.observed[:, 0],
-            column[at.REWARD : at.REWARD + 1],
+            lanes.rewards,
             column[:4],
             column[lanes.applied_rows],
         )
@@ -262,13 +262,14 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
+        frame, reward, state, applied = self._views
         if (
             type(action) is np.ndarray
             and action.dtype is FLOAT32
             and action.shape == self._shape
             and action.flags.carray
         ):  # the common case
-            status = self._advance(action, 0, 1)
+            status = self._advance(action, reward, 0, 1)
         else:
             status = self._lanes.advance(checked_actions(action, self._shape))
         terminated = truncated = False
@@ -279,7 +280,6 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         if self._renderer is not None:
             self._renderer.note()
-        frame, reward, state, applied = self._views
         if self._level == "light":  # the common case
             info = {"state": state.copy(), "applied": applied.copy()}
         else:

@@ -234,6 +234,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             raise ResetNeeded(msg)
         # (actuators, lanes), flat: the environment's own memory order
         actions, copies = checked_actions(actions, self._shape).ravel("F"), None
+        self._lanes.rewards = rewards = np.empty(self.num_envs)
         if self._any_finished:
             self._rest(actions)
         if self._copy and self._lanes.are_threaded and not self._any_finished:
@@ -249,7 +250,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
                 copies = None  # they are of the end, not of the restart
         if self._renderer is not None:
             self._renderer.note()
-        observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
+        observations, terminated, truncated, state, applied = self._outputs(copies)
         info = self._info(state, applied)
         if final:
             info |= final
@@ -317,14 +318,14 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         }
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
-        """Return observations, rewards, terminated, truncated, states and what was applied."""
+        """Return observations, terminated, truncated, states and what was applied."""
         if self._copy and copies is None and self._level == "none":
-            shown = self._lanes.outputs[:4]
-            return [*(array.copy().T for array in shown), *self._views[4:]]
+            shown = self._lanes.outputs[:3]
+            return [*(array.copy().T for array in shown), *self._views[3:]]
         if self._copy:
             return [array.T for array in copies or self._lanes.copies()]
-        observed, rewards, terminated, truncated, state, applied = self._views
-        return observed, rewards.copy(), terminated.copy(), truncated.copy(), state, applied
+        observed, terminated, truncated, state, applied = self._views
+        return observed, terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere

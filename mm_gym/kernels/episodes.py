@@ -145,7 +145,7 @@ def complete(model, task, lanes, first, last):
 
 
 @borrowing_kernel
-def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, last):
+def show_first(model, task, lanes, frames, ends, streams, mask, paused, rewards, first, last):
     """Fill the history of the lanes of the mask with their first frame.
 
     Parameters
@@ -153,7 +153,7 @@ def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, l
     model, task
         (m,) and (t,), read.
     lanes
-        (rows, count) read; the reward and what is derived from the state are written.
+        (rows, count) read; what is derived from the state is written.
     frames
         (history, count) float32, written, the newest frame last.
     ends
@@ -165,6 +165,8 @@ def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, l
     paused
         Whether the lanes begin anew instead of making a control step: they then earn nothing in it,
         and end nothing.
+    rewards
+        (count,) float64, written for paused lanes.
     first, last
         The lanes first .. last - 1.
 
@@ -178,7 +180,8 @@ def show_first(model, task, lanes, frames, ends, streams, mask, paused, first, l
         if mask[first]:
             fill_history(model, task, lanes, frames, streams, first, end)
             if paused:
-                fill(lanes, at.REWARD, 0.0, first, end)
+                for i in span(first, end):
+                    rewards[i] = 0.0
                 fill(ends, at.TERMINATED, False, first, end)
                 fill(ends, at.TRUNCATED, False, first, end)
         first = end

@@ -51,14 +51,14 @@ class Lanes:
         that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
+    rewards
+        (count,) float64: those of the last control step. The next one writes into this array, in
+        place of which the caller may put his own before it.
     outputs
-        Views of a control step's outputs: observed, rewards, terminated, truncated, states (4,
-        count) and what was applied (actuators, count).
+        Views of a control step's other outputs: observed, terminated, truncated, states (4, count)
+        and what was applied (actuators, count).
     are_threaded
         Whether several threads step them.
-    advance
-        actions -> status: make one control step of all lanes. The actions are (actuators, count),
-        float32 or float64, flat in C order.
     rest
         mask -> status: let lanes rest at zero.
 
@@ -74,7 +74,6 @@ class Lanes:
         self._allocate()
         self.outputs: tuple[NDArray[Any], ...] = (
             self.observed,
-            self.values[at.REWARD],
             self.terminated,
             self.truncated,
             self.values[:4],
@@ -101,6 +100,7 @@ class Lanes:
         self.observed = self.frames[: plant.history * len(plant.channels)]
         self.terminated, self.truncated = self._ends[: at.MARKED, :count]
         self.streams = np.zeros((2, count), np.uint64)
+        self.rewards = np.zeros(count)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
 
@@ -110,7 +110,7 @@ class Lanes:
         constants = np.concatenate([self.plant.task, self.plant.model])
         outputs = (*rows, self.applied_rows.start)
         self._step_arguments = (constants, *rows, self.streams)
-        self.advance = bind(advance, *self._step_arguments)
+        self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._advance_and_copy = bind(advance, *self._step_arguments, then=(copy_outputs, outputs))
 
@@ -130,13 +130,20 @@ class Lanes:
         self.rest = bind(episodes.rest, values)
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
-        """Return (actions, first, last) -> status: `advance` for actions of this dtype only.
+        """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.
 
         It takes less time than `advance`, because it does not check the dtype.
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
-        entry = entry_point(self._advance, *self._step_arguments, actions, 0, self.count)
-        return partial(entry, *self._step_arguments)
+        arguments = *self._step_arguments, actions, self.rewards, 0, self.count
+        return partial(entry_point(self._advance, *arguments), *self._step_arguments)
+
+    def advance(self, actions: NDArray[np.floating]) -> int:
+        """Make one control step of all lanes; return its status.
+
+        The actions are (actuators, count), float32 or float64, flat in C order.
+        """
+        return self._advance_all(actions, self.rewards)
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
         """Make a control step of all lanes; return its status and copies of its outputs.
@@ -145,7 +152,7 @@ class Lanes:
         not twice.
         """
         copies = self._empty_outputs()
-        return self._advance_and_copy(actions, *copies), copies
+        return self._advance_and_copy(actions, self.rewards, *copies), copies
 
     def copies(self) -> list[NDArray[Any]]:
         """Return copies of the outputs."""
@@ -199,7 +206,7 @@ class Lanes:
         if plant.support.sampled:
             self._begin_excitation(mask)
         if seen or plant.task[at.IS_NOISY]:
-            self._show(mask, paused)
+            self._show(mask, paused, self.rewards)
 
     def _multiply(self, mask: NDArray[np.bool_]) -> None:
         """Write the fields that follow from a ratio, and the regimes of friction with them."""
@@ -281,7 +288,8 @@ class Lanes:
         """
         if status > at.NOT_FINITE:
             age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
-            raise SimulationError(text_of(self.plant, self.values, status, age + unfinished))
+            age += unfinished
+            raise SimulationError(text_of(self.plant, self.values, self.rewards, status, age))
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
