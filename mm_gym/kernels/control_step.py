@@ -46,6 +46,7 @@ def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    whole: Callable[..., object] | None = None,
     respond: Callable[..., None] | None = None,
     shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
@@ -60,6 +61,8 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    whole
+        Another kernel for scenes without sampled excitation, whose sample intervals are all whole.
     respond
         For linear plants, the kernel that adds a response to an impulse, see
         `mm_gym.kernels.crossing.by_superposition`. Without it `propagate` takes sample intervals of
@@ -75,7 +78,7 @@ def build(
         cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
     return Entries(
         *_entries(cross, excite, excite_and_apply, at_once),
-        *_entries(unexcited(propagate), leave, leave, at_once),
+        *_entries(unexcited(whole or propagate), leave, leave, at_once),
         propagate,
         cross,
         stops_at_corners,
