@@ -24,7 +24,7 @@ from mm_gym.env.arguments import (
 )
 from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
-from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.pictures import RENDER_MODES, rendered, renderer_of
 from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
@@ -124,6 +124,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         `make_vec` passes that of the registered task if it is asked for none.
         """
         limit = limit_of_maker()
+        self._is_limited = limit is None or limit.steps is not None
         if limit is None and steps not in (None, -1):
             limit = Limit(checked_count(steps, "max_episode_steps"), is_asked=True)
         return scene if limit is None else limited(scene, changes, limit)
@@ -376,7 +377,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def render(self) -> tuple[Any, ...] | None:
         """Return what `MovingMassEnv.render` does for every lane; "human" shows up to nine."""
-        frames = None if self._renderer is None else self._renderer.render()
+        frames = rendered(self._renderer, self.render_mode)
         return None if frames is None else tuple(frames)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Gymnasium's signature
