@@ -215,20 +215,26 @@ def check_termination(task, lanes, ends, first, last):
             fill(ends, at.TRUNCATED, False, first, last)
             ends[at.MARKED, first] = False
         return at.OK
-    ended, steps, oldest = False, task[at.STEPS], 0
+    ended, steps, due = False, task[at.STEPS], now + 1.0
     x1s, x2s, began = (
         lanes[at.X1, first:last],
         lanes[at.X2, first:last],
         lanes[at.BEGAN, first:last],
     )
     over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
+    if furthest < np.inf or rail < np.inf:
+        for i in range(last - first):
+            over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
+    else:
+        fill(ends, at.TERMINATED, False, first, last)
     for i in range(last - first):
-        over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
         late[i] = now - began[i] >= steps
-    for i in range(last - first):
         ended |= over[i] | late[i]
-    for i in range(last - first):  # integers: a maximum of doubles would not vectorise
-        oldest = max(oldest, int(now - began[i]))
-    lanes[at.DUE, first] = now - oldest + steps
+    if not ends[at.MARKED, first]:  # else episodes may end in the next step too
+        oldest = 0
+        for i in range(last - first):  # integers: a maximum of doubles would not vectorise
+            oldest = max(oldest, int(now - began[i]))
+        due = now - oldest + steps
+    lanes[at.DUE, first] = due
     ends[at.MARKED, first] = ended
     return at.ENDED if ended else at.OK

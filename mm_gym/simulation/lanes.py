@@ -60,7 +60,7 @@ class Lanes:
     are_threaded
         Whether several threads step them.
     rest
-        mask -> status: let lanes rest at zero.
+        (actions, lanes) -> status: let the lanes listed rest at zero, if all actions are finite.
 
     Notes
     -----
@@ -95,7 +95,7 @@ class Lanes:
             self._values[row] = plant.template[row]
         frames = (plant.history + plant.delay) * len(plant.channels)
         self._frames = rows_of(frames, count, np.float32)
-        self._ends = rows_of(3, count, np.bool_)
+        self._ends = rows_of(3, count + -count % 8, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
         self.observed = self.frames[: plant.history * len(plant.channels)]
         self.terminated, self.truncated = self._ends[: at.MARKED, :count]
@@ -128,6 +128,9 @@ class Lanes:
             episodes.show_first, model, task, values, self._frames, self._ends, streams
         )
         self.rest = bind(episodes.rest, values)
+        ends = self._ends
+        self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)
+        self._list_ended = entry_point(episodes.list_ended, *self._listing)
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
         """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.
@@ -144,6 +147,11 @@ class Lanes:
         The actions are (actuators, count), float32 or float64, flat in C order.
         """
         return self._advance_all(actions, self.rewards)
+
+    def ended(self) -> NDArray[np.int64]:
+        """Return the lanes whose episodes the last control step ended, in ascending order."""
+        ends, eights, which = self._listing
+        return which[: self._list_ended(ends, eights, which)].copy()
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
         """Make a control step of all lanes; return its status and copies of its outputs.
@@ -177,13 +185,13 @@ class Lanes:
 
     def restart(
         self,
-        mask: NDArray[np.bool_] | None = None,
+        which: NDArray[np.int64] | None = None,
         fixed: Mapping[int, Values] | None = None,
         *,
         seen: bool = True,
         paused: bool = False,
     ) -> None:
-        """Begin a new episode in the lanes of the mask (all by default).
+        """Begin a new episode in the lanes listed, in ascending order (all by default).
 
         Parameters
         ----------
@@ -197,21 +205,23 @@ class Lanes:
             ends no episode. Requires `seen`.
         """
         plant = self.plant
-        if mask is None:
-            mask = np.ones(self.count, np.bool_)
+        if which is None:
+            which = np.arange(self.count)
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
-        self._start(mask, rows, values)
+        self._start(which, rows, values)
         if plant.support.products:
-            self._multiply(mask)
+            self._multiply(which)
         if plant.support.sampled:
+            mask = np.zeros(self.count, np.bool_)
+            mask[which] = True
             self._begin_excitation(mask)
         if seen or plant.task[at.IS_NOISY]:
-            self._show(mask, paused, self.rewards)
+            self._show(which, paused, self.rewards)
 
-    def _multiply(self, mask: NDArray[np.bool_]) -> None:
+    def _multiply(self, which: NDArray[np.int64]) -> None:
         """Write the fields that follow from a ratio, and the regimes of friction with them."""
         for row, ratio, other in self.plant.support.products:
-            np.multiply(self.values[ratio], self.values[other], out=self.values[row], where=mask)
+            self.values[row, which] = self.values[ratio, which] * self.values[other, which]
         write_regimes(self._values, 0, self.count)
 
     def _rows_and_values(self, fixed: Mapping[int, Values]) -> tuple[NDArray[np.int64], Values]:

@@ -208,7 +208,7 @@ def test_estimate_counts_every_kernel_that_is_called_and_none_twice(module):
     assert both == pytest.approx(notice.SECONDS_PER_BYTE * sum(sizes), rel=1e-12)
     assert notice.seconds(kernels.half, kernels.quarter) == both
     # those in other modules too, that it names by their modules
-    assert notice.seconds(episodes.start) > 5.0 * notice.seconds(episodes.run_end)
+    assert notice.seconds(episodes.start) > 5.0 * notice.seconds(episodes.place_of)
 
 
 def test_after_warming_a_process_compiles_nothing_and_does_not_prepare_to(capsys):
