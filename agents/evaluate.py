@@ -3,6 +3,9 @@
 Writes tables and figures into the run's folder and prints the ranking by the task's cost. Nothing
 in the folder is run: policies are files of numbers. An archive of Stable-Baselines3 can run code
 when it is opened; it needs ``--trust``.
+
+A controller of your own, whose file is run, see docs/controllers.md:
+``python -m agents.evaluate mm_gym/PreStretch-v0 --controller my_file.py:MyLaw``.
 """
 
 from __future__ import annotations
@@ -10,18 +13,24 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path  # noqa: TC003 - tyro reads the annotation
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from agents.controllers.learned import Learned
+from agents.controllers.user_defined import ControllerError, user_defined
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.runs import Run, RunError
-from mm_gym import Scene, SceneError
+from mm_gym import Scene, SceneError, load_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
 
 
 @dataclass(frozen=True)
@@ -29,7 +38,7 @@ class Arguments:
     """What to evaluate."""
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """folder of a finished run, runs/NAME"""
+    """folder of a finished run, runs/NAME; with --controller a task's id, or a scene file"""
     episodes: int = 200
     """held-out episodes"""
     policy: Path | None = None
@@ -37,6 +46,10 @@ class Arguments:
     Stable-Baselines3 with --trust"""
     trust: bool = False
     """open an archive of Stable-Baselines3, although that can run code in it"""
+    controller: str | None = None
+    """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
+    out: Path | None = None
+    """folder for the tables and figures of --controller; without it they are only printed"""
 
 
 def report_run(
@@ -58,15 +71,24 @@ def report_run(
         raise RunError(msg)
     folder = run.folder if policy is None else run.folder / name
     scene = Scene(**record["scene"])
-    learned = evaluate(scene, Learned(policy or load_policy(run.policy), name), episodes=episodes)
+    learned = Learned(policy or load_policy(run.policy), name)
+    return report([learned], scene, episodes, folder)
+
+
+def report(
+    controllers: Sequence[Controller], scene: Scene, episodes: int, folder: Path | None
+) -> list[Evaluation]:
+    """Evaluate controllers, then the baselines; print the ranking, and write it to a folder."""
+    own = [evaluate(scene, controller, episodes=episodes) for controller in controllers]
     others = [evaluate(scene, controller, episodes=episodes) for controller in baselines(scene)]
-    results = [*others, learned]
-    write_scores(results, folder / "scores.csv")
-    write_episodes(results, folder / "episodes.csv")
-    draw_costs(results, scene, folder / "costs.png")
-    draw_response(results[0], results[-1], scene, folder / "response.png")
+    results = [*others, *own]
     print_ranking(results, scene)
-    print(f"written: {folder}/")
+    if folder is not None:
+        write_scores(results, folder / "scores.csv")
+        write_episodes(results, folder / "episodes.csv")
+        draw_costs(results, scene, folder / "costs.png")
+        draw_response(results[0], results[-1], scene, folder / "response.png")
+        print(f"written: {folder}/")
     return results
 
 
@@ -95,6 +117,11 @@ def main() -> str | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
     try:
+        if arguments.controller is not None:
+            scene = load_scene(arguments.folder.as_posix())
+            own = user_defined(arguments.controller, scene)
+            report(own, scene, arguments.episodes, arguments.out)
+            return None
         run = Run(arguments.folder.name, arguments.folder.parent)
         path, episodes = arguments.policy, arguments.episodes
         if path is None:
@@ -102,7 +129,7 @@ def main() -> str | None:
         else:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem)
-    except (SceneError, RunError, PolicyError) as error:
+    except (SceneError, RunError, PolicyError, ControllerError) as error:
         return f"error: {error}"
     return None
 

@@ -83,12 +83,12 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
         If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
         a mode that does not decay, or an equation has no stabilising solution.
     """
-    price = _price(scene)
+    price = force_price(scene)
     plant = compile_scene(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
-    regulated, gain, riccati = _regulator(plant, scene, at, price, system)
+    regulated, gain, riccati = regulator(plant, scene, at, price, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
@@ -104,7 +104,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     return LQGDesign(system, regulated, gain, filters, error, cost)
 
 
-def _price(scene: Scene) -> float:
+def force_price(scene: Scene) -> float:
     """Return the cost of the force [1/N^2]."""
     actuator, weight = scene.actuation.force, scene.objective.effort_weight
     if actuator is None:
@@ -119,7 +119,7 @@ def _price(scene: Scene) -> float:
     return weight / actuator.limit**2
 
 
-def _regulator(
+def regulator(
     plant: Plant, scene: Scene, at: dict[str, float] | None, price: float, system: LinearSystem
 ) -> tuple[tuple[int, ...], Array, Array]:
     """Return the states that the cost depends on, the gain on all states, and P."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.controllers.controller import columns
 from agents.controllers.matching_stretch import FREQUENCY
+from agents.evaluation.injected import SpringWork
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ class Evaluation:
     time, displacement, applied
         (steps,) [s]; (steps, episodes) x1 / objective.displacement_scale; (steps, episodes, k) what
         the actuators reached. After an early end they keep their last values.
+    injected
+        (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where
+        the stretch is not actuated.
     """
 
     name: str
@@ -54,6 +58,7 @@ class Evaluation:
     time: NDArray[np.float64]
     displacement: NDArray[np.float64]
     applied: NDArray[np.float64]
+    injected: NDArray[np.float64] | None
 
     @property
     def cost(self) -> float:
@@ -121,11 +126,14 @@ def evaluate(
     steps = scene.control.steps
     displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
     applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
+    work = None if scene.actuation.stretch is None else SpringWork(scene, env)
+    offset, initial = np.zeros((steps, episodes)), info["applied"][:, -1].copy()
     alive, lived = np.ones(episodes, np.bool_), np.zeros(episodes, np.int64)
     early = np.zeros(episodes, np.bool_)
     for step in range(steps):
         for record in (displacement, applied):
             record[step] = record[step - 1]
+        offset[step] = info["state"][:, 1] - info["state"][:, 0]
         known = {} if controller.reads == "observation" else info
         observation, reward, terminated, truncated, info = env.step(
             controller.act(observation, known)
@@ -153,4 +161,7 @@ def evaluate(
         time=scene.control.time_step * np.arange(1, steps + 1),
         displacement=displacement / scene.objective.displacement_scale,
         applied=applied,
+        injected=None
+        if work is None
+        else work.injected(offset, np.concatenate([initial[None], applied[:, :, -1]])),
     )

@@ -33,10 +33,11 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
     Returns
     -------
     list of dict
-        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, and
-        its rms of x1 / displacement_scale. Roles: "zero", "random", "constant" (the best on these
-        very episodes), "law" (tuned on others), "predictive", "informed" (knows what an agent does
-        not), "planner".
+        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, its
+        rms of x1 / displacement_scale and, where the stretch is actuated, the mean over the
+        episodes of the energy [J] that changing it put in. Roles: "zero", "random", "constant"
+        (the best on these very episodes), "law" (tuned on others), "predictive", "informed" (knows
+        what an agent does not), "planner".
     """
     laws = classical_laws(scene)
     scores = [scored("law", scene, law) for law in laws]
@@ -58,6 +59,8 @@ def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | f
     result = evaluate(scene, controller, episodes=EPISODES)
     low, high = interval(result.penalties)
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
+    if result.injected is not None:
+        values["injected"] = float(result.injected.mean())
     return {"role": role, "controller": result.name, "reads": result.reads} | {
         name: float(f"{value:.6g}") for name, value in values.items()
     }
