@@ -9,6 +9,7 @@ policy of the validations is kept.
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from agents.evaluate import report_run
 from agents.policies import PolicyError
@@ -16,6 +17,11 @@ from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ppo import train
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
 
 
 def main() -> str | int | None:
@@ -27,12 +33,14 @@ def main() -> str | int | None:
     return train_and_report(settings)
 
 
-def train_and_report(settings: TrainSettings) -> str | int | None:
-    """Train and report; return what `sys.exit` takes."""
+def train_and_report(
+    settings: TrainSettings, beside: Sequence[Controller] = ()
+) -> str | int | None:
+    """Train and report, beside other controllers too; return what `sys.exit` takes."""
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run)
+        report_run(run, beside=beside)
     except (SceneError, CompileError, RunError, PolicyError) as error:
         return f"error: {error}"
     except KeyboardInterrupt:

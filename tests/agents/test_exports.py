@@ -4,6 +4,7 @@ import ctypes
 import itertools
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,3 +98,18 @@ def test_missing_policy_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["export", str(tmp_path), "--out", str(tmp_path / "p.c")])
     assert f"{tmp_path}/policy.npz: no such file" in command.main()
     assert not list(tmp_path.iterdir())
+
+
+def test_ten_lines_of_the_page_act_as_the_policy(tmp_path, monkeypatch):
+    policy = POLICIES["evolved"]
+    policy.save(tmp_path / "policy.npz")
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "training.md").read_text()
+    names = {}
+    exec(page.split("```python\n")[1].split("```")[0], names)  # noqa: S102 - our own page
+    rng = np.random.default_rng(2)
+    sums, own = np.zeros((3, 2)), policy.begin(1)
+    for _ in range(100):
+        observation = rng.standard_normal(18).astype(np.float32)
+        want = policy.act(observation[None], own)[0]
+        np.testing.assert_allclose(names["act"](observation, sums), want, atol=1e-6)

@@ -166,7 +166,7 @@ class TestInterrupts:
         assert load_checkpoint(run.checkpoint)["model/steps"] > 0
 
     def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch, capsys):
-        def interrupt(*_):
+        def interrupt(*_, **__):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(command, "report_run", interrupt)
@@ -225,7 +225,9 @@ class TestNames:
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
-        monkeypatch.setattr(command, "report_run", lambda _: None)
+        shown = []
+        monkeypatch.setattr(command, "report_run", lambda _, beside: shown.extend(beside))
+        monkeypatch.setattr(demo, "GENERATIONS", 1)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
             demo, "read_settings", lambda *_: changed(name="show", steps=200, evaluations=1)
@@ -235,7 +237,9 @@ class TestNames:
         demo.main()
         demo.main()
         runs = sorted(path.name for path in (tmp_path / "runs").iterdir())
-        assert runs == ["show", "show-2", "show-3"]
+        names = ["show", "show-2", "show-2-evolved", "show-3", "show-3-evolved", "show-evolved"]
+        assert runs == names
+        assert [controller.name for controller in shown] == ["evolved network"] * 3
         assert contents(tmp_path / "runs" / "show") == before
         record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())
         assert record["settings"]["name"] == "show-2"
