@@ -18,7 +18,7 @@ from agents.evaluation.aggregates import (
     stacked,
     tail_mean,
 )
-from agents.evaluation.headroom import SCORES
+from agents.evaluation.headroom import SCORES, least_cost
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -120,8 +120,9 @@ def best_known(task: str, scene: Scene) -> float | None:
     scores = json.loads(SCORES.read_text("utf-8")).get(task)
     if scores is None or scores["scene_digest"] != scene.digest:
         return None
-    constant = next(row["cost"] for row in scores["rows"] if row["role"] == "constant")
-    return min(row["cost"] for row in scores["rows"]) / constant
+    rows = scores["rows"]
+    constant = next(row["cost"] for row in rows if row["role"] == "constant")
+    return least_cost(rows) / constant
 
 
 def conclude(

@@ -97,7 +97,7 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
     if twice:
         msg = f"{twice[0]}: given twice; allowed: once"
         raise SceneError(msg)
-    runs = {text: _runs(text) for text in texts if _may_be_runs(text)}
+    runs = {text: finished_runs(text) for text in texts if _may_be_runs(text)}
     if not tasks:
         own = {task: None for of_task in runs.values() for task in of_task}
         tasks = [name for name in ids() if name in own] or list(own) or ids()
@@ -127,7 +127,7 @@ def _may_be_runs(text: str) -> bool:
     return "*" in text or "/" in text or Path(text).is_dir()
 
 
-def _runs(text: str) -> dict[str, list[Run]]:
+def finished_runs(text: str) -> dict[str, list[Run]]:
     """Return the runs of a folder, or of a pattern of folders, by their task.
 
     Raise `RunError` if there are none, or one is not over.
