@@ -6,41 +6,69 @@ when it is opened; it needs ``--trust``.
 
 A controller of your own, whose file is run, see docs/controllers.md:
 ``python -m agents.evaluate mm_gym/PreStretch-v0 --controller my_file.py:MyLaw``.
+
+Several runs and controllers in one table, on one task or many, see docs/evaluation.md:
+``python -m agents.evaluate baselines lqr "runs/ppo-*" --tasks mm_gym/CarriageForce-v0``.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
-from pathlib import Path  # noqa: TC003 - tyro reads the annotation
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from agents.comparison.command import compare
+from agents.comparison.contestants import BASELINES, read_field
+from agents.comparison.entries import Episodes
+from agents.comparison.measure import Studies
 from agents.controllers.learned import Learned
 from agents.controllers.user_defined import ControllerError, user_defined
 from agents.evaluation.baselines import baselines
-from agents.evaluation.episodes import Evaluation, evaluate
+from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.runs import Run, RunError
-from mm_gym import Scene, SceneError, load_scene
+from mm_gym import DesignError, Scene, SceneError, load_scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from agents.controllers.controller import Controller
 
+SINGLE = 200
+"""Held-out episodes of a single run."""
+
 
 @dataclass(frozen=True)
 class Arguments:
     """What to evaluate."""
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """folder of a finished run, runs/NAME; with --controller a task's id, or a scene file"""
-    episodes: int = 200
-    """held-out episodes"""
+    subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """one: the folder of a finished run, runs/NAME, or with --controller a task's id or a scene
+    file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
+    "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
+    training, a policy's .npz file, or FILE.py:NAME"""
+    tasks: tuple[str, ...] = ()
+    """ids or scene files to compare on; by default those of the runs, or all tasks"""
+    episodes: int | None = None
+    """held-out episodes: 200, or 64 of each seed"""
+    seeds: int | None = None
+    """of what is compared: 5, or as many as the training has"""
+    first_seed: int = HELD_OUT_SEED
+    """of the first episode of what is compared"""
+    robustness: bool = False
+    """compare also under other masses, stiffnesses and dampings, noise and delay"""
+    records: tuple[Path, ...] = ()
+    """recorded motions that take the place of the excitation, besides"""
+    frequency: bool = False
+    """measure the steady response of the closed loop over frequency"""
+    processes: int = os.cpu_count() or 1
+    """that work on tasks side by side; results do not depend on it"""
     policy: Path | None = None
     """a policy to score instead of the run's own: a .npz file, or a .zip archive of
     Stable-Baselines3 with --trust"""
@@ -49,7 +77,13 @@ class Arguments:
     controller: str | None = None
     """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
     out: Path | None = None
-    """folder for the tables and figures of --controller; without it they are only printed"""
+    """folder for tables and figures of --controller, and of what is compared; without it they are
+    only printed"""
+
+    @property
+    def compares(self) -> bool:
+        """Whether several are compared."""
+        return len(self.subjects) > 1 or bool(self.tasks) or self.subjects[0] == BASELINES
 
 
 def report_run(
@@ -118,23 +152,44 @@ def read_policy(path: Path, *, trust: bool) -> Policy:
     return open_trusted(path)
 
 
+def compare_several(arguments: Arguments) -> None:
+    """Compare what the command line names; refuse flags of a single run."""
+    for flag in ("policy", "controller"):
+        if getattr(arguments, flag) is not None:
+            msg = (
+                f"--{flag}: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
+            )
+            raise SceneError(msg)
+    compared = read_field(arguments.subjects, arguments.tasks)
+    episodes = Episodes.of_field(
+        compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
+    )
+    studies = Studies(arguments.robustness, arguments.records, arguments.frequency)
+    compare(compared, episodes, studies, arguments.out, arguments.processes)
+
+
 def main() -> str | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
+    episodes = arguments.episodes or SINGLE
     try:
-        if arguments.controller is not None:
-            scene = load_scene(arguments.folder.as_posix())
-            own = user_defined(arguments.controller, scene)
-            report(own, scene, arguments.episodes, arguments.out)
+        if arguments.compares:
+            compare_several(arguments)
             return None
-        run = Run(arguments.folder.name, arguments.folder.parent)
-        path, episodes = arguments.policy, arguments.episodes
+        subject = Path(arguments.subjects[0])
+        if arguments.controller is not None:
+            scene = load_scene(subject.as_posix())
+            own = user_defined(arguments.controller, scene)
+            report(own, scene, episodes, arguments.out)
+            return None
+        run = Run(subject.name, subject.parent)
+        path = arguments.policy
         if path is None:
             report_run(run, episodes)
         else:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem)
-    except (SceneError, RunError, PolicyError, ControllerError) as error:
+    except (DesignError, SceneError, RunError, PolicyError, ControllerError) as error:
         return f"error: {error}"
     return None
 

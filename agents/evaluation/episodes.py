@@ -103,11 +103,16 @@ def limit_penalty(scene: Scene) -> float:
 
 
 def evaluate(
-    scene: Scene, controller: Controller, *, seed: int = HELD_OUT_SEED, episodes: int = 200
+    scene: Scene,
+    controller: Controller,
+    *,
+    seed: int = HELD_OUT_SEED,
+    episodes: int = 200,
+    blocks: int = 1,
 ) -> Evaluation:
     """Run a controller through one episode a lane.
 
-    An unknown frequency is spread evenly over its band.
+    An unknown frequency is spread evenly over its band, in each block of the episodes anew.
 
     The penalty of an episode is the mean of -reward over its horizon of N steps. One that
     terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
@@ -120,7 +125,9 @@ def evaluate(
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     band = scene.randomization.get(FREQUENCY)
-    options = {} if band is None else {FREQUENCY: np.linspace(*band, episodes)}
+    options = (
+        {} if band is None else {FREQUENCY: np.tile(np.linspace(*band, episodes // blocks), blocks)}
+    )
     observation, info = env.reset(seed=seed, options=options)
     controller.reset(env)
     steps = scene.control.steps
