@@ -16,6 +16,7 @@ from mm_gym.files import write_text
 SECTIONS = {
     "single": "stepping",
     "vector": "stepping",
+    "learner": "learner",
     "nonlinear": "nonlinear",
     "precision": "precision",
     "figure10": "figure10",
