@@ -21,6 +21,7 @@ SECTIONS = {
     "precision": "precision",
     "figure10": "figure10",
     "learning": "learning",
+    "evolution": "evolution",
     "startup": "startup",
 }
 """The module of each section, imported only when needed because of its optional peers."""
