@@ -208,8 +208,8 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
     assert "phase-law" not in refused(SceneError, ["lqx"], (FORCE,))
     assert "is not a task of mm_gym; did you mean" in refused(SceneError, ["lqr"], (FORCE + "0",))
     run(tmp_path / "runs" / "first")
-    assert "runs/firs: no finished run here; did you mean 'first'?" in refused(
-        RunError, ["runs/firs"]
+    assert "runs/fist: no finished run here; did you mean 'first'?" in refused(
+        RunError, ["runs/fist"]
     )
     assert "runs/none*: no finished run here" in refused(RunError, ["runs/none*"])
     assert "no such file" in refused(PolicyError, ["missing.npz"], (FORCE,))
