@@ -89,12 +89,17 @@ class Arguments:
 
 
 def report_run(
-    run: Run, episodes: int = 200, *, policy: Policy | None = None, name: str = "learned"
+    run: Run,
+    episodes: int = 200,
+    *,
+    policy: Policy | None = None,
+    name: str = "learned",
+    beside: Sequence[Controller] = (),
 ) -> list[Evaluation]:
     """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
 
     The results are printed and written to the run's folder, those of another policy to the folder
-    `name` in it.
+    `name` in it. Other controllers may stand beside the baselines.
 
     Returns
     -------
@@ -108,7 +113,7 @@ def report_run(
     folder = run.folder if policy is None else run.folder / name
     scene = Scene(**record["scene"])
     learned = Learned(policy or load_policy(run.policy), name)
-    return report([learned], scene, episodes, folder)
+    return report([*beside, learned], scene, episodes, folder)
 
 
 def report(

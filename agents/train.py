@@ -13,40 +13,38 @@ from typing import TYPE_CHECKING
 
 from agents.evaluate import report_run
 from agents.policies import PolicyError
-from agents.training.config import settings_from_command_line
+from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ppo import train
-from agents.training.runs import Run, RunError
+from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
 
 if TYPE_CHECKING:
-    from agents.training.config import TrainSettings
+    from collections.abc import Sequence
 
-INTERRUPTED = 130
-"""Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
+    from agents.controllers.controller import Controller
 
 
 def main() -> str | int | None:
     """Train from the command line, then report."""
     try:
-        settings = settings_from_command_line(__doc__ or "")
+        settings = settings_from_command_line(TrainSettings, __doc__ or "")
     except SceneError as error:
         return f"error: {error}"
     return train_and_report(settings)
 
 
-def train_and_report(settings: TrainSettings) -> str | int | None:
-    """Train and report; return what `sys.exit` takes."""
+def train_and_report(
+    settings: TrainSettings, beside: Sequence[Controller] = ()
+) -> str | int | None:
+    """Train and report, beside other controllers too; return what `sys.exit` takes."""
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run)
+        report_run(run, beside=beside)
     except (SceneError, CompileError, RunError, PolicyError) as error:
         return f"error: {error}"
     except KeyboardInterrupt:
-        advice = "give the same command again to continue"
-        if run.finished:
-            advice = f"trained; score it: python -m agents.evaluate {run.folder}"
-        print(f"interrupted: {run.folder}: {advice}", file=sys.stderr)
+        print(run.advice, file=sys.stderr)
         return INTERRUPTED
     return None
 

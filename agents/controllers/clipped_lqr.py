@@ -50,7 +50,9 @@ class ClippedLQR:
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
         a, _ = compile_scene(scene).linear(stretch)
-        gain, _, _ = control.lqr(a, internal, state_weight(scene), [[price / unit**2]])
+        gain, _, _ = control.lqr(
+            a, internal, state_weight(scene), [[price / unit**2]], method="scipy"
+        )
         self.gain = np.asarray(gain)[0]
 
     def begin(self, lanes: int) -> None:

@@ -86,7 +86,7 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     price = np.array([[objective.effort_weight / actuator.limit**2]])
     _require_stabilisable(a, b, states)
     try:
-        gain, cost, _ = control.dlqr(a, b, weight, price)
+        gain, cost, _ = control.dlqr(a, b, weight, price, method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error

@@ -181,7 +181,6 @@ def copy_outputs(
     ends,
     applied_row,
     observed,
-    rewards,
     terminated,
     truncated,
     states,
@@ -199,8 +198,8 @@ def copy_outputs(
         First row of what the actuators applied.
     observed
         (k, lanes) float32, written: the frames observed.
-    rewards, terminated, truncated
-        (lanes,) float64, bool and bool, written.
+    terminated, truncated
+        (lanes,) bool, written.
     states
         (4, lanes) float64, written [m, m, m/s, m/s].
     applied
@@ -211,8 +210,6 @@ def copy_outputs(
     copy_rows(frames, 0, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     copy_rows(lanes, applied_row, applied, first, last)
-    for i in span(first, last):
-        rewards[i] = lanes[at.REWARD, i]
     for i in span(first, last):
         terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
     return at.OK

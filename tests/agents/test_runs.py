@@ -14,11 +14,12 @@ from agents import demo
 from agents import train as command
 from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
 from agents.policies import load_policy
-from agents.training.checkpoint import load_checkpoint
+from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
-from agents.training.lanes import make_lanes, training_seeds
+from agents.training.lanes import make_lanes
 from agents.training.ppo import Validation, train
 from agents.training.runs import Run, RunError, numbered
+from agents.training.seeds import training_seeds
 from mm_gym import MovingMassVectorEnv, SceneError
 
 TINY = TrainSettings(
@@ -44,7 +45,7 @@ def uninterrupted(tmp_path_factory):
 
 def outcome(run):
     """Return all that a run found out: validations without their times, and the policy."""
-    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 2))
+    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 1))
     policy = load_policy(run.policy)
     return [metrics, *policy.weights, *policy.biases]
 
@@ -117,7 +118,7 @@ class TestKills:
 
 
 def written(run):
-    return run.record, run.checkpoint, run.metrics, run.policy
+    return run.record, run.checkpoint, run.metrics, run.times, run.policy
 
 
 class TestInterrupts:
@@ -165,7 +166,7 @@ class TestInterrupts:
         assert load_checkpoint(run.checkpoint)["model/steps"] > 0
 
     def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch, capsys):
-        def interrupt(*_):
+        def interrupt(*_, **__):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(command, "report_run", interrupt)
@@ -224,17 +225,21 @@ class TestNames:
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
-        monkeypatch.setattr(command, "report_run", lambda _: None)
+        shown = []
+        monkeypatch.setattr(command, "report_run", lambda _, beside: shown.extend(beside))
+        monkeypatch.setattr(demo, "GENERATIONS", 1)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
-            demo, "read_settings", lambda _: changed(name="show", steps=200, evaluations=1)
+            demo, "read_settings", lambda *_: changed(name="show", steps=200, evaluations=1)
         )
         demo.main()
         before = contents(tmp_path / "runs" / "show")
         demo.main()
         demo.main()
         runs = sorted(path.name for path in (tmp_path / "runs").iterdir())
-        assert runs == ["show", "show-2", "show-3"]
+        names = ["show", "show-2", "show-2-evolved", "show-3", "show-3-evolved", "show-evolved"]
+        assert runs == names
+        assert [controller.name for controller in shown] == ["evolved network"] * 3
         assert contents(tmp_path / "runs" / "show") == before
         record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())
         assert record["settings"]["name"] == "show-2"
