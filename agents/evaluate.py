@@ -67,6 +67,8 @@ class Arguments:
     """recorded motions that take the place of the excitation, besides"""
     frequency: bool = False
     """measure the steady response of the closed loop over frequency"""
+    effort: bool = False
+    """measure response and effort over no control and over the best passive damper"""
     processes: int = os.cpu_count() or 1
     """that work on tasks side by side; results do not depend on it"""
     policy: Path | None = None
@@ -164,7 +166,9 @@ def compare_several(arguments: Arguments) -> None:
     episodes = Episodes.of_field(
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
     )
-    studies = Studies(arguments.robustness, arguments.records, arguments.frequency)
+    studies = Studies(
+        arguments.robustness, arguments.records, arguments.frequency, arguments.effort
+    )
     compare(compared, episodes, studies, arguments.out, arguments.processes)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.comparison.effort import efforts
 from agents.comparison.entries import entries
 from agents.comparison.frequency import closed_loops
 from agents.comparison.robustness import outcomes
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from agents.comparison.contestants import Field
+    from agents.comparison.effort import Effort
     from agents.comparison.entries import Episodes
     from agents.comparison.frequency import ClosedLoop
     from agents.comparison.robustness import Outcome
@@ -38,11 +40,14 @@ class Studies:
         Recorded motions among the changes.
     frequency
         Whether the closed loop's response over frequency is measured.
+    effort
+        Whether response and effort are, over references.
     """
 
     robustness: bool = False
     records: tuple[Path, ...] = ()
     frequency: bool = False
+    effort: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +66,7 @@ class TaskResult:
         Index of the best constant action.
     chosen
         Index of the classical law of least cost on the validation episodes, or None.
-    outcomes, loops
+    outcomes, loops, efforts
         What the studies gave, if they were asked for.
     """
 
@@ -73,6 +78,7 @@ class TaskResult:
     chosen: int | None
     outcomes: Sequence[Outcome] = field(default_factory=list)
     loops: Sequence[ClosedLoop] = field(default_factory=list)
+    efforts: Sequence[Effort] = field(default_factory=list)
 
 
 def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: str) -> TaskResult:
@@ -92,6 +98,7 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
         chosen=chosen,
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
         loops=closed_loops(scene, rows) if studies.frequency else [],
+        efforts=efforts(scene, rows, episodes) if studies.effort else [],
     )
 
 

@@ -120,6 +120,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     )
     _write_episodes(comparison, folder / "episodes.csv")
     _write_studies(comparison, folder)
+    _write_efforts(comparison, folder)
     write_text(folder / "comparison.json", json.dumps(as_data(comparison), indent=1) + "\n")
     write_text(folder / "comparison.md", page(comparison))
 
@@ -167,6 +168,23 @@ def _write_studies(comparison: Comparison, folder: Path) -> None:
                 *("amplitude of x1 over F / k1 [-]", "rest of x1 over all [-]"),
             ],
             list(zip(*cells, strict=True)),
+        )
+
+
+def _write_efforts(comparison: Comparison, folder: Path) -> None:
+    """Write the indices of response and effort, if there are any."""
+    found = [(r.task, one) for r in comparison.results for one in r.efforts]
+    if found:
+        names = list(found[0][1].indices)
+        write_csv(
+            folder / "effort.csv",
+            ["task", "controller", "over", *(f"{name} [-]" for name in names)],
+            [
+                [task for task, _ in found],
+                [one.label for _, one in found],
+                [one.reference for _, one in found],
+                *([one.indices[name] for _, one in found] for name in names),
+            ],
         )
 
 

@@ -32,10 +32,11 @@ HEAD = """# Tasks
 displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
 percentiles over episodes. The best constant is the best in hindsight, on these very episodes; laws
 are tuned on others. Controllers read what an agent observes, those marked otherwise also the true
-state, or all of the episode. The best passive damper has another damping in the interface, which no actuator can
-change (`docs/ranking.md`). Predictive control tries plans on a model that does not know the
-disturbance to come. The planner knows the disturbance to come, and improves on the best law in each
-episode by the cross-entropy method. Its cost is reachable if the future is known; better may exist.
+state, or all of the episode. The best passive damper has another damping in the interface, which no
+actuator can change (`docs/ranking.md`). Predictive control tries plans on a model that does not
+know the disturbance to come. The planner knows the disturbance to come, and improves on the best
+law in each episode by the cross-entropy method. Its cost is reachable if the future is known;
+better may exist.
 **Headroom** is 1 - cost / cost of the best constant.
 
 **Energy injected**: the work of changing the stretch, added up from the start of an episode, at its

@@ -14,6 +14,7 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 from agents import evaluate as command
 from agents.comparison.conclusions import CHOSEN, best_known, conclude, scores_of
 from agents.comparison.contestants import Contestant, Field, read_field
+from agents.comparison.effort import efforts
 from agents.comparison.entries import Entry, Episodes
 from agents.comparison.frequency import closed_loop
 from agents.comparison.measure import Studies, TaskResult, measure
@@ -33,7 +34,7 @@ from agents.report.comparison_figures import (
     draw_robustness,
 )
 from agents.training.runs import RunError
-from mm_gym import SceneError
+from mm_gym import SceneError, metrics
 from mm_gym.analysis import frequency_response
 
 if TYPE_CHECKING:
@@ -208,8 +209,8 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
     assert "phase-law" not in refused(SceneError, ["lqx"], (FORCE,))
     assert "is not a task of mm_gym; did you mean" in refused(SceneError, ["lqr"], (FORCE + "0",))
     run(tmp_path / "runs" / "first")
-    assert "runs/firs: no finished run here; did you mean 'first'?" in refused(
-        RunError, ["runs/firs"]
+    assert "runs/fist: no finished run here; did you mean 'first'?" in refused(
+        RunError, ["runs/fist"]
     )
     assert "runs/none*: no finished run here" in refused(RunError, ["runs/none*"])
     assert "no such file" in refused(PolicyError, ["missing.npz"], (FORCE,))
@@ -344,11 +345,41 @@ def test_velocity_feedback_is_a_damper_at_every_amplitude_within_its_limit() -> 
     np.testing.assert_allclose(found.gain[0], exact * scene.carriage.stiffness, rtol=0.06)
 
 
+def test_effort_is_over_no_control_and_over_the_passive_damper() -> None:
+    scene = CARRIAGE_FORCE
+    rows = [
+        Entry("still", [Feedback(scene, no_control(scene))]),
+        Entry("lqr", [Feedback(scene, LQR(scene))]),
+    ]
+    still, passive, lqr, _ = efforts(scene, rows, EPISODES)
+    assert [one.reference for one in (still, passive)] == ["no control", "best passive damper"]
+    assert still.indices["j1"] == still.indices["j4"] == 1.0
+    assert still.indices["j11"] == 0.0
+    assert still.indices["j16"] == 4.0
+    assert lqr.indices["j4"] < 0.7
+    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + 8)
+    free, damped = (
+        of(scene, seeds) for of in (metrics.uncontrolled_response, metrics.passive_response)
+    )
+    expected = np.mean(free.rms_displacement / damped.rms_displacement)
+    assert passive.indices["j4"] == pytest.approx(expected, rel=1e-12)
+    friction = TASKS["mm_gym/CarriageForceFriction-v0"]
+    one = efforts(friction, [Entry("still", [Feedback(friction, no_control(friction))])], EPISODES)
+    assert [effort.reference for effort in one] == ["no control"]
+
+
+def test_effort_is_of_the_episodes_of_the_comparison() -> None:
+    scene = PRE_STRETCH.replace(**{"control.steps": 10})
+    (still, _) = efforts(scene, [Entry("still", [Feedback(scene, no_control(scene))])], EPISODES)
+    # The law holds the stretch that it sees in single precision; another frequency would show.
+    assert still.indices["j4"] == pytest.approx(1.0, rel=1e-6)
+
+
 def test_studies_are_written_with_the_comparison(tmp_path) -> None:
     record = tmp_path / "motion.csv"
     record.write_text("0.0,0.5\n0.1,-0.5\n0.2,0.1\n")
     compared = Field({FORCE: CARRIAGE_FORCE}, (), baselines=False)
-    results = measure(compared, EPISODES, Studies(records=(record,), frequency=True))
+    results = measure(compared, EPISODES, Studies(records=(record,), frequency=True, effort=True))
     write_comparison(conclude(results, TASKS, EPISODES), tmp_path)
     with (tmp_path / "robustness.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
@@ -356,3 +387,8 @@ def test_studies_are_written_with_the_comparison(tmp_path) -> None:
     assert rows[-1]["changed"] == "record motion.csv"
     with (tmp_path / "frequency.csv").open(newline="") as lines:
         assert len(list(csv.DictReader(lines))) == 3 * 48
+    with (tmp_path / "effort.csv").open(newline="") as lines:
+        assert [row["over"] for row in csv.DictReader(lines)] == [
+            "no control",
+            "best passive damper",
+        ]
