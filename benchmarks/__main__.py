@@ -16,6 +16,7 @@ from mm_gym.files import write_text
 SECTIONS = {
     "single": "stepping",
     "vector": "stepping",
+    "threads": "stepping",
     "lanes": "lanes",
     "precision": "precision",
     "figure10": "figure10",
