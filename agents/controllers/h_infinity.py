@@ -98,8 +98,8 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
     Notes
     -----
     Doyle, Glover, Khargonekar and Francis, *State-space solutions to standard H2 and H-infinity
-    control problems*, IEEE Trans. Autom. Control 34 (1989). `control.hinfsyn` finds the least bound,
-    and its routine, SLICOT's SB10AD, the controller above that. The bilinear map takes a
+    control problems*, IEEE Trans. Autom. Control 34 (1989). `control.hinfsyn` finds the least
+    bound, and its routine, SLICOT's SB10AD, the controller above that. The bilinear map takes a
     control step to continuous time and back, and keeps the amplification.
     """
     force_price(scene)

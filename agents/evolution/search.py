@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 
+BETWEEN_SAVES = 5.0
+"""Time between checkpoints [s]."""
+
+
 def evolve(settings: EvolveSettings, run: Run) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
@@ -87,6 +91,7 @@ class Search:
         self.strategy = self._strategy(self.first[self.free])
         self.costs: list[Values] = []
         self.progress = Progress()
+        self._note()
 
     def _strategy(self, mean: Values):  # noqa: ANN202 - pycma has no types
         try:
@@ -112,31 +117,30 @@ class Search:
         self.progress = Progress.of(arrays)
         for costs in arrays["evolution/costs"]:
             self._tell(self._asked(), costs)
+        self._note()
 
     def to_the_end(self, run: Run) -> None:
         """Search on, validate, and write the best policy."""
         settings, progress = self.settings, self.progress
         every = -(-settings.generations // settings.evaluations)
         began = time.perf_counter() - progress.seconds
+        saved, done = progress.seconds, len(self.costs) >= settings.generations
         bar = tqdm(total=settings.generations, initial=len(self.costs), unit="generation")
         with bar:
             try:
-                while len(self.costs) < settings.generations:
+                while not done:
                     self._advance()
                     bar.update()
                     progress.seconds = time.perf_counter() - began
                     late = progress.seconds >= settings.time_budget
-                    if (
-                        len(self.costs) % every == 0
-                        or late
-                        or len(self.costs) == settings.generations
-                    ):
+                    done = late or len(self.costs) == settings.generations
+                    if done or len(self.costs) % every == 0:
                         self._validate()
-                        progress.seconds = time.perf_counter() - began
                         bar.set_postfix(cost=f"{progress.least_cost:.4f}")
+                    self._note()
+                    if done or progress.seconds > saved + BETWEEN_SAVES:
                         self._save(run)
-                    if late:
-                        break
+                        saved = progress.seconds
             except KeyboardInterrupt:
                 self._save(run)
                 raise
@@ -173,7 +177,11 @@ class Search:
             self.progress.best = {"vector": vector}
         self.progress.add(len(self.costs) * self.population.frames, cost)
 
+    def _note(self) -> None:
+        """Note where an interrupted search begins again: between two generations."""
+        self.state, self.count = self.progress.arrays(), len(self.costs)
+
     def _save(self, run: Run) -> None:
-        costs = np.array(self.costs).reshape(-1, self.settings.candidates)
-        save_checkpoint(run.checkpoint, self.progress.arrays() | {"evolution/costs": costs})
+        costs = np.array(self.costs[: self.count]).reshape(-1, self.settings.candidates)
+        save_checkpoint(run.checkpoint, self.state | {"evolution/costs": costs})
         self.progress.write_metrics(run)

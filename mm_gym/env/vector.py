@@ -76,7 +76,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     Notes
     -----
-    Memory is component-major: observations are (num_envs, n) views in Fortran order.
+    Copies of observations are row-major, because programs store them so. The lanes' own memory, and
+    views of it, have the lanes innermost, and so have the arrays of ``info``.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -314,12 +315,12 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
         """Return observations, terminated, truncated, states and what was applied."""
-        if self._copy and copies is None and self._level == "none":
-            shown = self._lanes.outputs[:3]
-            return [*(array.copy().T for array in shown), *self._views[3:]]
-        if self._copy:
-            return [array.T for array in copies or self._lanes.copies()]
         observed, terminated, truncated, state, applied = self._views
+        if self._copy and (copies is not None or self._level != "none"):
+            observed, terminated, truncated, state, applied = copies or self._lanes.copies()
+            return observed, terminated, truncated, state.T, applied.T
+        if self._copy:
+            observed = self._lanes.observations()
         return observed, terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:

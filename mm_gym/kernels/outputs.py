@@ -9,7 +9,7 @@ from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
-from mm_gym.kernels.memory import copy_rows, span
+from mm_gym.kernels.memory import copy_as_columns, copy_rows, span
 from mm_gym.kernels.random import normals
 
 
@@ -175,6 +175,23 @@ def bounded(value):
 
 
 @borrowing_kernel
+def copy_observed(frames, observed, first, last):
+    """Copy the observed frames, of each lane side by side; return the status.
+
+    Parameters
+    ----------
+    frames
+        (rows, lanes) float32, read.
+    observed
+        (lanes, k) float32, written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    copy_as_columns(frames, observed, first, last)
+    return at.OK
+
+
+@borrowing_kernel
 def copy_outputs(
     lanes,
     frames,
@@ -197,7 +214,7 @@ def copy_outputs(
     applied_row
         First row of what the actuators applied.
     observed
-        (k, lanes) float32, written: the frames observed.
+        (lanes, k) float32, written: the frames observed.
     terminated, truncated
         (lanes,) bool, written.
     states
@@ -207,7 +224,7 @@ def copy_outputs(
     first, last
         The lanes first .. last - 1.
     """
-    copy_rows(frames, 0, observed, first, last)
+    copy_observed(frames, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     copy_rows(lanes, applied_row, applied, first, last)
     for i in span(first, last):

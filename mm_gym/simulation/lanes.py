@@ -17,7 +17,7 @@ from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
-from mm_gym.kernels.outputs import copy_outputs
+from mm_gym.kernels.outputs import copy_observed, copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
@@ -112,6 +112,7 @@ class Lanes:
         self._step_arguments = (constants, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
+        self._copy_observed = bind(copy_observed, self._frames)
         self._advance_and_copy = bind(advance, *self._step_arguments, then=(copy_outputs, outputs))
 
     def _bind_episodes(self) -> None:
@@ -154,7 +155,7 @@ class Lanes:
         return which[: self._list_ended(ends, eights, which)].copy()
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
-        """Make a control step of all lanes; return its status and copies of its outputs.
+        """Make a control step of all lanes; return its status and what `copies` returns.
 
         Each thread copies the outputs that it has just written, so the threads are started once,
         not twice.
@@ -163,15 +164,22 @@ class Lanes:
         return self._advance_and_copy(actions, self.rewards, *copies), copies
 
     def copies(self) -> list[NDArray[Any]]:
-        """Return copies of the outputs."""
+        """Return copies of the outputs, what is observed as `observations` does."""
         if not self.are_threaded:
-            return [array.copy() for array in self.outputs]
+            return [self.observations(), *(array.copy() for array in self.outputs[1:])]
         copies = self._empty_outputs()
         self._copy_outputs(*copies)
         return copies
 
+    def observations(self) -> NDArray[np.float32]:
+        """Return a copy of what is observed, (count, k): programs store each lane's together."""
+        observed = np.empty(self.observed.shape[::-1], np.float32)
+        self._copy_observed(observed)
+        return observed
+
     def _empty_outputs(self) -> list[NDArray[Any]]:
-        return [np.empty(array.shape, array.dtype) for array in self.outputs]
+        others = [np.empty(array.shape, array.dtype) for array in self.outputs[1:]]
+        return [np.empty(self.observed.shape[::-1], np.float32), *others]
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""

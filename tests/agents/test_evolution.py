@@ -210,6 +210,23 @@ class TestRuns:
             assert not run.finished
         assert_same_outcome(run, unbroken)
 
+    def test_run_interrupted_in_a_validation_ends_as_if_unbroken(
+        self, unbroken, tmp_path, monkeypatch
+    ):
+        run, calls = Run("tiny", tmp_path), []
+
+        def interrupted(*arguments, **options):
+            calls.append(1)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+            return evaluate(*arguments, **options)
+
+        monkeypatch.setattr("agents.evolution.search.evaluate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            evolve(TINY, run)
+        evolve(TINY, run)
+        assert_same_outcome(run, unbroken)
+
     def test_killed_run_ends_as_if_unbroken(self, unbroken, tmp_path):
         run = Run("tiny", tmp_path)
         process = kills.begin_evolution(TINY, tmp_path, touches=14)

@@ -31,10 +31,10 @@ SCENES = {"free sphere": CARRIAGE_FORCE, "late": LATE, "springs": SPRUNG, "groun
 def riccati_exists(plant: Matrices, measured: int, bound: float) -> bool:
     """Tell whether a controller of one input keeps the amplification below a bound.
 
-    Glover and Doyle, State-space formulae for all stabilizing controllers that satisfy an H-infinity
-    norm bound, Syst. Control Lett. 11 (1988), conditions (a) to (d): both Riccati equations have
-    stabilising solutions, positive semidefinite, whose product has eigenvalues below bound^2. The
-    case without direct paths is that of Doyle, Glover, Khargonekar and Francis (1989).
+    Glover and Doyle, State-space formulae for all stabilizing controllers that satisfy an
+    H-infinity norm bound, Syst. Control Lett. 11 (1988), conditions (a) to (d): both Riccati
+    equations have stabilising solutions, positive semidefinite, whose product has eigenvalues below
+    bound^2. The case without direct paths is that of Doyle, Glover, Khargonekar and Francis (1989).
     """
     a, b, c, d = plant
     costs, disturbances = len(c) - measured, b.shape[1] - 1
@@ -144,7 +144,7 @@ def test_missing_slycot_is_told_with_what_to_install(monkeypatch):
 
 def test_what_the_routine_refuses_is_told(monkeypatch):
     def refuses(*_):
-        raise ArithmeticError("\nThe controller is not admissible")
+        raise ArithmeticError(*["\nThe controller is not admissible"])
 
     monkeypatch.setattr("control.hinfsyn", refuses)
     with pytest.raises(DesignError, match="no H-infinity controller exists: The controller"):
