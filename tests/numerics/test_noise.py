@@ -8,7 +8,8 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2
 
 from mm_gym import Scene, compile_scene, simulate
-from mm_gym.kernels import noise
+from mm_gym.kernels import excitation, noise
+from mm_gym.kernels import filters as shaping
 
 from .excited import BASE, HIGH_PASSED, NOISE, SOIL
 
@@ -153,23 +154,25 @@ def _filter(part):
 @pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
 def test_law_of_the_samples_is_lyapunovs(part):
     plant = compile_scene(BASE.replace(excitation=[part]))
-    rows, h = plant.template, plant.support.sample_interval
-    first = plant.support.names["excitation.0.rms"]
+    described, h = plant.support.excitation, plant.support.sample_interval
+    own = described[excitation.FIRST + excitation.OWN :]
+    assert own[noise.STATES] == (2 if part["kind"] == "kanai_tajimi" else 4)
+    matrices = described[int(own[noise.PLACE]) :]
     f, g, out = _scaled_filter(part)
     stationary = solve_continuous_lyapunov(f, -g @ g.T)
     transition = expm(f * h)
     order = len(f)
-    own = rows[first + noise.TRANSITION :][:16].reshape(4, 4)[:order, :order]
+    own = matrices[shaping.TRANSITION :][:16].reshape(4, 4)[:order, :order]
     assert np.abs(own - transition).max() < 1e-14
     start, step = (
-        _root(rows[first + slot :][:10])[:order, :order]
-        for slot in (noise.START_SPREAD, noise.SPREAD)
+        _root(matrices[slot:][:10])[:order, :order]
+        for slot in (shaping.START_SPREAD, shaping.SPREAD)
     )
     scale = np.abs(stationary).max()
     assert np.abs(start @ start.T - stationary).max() < 1e-12 * scale
     grown = stationary - transition @ stationary @ transition.T
     assert np.abs(step @ step.T - grown).max() < 1e-12 * scale
-    weights = rows[first + noise.OUTPUT :][:order]
+    weights = matrices[shaping.OUTPUT :][:order]
     average = (2.0 * stationary + transition @ stationary) / 3.0
     assert weights @ average @ weights == pytest.approx(1.0, abs=1e-12)
     assert weights == pytest.approx(out / np.sqrt(out @ average @ out), abs=1e-12)
