@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2
 
-from mm_gym import Scene, compile_scene, simulate
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, compile_scene, simulate
 from mm_gym.kernels import excitation, noise
 from mm_gym.kernels import filters as shaping
 
@@ -218,3 +218,28 @@ def test_seeds_give_different_noise_and_the_same_again():
     one, again, other = (simulate(scene, seed=seed).excitation for seed in (1, 1, 2))
     assert one.tobytes() == again.tobytes()
     assert not np.any(one[1:] == other[1:], axis=0)[0]
+
+
+@pytest.mark.parametrize("drawn", [False, True], ids=["fixed", "drawn"])
+@pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
+def test_lanes_have_the_noise_of_a_lone_one(part, drawn):
+    name = "high_frequency" if part["kind"] == "noise" else "ground_frequency"
+    scene = BASE.replace(
+        excitation=[part | {"rise": 0.02, "plateau": 0.01, "decay": 3.0}],
+        actuation={"force": {"limit": 1.0}},
+        sensors={
+            "channels": ["carriage_displacement", "sphere_offset", "ground_acceleration"],
+            "noise": dict.fromkeys(["carriage_displacement", "ground_acceleration"], 0.01),
+        },
+        randomization={f"excitation.0.{name}": [part[name], 1.1 * part[name]]} if drawn else {},
+    )
+    lanes = MovingMassVectorEnv(scene, 19)  # two vectors and some more
+    lone = MovingMassEnv(scene)
+    together, _ = lanes.reset(seed=5)
+    alone, _ = lone.reset(seed=5 + 18)
+    np.testing.assert_array_equal(together[18], alone)
+    for _ in range(8):
+        together, *_ = lanes.step(np.zeros(lanes.action_space.shape, np.float32))
+        alone, *_ = lone.step(np.zeros(lone.action_space.shape, np.float32))
+        np.testing.assert_array_equal(together[18], alone)
+        np.testing.assert_array_equal(lanes.state[18], lone.state)
