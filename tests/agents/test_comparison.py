@@ -260,6 +260,11 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
     assert command.main() == (
         "error: --policy: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
     )
+    monkeypatch.setattr(sys, "argv", [*words, "--processes", "0"])
+    assert command.main() == "error: --processes: got 0; allowed: at least 1"
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "file")])
+    assert "cannot be written: Not a directory" in str(command.main())
     monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", "lgr", "--tasks", FORCE])
     assert "did you mean 'lqr'" in str(command.main())
 
