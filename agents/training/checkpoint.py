@@ -1,6 +1,6 @@
-"""The file from which a training continues, in one npz archive: reading it runs no code.
+"""The arrays from which a training of PPO continues.
 
-It holds the policy, the optimiser, the random numbers' generators, the lanes with their streams,
+They hold the policy, the optimiser, the random numbers' generators, the lanes with their streams,
 the best policy so far and the validations. On the same machine and versions a continued training
 ends as one that was never interrupted, bitwise. What differs: times, the progress bar, and
 tensorboard's log, which shows steps twice that a killed process made after its last checkpoint.
@@ -8,44 +8,18 @@ tensorboard's log, which shows steps twice that a killed process made after its 
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import torch
 
-from agents.policies import DAMAGE
-from agents.training.runs import RunError
-from mm_gym.files import write_bytes
+from agents.training.arrays import part_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
     from stable_baselines3 import PPO
 
+    from agents.training.arrays import Arrays
     from agents.training.lanes import TrainingLanes
-
-    Arrays = dict[str, NDArray[np.generic]]
-
-
-def save_checkpoint(path: Path, arrays: Arrays) -> None:
-    """Write a checkpoint whole."""
-    content = io.BytesIO()
-    np.savez(content, **arrays)
-    write_bytes(path, content.getvalue())
-
-
-def load_checkpoint(path: Path) -> Arrays:
-    """Read a checkpoint; raise `RunError` if the file is not one."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive)
-        arrays["model/steps"]  # other archives of arrays have none
-    except DAMAGE as error:
-        msg = f"{path}: not a checkpoint of a training: {error}; choose another name"
-        raise RunError(msg) from error
-    return arrays
 
 
 def state_of(model: PPO) -> Arrays:
@@ -100,12 +74,6 @@ def restore_parameters(model: PPO, parameters: Arrays) -> None:
     model.policy.load_state_dict(
         {name: torch.from_numpy(array.copy()) for name, array in parameters.items()}
     )
-
-
-def part_of(arrays: Arrays, part: str) -> Arrays:
-    """Return the arrays whose names begin with a part's name, without it."""
-    begin = f"{part}/"
-    return {key.removeprefix(begin): arrays[key] for key in arrays if key.startswith(begin)}
 
 
 def _lanes(model: PPO) -> TrainingLanes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self, TypeVar
 
 from pydantic import Field, JsonValue, Strict, model_validator
 from tyro import cli
@@ -39,6 +39,9 @@ LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
 
+Settings = TypeVar("Settings", bound="RunSettings")
+
+
 class PPOSettings(Part):
     """Proximal policy optimisation (Schulman et al., 2017), in Stable-Baselines3's terms."""
 
@@ -62,8 +65,8 @@ class PPOSettings(Part):
     """factor on the reward, so that the value function is of order one"""
 
 
-class TrainSettings(Part):
-    """What is trained, for how long, and where it is written."""
+class RunSettings(Part):
+    """What a policy is for, and where it is written."""
 
     task: str = "mm_gym/PreStretch-v0"
     """a registered id"""
@@ -75,27 +78,13 @@ class TrainSettings(Part):
     """folder under `runs`"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
     """of the training; no two seeds have an episode in common, nor one with the evaluations"""
-    lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
-    """environments side by side"""
-    steps: Count = 1_000_000
-    """control steps of all lanes together"""
-    time_budget: Positive = 3600.0
-    """[s] of training, without interruptions, after which it stops even if steps are left"""
-    evaluations: Count = 10
-    """validations during training; the best model is kept"""
-    threads: Count = 1
-    """of the gradient computation; more hardly help networks of this size"""
-    ppo: PPOSettings = PPOSettings()
 
     @model_validator(mode="after")
-    def _can_be_trained(self) -> Self:
+    def _can_be_found(self) -> Self:
         path_of(self.task)
         if not _is_plain(self.name):
             allowed = "a printable file name without separators, which begins with no dot"
             msg = f"name: got {self.name!r}; allowed: {allowed}"
-            raise ValueError(msg)
-        if self.lanes * self.ppo.rollout == 1:
-            msg = "lanes: got 1 with ppo.rollout = 1; allowed: two samples between updates, or more"
             raise ValueError(msg)
         return self
 
@@ -111,6 +100,29 @@ class TrainSettings(Part):
         return scene.replace(**self.changes)
 
 
+class TrainSettings(RunSettings):
+    """What is trained, for how long, and where it is written."""
+
+    lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
+    """environments side by side"""
+    steps: Count = 1_000_000
+    """control steps of all lanes together"""
+    time_budget: Positive = 3600.0
+    """[s] of training, without interruptions, after which it stops even if steps are left"""
+    evaluations: Count = 10
+    """validations during training; the best model is kept"""
+    threads: Count = 1
+    """of the gradient computation; more hardly help networks of this size"""
+    ppo: PPOSettings = PPOSettings()
+
+    @model_validator(mode="after")
+    def _has_samples(self) -> Self:
+        if self.lanes * self.ppo.rollout == 1:
+            msg = "lanes: got 1 with ppo.rollout = 1; allowed: two samples between updates, or more"
+            raise ValueError(msg)
+        return self
+
+
 def _is_plain(name: str) -> bool:
     """Tell whether a text can name a folder, on any system and in any terminal."""
     return (
@@ -122,32 +134,26 @@ def _is_plain(name: str) -> bool:
     )
 
 
-def read_settings(path: str | Path) -> TrainSettings:
+def read_settings(path: str | Path, kind: type[Settings]) -> Settings:
     """Read settings from a TOML file; raise `SceneError` with every finding."""
     data = read_toml(path)
     try:
-        return TrainSettings.of(data)
+        return kind.of(data)
     except SceneError as error:
         msg = "\n".join(f"{path}: {line}" for line in str(error).splitlines())
         raise SceneError(msg) from None
 
 
-def settings_from_command_line(description: str) -> TrainSettings:
-    """Read ``[FILE.toml] [--flags]``: the file first, then flags over it.
+def settings_from_command_line(kind: type[Settings], description: str) -> Settings:
+    """Read ``[FILE.toml | TASK] [--flags]``: the file or task first, then flags over it.
 
-    Raises
-    ------
-    SceneError
-        If the first argument is neither a flag nor a settings file that can be read.
+    A task may leave out ``mm_gym/`` and ``-v0``; a run of it has the task's name if none is given.
     """
     arguments = sys.argv[1:]
-    default = TrainSettings()
-    if arguments and not arguments[0].startswith("-"):
-        path = arguments.pop(0)
-        if not path.endswith(".toml"):
-            msg = (
-                f"settings file: got {path!r}; allowed: a path that ends in .toml, before the flags"
-            )
-            raise SceneError(msg)
-        default = read_settings(path)
-    return cli(TrainSettings, default=default, args=arguments, description=description)
+    default = kind()
+    if arguments and arguments[0].endswith(".toml"):
+        default = read_settings(arguments.pop(0), kind)
+    elif arguments and not arguments[0].startswith("-"):
+        short = arguments.pop(0).removeprefix("mm_gym/").removesuffix("-v0")
+        default = kind.of({"task": f"mm_gym/{short}-v0", "name": short})
+    return cli(kind, default=default, args=arguments, description=description)

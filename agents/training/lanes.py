@@ -9,7 +9,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import TransformReward
 
-from agents.training.config import LANE_BITS, SEED_BITS
+from agents.training.config import SEED_BITS
+from agents.training.seeds import training_seeds
 from mm_gym.sb3 import VectorEnvAdapter
 
 if TYPE_CHECKING:
@@ -19,20 +20,6 @@ if TYPE_CHECKING:
 
     from agents.training.config import TrainSettings
     from mm_gym import Scene
-
-TRAINING = 1 << 63
-"""The bit that seeds of training lanes have; those of validation and held-out episodes do not."""
-
-
-def training_seeds(seed: int, count: int) -> list[int]:
-    """Return the seeds of a training's lanes, which no other training and no evaluation uses.
-
-    The training's seed, of 32 bits, stands above the lane's number, of 31. With the environment's
-    own rule, lane i = seed + i, trainings of neighbouring seeds would have all lanes but one in
-    common.
-    """
-    return [TRAINING | seed << LANE_BITS | lane for lane in range(count)]
-
 
 class TrainingLanes(VectorEnvAdapter):
     """The lanes of one training."""

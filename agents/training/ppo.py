@@ -15,19 +15,18 @@ from tqdm import TqdmExperimentalWarning
 from agents.controllers.learned import Learned
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.training.archive import policy_of
+from agents.training.arrays import load_checkpoint, save_checkpoint
 from agents.training.checkpoint import (
-    load_checkpoint,
     parameters_of,
     restore,
     restore_parameters,
-    save_checkpoint,
     state_of,
 )
 from agents.training.lanes import make_lanes
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
-    from agents.training.checkpoint import Arrays
+    from agents.training.arrays import Arrays
     from agents.training.config import TrainSettings
     from agents.training.lanes import TrainingLanes
     from agents.training.runs import Run

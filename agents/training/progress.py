@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.training.checkpoint import part_of
+from agents.training.arrays import part_of
 from mm_gym.files import write_csv
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.training.checkpoint import Arrays
+    from agents.training.arrays import Arrays
     from agents.training.runs import Run
 
 
@@ -22,17 +22,17 @@ class Progress:
     Attributes
     ----------
     rows
-        Of ``metrics.csv``: steps [-], time [s] and cost [-] of each validation.
+        Steps [-], time [s] and cost [-] of each validation.
     best
         The parameters of the policy of least cost, empty before the first validation.
     seconds
         Time of training, without interruptions [s].
     """
 
-    HEADER = ("steps [-]", "time [s]", "cost [-]")
+    COLUMNS = 3
 
     def __init__(self) -> None:
-        self.rows: NDArray[np.float64] = np.empty((0, len(self.HEADER)))
+        self.rows: NDArray[np.float64] = np.empty((0, self.COLUMNS))
         self.best: Arrays = {}
         self.seconds = 0.0
 
@@ -59,5 +59,7 @@ class Progress:
         self.rows = np.vstack([self.rows, (steps, self.seconds, cost)])
 
     def write_metrics(self, run: Run) -> None:
-        """Write ``metrics.csv`` whole."""
-        write_csv(run.metrics, self.HEADER, list(self.rows.T))
+        """Write ``metrics.csv``, the same for the same run, and ``times.csv``, each whole."""
+        steps, seconds, costs = self.rows.T
+        write_csv(run.metrics, ("steps [-]", "cost [-]"), [steps, costs])
+        write_csv(run.times, ("steps [-]", "time [s]"), [steps, seconds])

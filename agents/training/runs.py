@@ -8,17 +8,19 @@ import json
 import os
 import platform
 import sys
-from contextlib import contextmanager
-from importlib.metadata import version
+from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from mm_gym.files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from agents.training.config import TrainSettings
+    from agents.training.config import RunSettings
+
+Settings = TypeVar("Settings", bound="RunSettings")
 
 PACKAGES = (
     "mm-gym",
@@ -30,7 +32,12 @@ PACKAGES = (
     "control",
     "stable-baselines3",
     "torch",
+    "cma",
 )
+
+
+INTERRUPTED = 130
+"""Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
 
 
 class RunError(RuntimeError):
@@ -41,8 +48,8 @@ class Run:
     """The folder ``runs/NAME``.
 
     ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
-    from which an interrupted run continues; ``metrics.csv`` the validations; ``policy.npz`` the
-    best policy, written when training is over. Each is written whole, and none is ever deleted.
+    from which an interrupted run continues; ``metrics.csv`` the validations and ``times.csv`` when
+    they were made; ``policy.npz`` the best policy, written when training is over. Each is written whole, and none is ever deleted.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
@@ -50,12 +57,21 @@ class Run:
         self.record = self.folder / "run.json"
         self.checkpoint = self.folder / "checkpoint.npz"
         self.metrics = self.folder / "metrics.csv"
+        self.times = self.folder / "times.csv"
         self.policy = self.folder / "policy.npz"
 
     @property
     def finished(self) -> bool:
         """Whether training is over."""
         return self.policy.exists()
+
+    @property
+    def advice(self) -> str:
+        """What to do after Ctrl-C."""
+        advice = "give the same command again to continue"
+        if self.finished:
+            advice = f"trained; score it: python -m agents.evaluate {self.folder}"
+        return f"interrupted: {self.folder}: {advice}"
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -96,11 +112,11 @@ class Run:
 
     def _delete_partial_files(self) -> None:
         """Delete the temporary files of a process that was killed while it wrote."""
-        for file in (self.record, self.checkpoint, self.metrics, self.policy):
+        for file in (self.record, self.checkpoint, self.metrics, self.times, self.policy):
             for partial in self.folder.glob(f".{file.name}.*"):
                 partial.unlink()
 
-    def open(self, settings: TrainSettings) -> None:
+    def open(self, settings: RunSettings) -> None:
         """Begin the run, or continue an interrupted one of the same settings.
 
         Raise `RunError` if the folder holds a run of other settings or another scene.
@@ -113,21 +129,21 @@ class Run:
         contents = {
             **_identity(settings),
             "scene": json.loads(settings.load_scene().model_dump_json()),
-            "versions": {name: version(name) for name in PACKAGES},
+            "versions": _versions(),
             "python": platform.python_version(),
             "machine": platform.machine(),
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         }
         write_text(self.record, json.dumps(contents, indent=2) + "\n")
 
-    def fits(self, settings: TrainSettings) -> bool:
+    def fits(self, settings: RunSettings) -> bool:
         """Tell whether the folder holds no run, or one of these settings and this scene."""
         if not self.record.exists():
             return True
         record, identity = self.read(), _identity(settings)
         return all(record.get(key) == identity[key] for key in identity)
 
-    def takes(self, settings: TrainSettings) -> bool:
+    def takes(self, settings: RunSettings) -> bool:
         """Tell whether training with these settings can begin or continue in the folder."""
         return not self.finished and self.fits(settings)
 
@@ -139,7 +155,16 @@ class Run:
         return json.loads(self.record.read_text(encoding="utf-8"))
 
 
-def _identity(settings: TrainSettings) -> dict[str, object]:
+def _versions() -> dict[str, str]:
+    """Return the versions of the packages that are installed."""
+    versions: dict[str, str] = {}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
+
+
+def _identity(settings: RunSettings) -> dict[str, object]:
     """Return what two runs must have in common for one to continue the other."""
     return {
         "settings": json.loads(settings.model_dump_json()),
@@ -147,7 +172,7 @@ def _identity(settings: TrainSettings) -> dict[str, object]:
     }
 
 
-def numbered(settings: TrainSettings, root: str | Path = "runs") -> TrainSettings:
+def numbered(settings: Settings, root: str | Path = "runs") -> Settings:
     """Return the settings with a name under which training can begin or continue.
 
     The name is numbered, as in ``first-2``, while its run is finished or has other settings.

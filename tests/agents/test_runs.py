@@ -14,11 +14,12 @@ from agents import demo
 from agents import train as command
 from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
 from agents.policies import load_policy
-from agents.training.checkpoint import load_checkpoint
+from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
-from agents.training.lanes import make_lanes, training_seeds
+from agents.training.lanes import make_lanes
 from agents.training.ppo import Validation, train
 from agents.training.runs import Run, RunError, numbered
+from agents.training.seeds import training_seeds
 from mm_gym import MovingMassVectorEnv, SceneError
 
 TINY = TrainSettings(
@@ -44,7 +45,7 @@ def uninterrupted(tmp_path_factory):
 
 def outcome(run):
     """Return all that a run found out: validations without their times, and the policy."""
-    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 2))
+    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 1))
     policy = load_policy(run.policy)
     return [metrics, *policy.weights, *policy.biases]
 
@@ -117,7 +118,7 @@ class TestKills:
 
 
 def written(run):
-    return run.record, run.checkpoint, run.metrics, run.policy
+    return run.record, run.checkpoint, run.metrics, run.times, run.policy
 
 
 class TestInterrupts:
@@ -227,7 +228,7 @@ class TestNames:
         monkeypatch.setattr(command, "report_run", lambda _: None)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
-            demo, "read_settings", lambda _: changed(name="show", steps=200, evaluations=1)
+            demo, "read_settings", lambda *_: changed(name="show", steps=200, evaluations=1)
         )
         demo.main()
         before = contents(tmp_path / "runs" / "show")

@@ -15,7 +15,7 @@ from agents.controllers.learned import Learned
 from agents.evaluate import report_run
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty
 from agents.policies import load_policy
-from agents.training.checkpoint import load_checkpoint
+from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
 from agents.training.ppo import train
 from agents.training.runs import Run, RunError
@@ -74,7 +74,7 @@ def test_run_folder_holds_what_is_needed_to_repeat_it(finished: Run) -> None:
     assert record["scene_digest"] == QUICK.load_scene().digest
     assert record["versions"]["torch"].startswith("2.")
     rows = (finished.folder / "metrics.csv").read_text().splitlines()
-    assert rows[0] == "steps [-],time [s],cost [-]"
+    assert rows[0] == "steps [-],cost [-]"
     assert len(rows) == 1 + QUICK.evaluations
     assert list((finished.folder / "tensorboard").rglob("events*"))
 
@@ -151,7 +151,7 @@ def test_time_budget_stops_training(tmp_path: Path) -> None:
     "file", sorted((ROOT / "configs" / "agents").glob("*.toml")), ids=lambda file: file.stem
 )
 def test_every_agent_file_loads(file: Path) -> None:
-    assert read_settings(file).load_scene()
+    assert read_settings(file, TrainSettings).load_scene()
 
 
 @pytest.mark.parametrize(
@@ -167,13 +167,13 @@ def test_bad_agent_file_names_file_and_field(tmp_path: Path, text: str, message:
     file = tmp_path / "agent.toml"
     file.write_text(text)
     with pytest.raises(SceneError, match=message) as caught:
-        read_settings(file)
+        read_settings(file, TrainSettings)
     assert str(file) in str(caught.value)
 
 
 def test_missing_agent_file_and_unknown_task_are_named(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"absent\.toml"):
-        read_settings(tmp_path / "absent.toml")
+        read_settings(tmp_path / "absent.toml", TrainSettings)
     with pytest.raises(SceneError, match="task: "):
         TrainSettings(task="mm_gym/PreStretsh-v0").load_scene()
     with pytest.raises(SceneError, match="not a task of mm_gym"):
@@ -223,7 +223,7 @@ def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path)
     run = Run("limited", tmp_path)
     settings = changed(steps=800, evaluations=1, scene=str(file))
     train(settings, run)
-    cost = float((run.folder / "metrics.csv").read_text().splitlines()[1].split(",")[2])
+    cost = float((run.folder / "metrics.csv").read_text().splitlines()[1].split(",")[1])
     learned, scene = Learned(load_policy(run.policy)), settings.load_scene()
     assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
     # Most episodes begin beyond the limit, so the cost is above that of the limit itself.
