@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from agents.train import train_and_report
-from agents.training.config import read_settings
+from agents.training.config import TrainSettings, read_settings
 from agents.training.runs import numbered
 
 SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
@@ -14,7 +14,7 @@ SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
 
 def main() -> str | int | None:
     """Train anew, beside earlier demos, or continue an interrupted one."""
-    return train_and_report(numbered(read_settings(SETTINGS)))
+    return train_and_report(numbered(read_settings(SETTINGS, TrainSettings)))
 
 
 if __name__ == "__main__":

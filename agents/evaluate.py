@@ -14,12 +14,12 @@ from typing import Annotated
 
 import tyro
 
-from agents.controllers.learned import Learned
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
+from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import Scene, SceneError
 
@@ -36,11 +36,17 @@ class Arguments:
     """a policy to score instead of the run's own: a .npz file, or a .zip archive of
     Stable-Baselines3 with --trust"""
     trust: bool = False
-    """open an archive of Stable-Baselines3, although that can run code in it"""
+    """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
+    run any code"""
 
 
 def report_run(
-    run: Run, episodes: int = 200, *, policy: Policy | None = None, name: str = "learned"
+    run: Run,
+    episodes: int = 200,
+    *,
+    policy: Policy | None = None,
+    name: str = "learned",
+    trust: bool = False,
 ) -> list[Evaluation]:
     """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
 
@@ -58,8 +64,12 @@ def report_run(
         raise RunError(msg)
     folder = run.folder if policy is None else run.folder / name
     scene = Scene(**record["scene"])
-    learned = evaluate(scene, Learned(policy or load_policy(run.policy), name), episodes=episodes)
-    others = [evaluate(scene, controller, episodes=episodes) for controller in baselines(scene)]
+    parts = recorded_parts(scene, record["settings"], trust=trust)
+    agent = parts.controller(policy or load_policy(run.policy), name)
+    *others, learned = [
+        evaluate(scene, controller, episodes=episodes, rewards_of=parts.rewards_of)
+        for controller in (*baselines(scene), agent)
+    ]
     results = [*others, learned]
     write_scores(results, folder / "scores.csv")
     write_episodes(results, folder / "episodes.csv")
@@ -98,10 +108,10 @@ def main() -> str | None:
         run = Run(arguments.folder.name, arguments.folder.parent)
         path, episodes = arguments.policy, arguments.episodes
         if path is None:
-            report_run(run, episodes)
+            report_run(run, episodes, trust=arguments.trust)
         else:
             policy = read_policy(path, trust=arguments.trust)
-            report_run(run, episodes, policy=policy, name=path.stem)
+            report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
     except (SceneError, RunError, PolicyError) as error:
         return f"error: {error}"
     return None

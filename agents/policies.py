@@ -2,6 +2,7 @@
 
 A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
 the bias of each layer, and ``description``, a JSON text of the rest. It takes NumPy alone to act.
+A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``.
 """
 
 from __future__ import annotations
@@ -52,6 +53,10 @@ def _relu(values: Values) -> Values:
     return np.maximum(values, 0.0)
 
 
+def _sigmoid(values: Values) -> Values:
+    return 0.5 + 0.5 * np.tanh(0.5 * values)
+
+
 ACTIVATIONS: dict[str, Callable[[Values], Values]] = {"tanh": np.tanh, "relu": _relu}
 
 
@@ -63,6 +68,13 @@ class PolicyError(RuntimeError):
 class Policy:
     """A network of dense layers, whose output is clipped: the mean action of a trained agent.
 
+    A recurrent one has a long short-term memory cell before the layers (Hochreiter and Schmidhuber,
+    1997), of gates i, f, g and o::
+
+        i, f, g, o = cell[0] @ observation + cell[1] @ output + cell[2]
+        state = sigmoid(f) * state + sigmoid(i) * tanh(g)
+        output = sigmoid(o) * tanh(state)
+
     Attributes
     ----------
     weights, biases
@@ -71,6 +83,10 @@ class Policy:
         A name of `ACTIVATIONS`; it follows all layers but the last.
     low, high
         (k,) bounds of the action [-].
+    squashed
+        Whether a tanh follows the last layer.
+    cell
+        Empty, or (4 h, n), (4 h, h) and (4 h,), the gates one after the other.
     """
 
     weights: tuple[NDArray[np.float32], ...]
@@ -78,11 +94,14 @@ class Policy:
     activation: str
     low: NDArray[np.float32]
     high: NDArray[np.float32]
+    squashed: bool = False
+    cell: tuple[NDArray[np.float32], ...] = ()
 
     @property
     def sizes(self) -> list[int]:
         """Numbers of an observation, of the units of each hidden layer, and of an action."""
-        return [self.weights[0].shape[1], *(len(bias) for bias in self.biases)]
+        first = self.cell[0] if self.cell else self.weights[0]
+        return [first.shape[1], *(len(bias) for bias in self.biases)]
 
     def check(self, observation: int, action: int) -> None:
         """Raise `PolicyError` unless observation and action have so many numbers."""
@@ -94,29 +113,59 @@ class Policy:
             )
             raise PolicyError(msg)
 
-    def act(self, observation: NDArray[np.float32]) -> Values:
-        """Return the actions (lanes, k) for observations (lanes, n) as the environment has them."""
+    def begin(self, lanes: int) -> Values:
+        """Return the cell's state and output (2, lanes, h) with which an episode begins."""
+        return np.zeros((2, lanes, self.cell[1].shape[1] if self.cell else 0))
+
+    def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
+        """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
+
+        Parameters
+        ----------
+        observation
+            (lanes, n).
+        sums
+            What `begin` returned at the episode's start; moved on by a step. Without, an episode
+            begins.
+        """
         values = np.asarray(observation, np.float64)
+        if self.cell:
+            values = self._remember(values, self.begin(len(values)) if sums is None else sums)
         activate = ACTIVATIONS[self.activation]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             values = (values if layer == 0 else activate(values)) @ weight.T + bias
-        return np.clip(values, self.low, self.high)
+        return np.clip(np.tanh(values) if self.squashed else values, self.low, self.high)
+
+    def _remember(self, values: Values, memory: Values) -> Values:
+        """Move the cell's memory on by a step, and return its output (lanes, h)."""
+        state, output = memory
+        gates = values @ self.cell[0].T + output @ self.cell[1].T + self.cell[2]
+        enter, keep, new, leave = np.split(gates, 4, axis=1)
+        state[:] = _sigmoid(keep) * state + _sigmoid(enter) * np.tanh(new)
+        output[:] = _sigmoid(leave) * np.tanh(state)
+        return output
 
     def save(self, path: str | Path) -> None:
         """Write the policy whole: a kill leaves the old file or the new one."""
+        write_bytes(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """Return the content of the policy's file."""
         description = {
             "format": FORMAT,
             "activation": self.activation,
             "sizes": self.sizes,
             "low": self.low.tolist(),
             "high": self.high.tolist(),
+            "squashed": self.squashed,
         }
         arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
+        arrays |= {f"cell_{i}": array for i, array in enumerate(self.cell)}
         content = io.BytesIO()
         np.savez(content, **arrays)
-        write_bytes(path, content.getvalue())
+        return content.getvalue()
 
 
 def load_policy(path: str | Path) -> Policy:
@@ -159,13 +208,17 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
     if not (isinstance(sizes, list) and len(sizes) > 1):
         msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
         raise ValueError(msg)
-    layers = range(len(sizes) - 1)
+    layers, units = range(len(sizes) - 1), arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
+    cell = [(4 * units, sizes[0]), (4 * units, units), (4 * units,)] if units else []
+    inputs = [units or sizes[0], *sizes[1:]]
     return Policy(
-        weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], sizes[i])) for i in layers),
+        weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], inputs[i])) for i in layers),
         biases=tuple(_array(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),
         activation=description["activation"],
         low=_array(description, "low", (sizes[-1],)),
         high=_array(description, "high", (sizes[-1],)),
+        squashed=bool(description.get("squashed")),
+        cell=tuple(_array(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
     )
 
 

@@ -1,34 +1,29 @@
-"""Train a PPO agent.
+"""Train an agent.
 
 For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
 
-An interrupted run continues from its last checkpoint when the same command is given again; the best
-policy of the validations is kept.
+An interrupted run continues from its last checkpoint when the same command is given again, and a
+finished one goes on with more ``--steps``; the best policy of the validations is kept.
 """
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+
+from gymnasium.error import DependencyNotInstalled
 
 from agents.evaluate import report_run
 from agents.policies import PolicyError
-from agents.training.config import settings_from_command_line
-from agents.training.ppo import train
-from agents.training.runs import Run, RunError
+from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.reinforcement import train
+from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
-
-if TYPE_CHECKING:
-    from agents.training.config import TrainSettings
-
-INTERRUPTED = 130
-"""Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
 
 
 def main() -> str | int | None:
     """Train from the command line, then report."""
     try:
-        settings = settings_from_command_line(__doc__ or "")
+        settings = settings_from_command_line(TrainSettings, __doc__ or "")
     except SceneError as error:
         return f"error: {error}"
     return train_and_report(settings)
@@ -39,14 +34,14 @@ def train_and_report(settings: TrainSettings) -> str | int | None:
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run)
-    except (SceneError, CompileError, RunError, PolicyError) as error:
+        report_run(run, trust=True)
+    except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
+    except OSError as error:  # a full disk, a folder that cannot be written to
+        kept = "its last checkpoint is whole: give the same command again when there is room"
+        return f"error: {error}\n{run.folder}: {kept}"
     except KeyboardInterrupt:
-        advice = "give the same command again to continue"
-        if run.finished:
-            advice = f"trained; score it: python -m agents.evaluate {run.folder}"
-        print(f"interrupted: {run.folder}: {advice}", file=sys.stderr)
+        print(run.advice, file=sys.stderr)
         return INTERRUPTED
     return None
 

@@ -9,7 +9,7 @@ from unittest import mock
 
 from agents import train as command
 from agents.training.config import TrainSettings
-from agents.training.ppo import train
+from agents.training.reinforcement import train
 from agents.training.runs import Run
 
 FORKING = multiprocessing.get_context("forkserver")

@@ -23,9 +23,10 @@ class Learned:
         self.name = name
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Refuse a policy for other observations or actions: raise `PolicyError`."""
+        """Begin; raise `PolicyError` if the policy is for other observations or actions."""
         self.policy.check(env.single_observation_space.shape[0], env.single_action_space.shape[0])
+        self.sums = self.policy.begin(env.num_envs)
 
     def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
         """Return the policy's mean action."""
-        return self.policy.act(observation)
+        return self.policy.act(observation, self.sums)

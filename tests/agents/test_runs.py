@@ -17,7 +17,8 @@ from agents.policies import load_policy
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes
-from agents.training.ppo import Validation, train
+from agents.training.parts import Parts
+from agents.training.reinforcement import Validation, train
 from agents.training.runs import Run, RunError, numbered
 from agents.training.seeds import training_seeds
 from mm_gym import MovingMassVectorEnv, SceneError
@@ -166,7 +167,7 @@ class TestInterrupts:
         assert load_checkpoint(run.checkpoint)["model/steps"] > 0
 
     def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch, capsys):
-        def interrupt(*_):
+        def interrupt(*_, **__):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(command, "report_run", interrupt)
@@ -225,7 +226,7 @@ class TestNames:
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
-        monkeypatch.setattr(command, "report_run", lambda _: None)
+        monkeypatch.setattr(command, "report_run", lambda *_, **__: None)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
             demo, "read_settings", lambda *_: changed(name="show", steps=200, evaluations=1)
@@ -261,7 +262,7 @@ class TestStreams:
         scene = changed(task="mm_gym/PreStretch-v0").load_scene()
         keys = []
         for seed in self.SEEDS:
-            lanes = make_lanes(changed(task="mm_gym/PreStretch-v0", lanes=128), scene)
+            lanes = make_lanes(changed(task="mm_gym/PreStretch-v0", lanes=128), Parts(scene))
             lanes.seed(seed)
             lanes.reset()
             keys += list(lanes.get_state()["streams"][0])

@@ -96,7 +96,7 @@ def test_file_that_holds_no_settings_is_named(tmp_path, make, message):
     file = tmp_path / "agent.toml"
     make(file)
     with pytest.raises(SceneError, match=message) as caught:
-        read_settings(file)
+        read_settings(file, TrainSettings)
     assert str(file) in str(caught.value)
 
 
@@ -104,7 +104,7 @@ def test_misspelt_keys_are_named_with_the_nearest(tmp_path):
     file = tmp_path / "agent.toml"
     file.write_text("tsk = 1\n[ppo]\nlerning_rate = 0.1\n")
     with pytest.raises(SceneError) as caught:
-        read_settings(file)
+        read_settings(file, TrainSettings)
     assert "tsk: unknown key; did you mean 'task'?" in str(caught.value)
     assert "ppo.lerning_rate: unknown key; did you mean 'learning_rate'?" in str(caught.value)
 
@@ -129,13 +129,20 @@ def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
 
 
 @pytest.mark.parametrize("path", ["agent.tom", "configs", ""])
-def test_settings_file_of_another_ending_is_refused_by_name(path, monkeypatch):
+def test_first_argument_that_is_neither_file_nor_task_is_refused_by_name(path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["train", path, "--seed", "1"])
     with pytest.raises(SceneError) as caught:
-        settings_from_command_line("")
-    assert str(caught.value) == (
-        f"settings file: got {path!r}; allowed: a path that ends in .toml, before the flags"
+        settings_from_command_line(TrainSettings, "")
+    assert str(caught.value).startswith(
+        f"first argument: got {path!r}; allowed: a path that ends in .toml, or a task, before the"
     )
+
+
+def test_task_is_named_without_its_prefix_and_version(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["train", "Hybrid", "--algorithm", "sac"])
+    settings = settings_from_command_line(TrainSettings, "")
+    assert (settings.task, settings.name) == ("mm_gym/Hybrid-v0", "Hybrid")
+    assert settings.chosen == settings.sac
 
 
 def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
@@ -143,13 +150,13 @@ def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
 ):
     file = tmp_path / "settings.toml"
     file.write_text('[changes]\n"control.steps" = 30\n"initial.sphere_offset" = [0.0, 0.01]\n')
-    scene = read_settings(file).load_scene()
+    scene = read_settings(file, TrainSettings).load_scene()
     assert scene.control.steps == 30
     assert scene.initial.sphere_offset == (0.0, 0.01)
     monkeypatch.setattr("sys.argv", ["train", str(file)])
-    assert settings_from_command_line("") == read_settings(file)
+    assert settings_from_command_line(TrainSettings, "") == read_settings(file, TrainSettings)
     monkeypatch.setattr("sys.argv", ["train", str(file), "--changes", '{"control.steps": 40}'])
-    scene = settings_from_command_line("").load_scene()
+    scene = settings_from_command_line(TrainSettings, "").load_scene()
     assert (scene.control.steps, scene.initial.sphere_offset) == (40, 0.0)
     with pytest.raises(SceneError, match=r"control\.stepz: unknown key; did you mean 'steps'\?"):
         TrainSettings(changes={"control.stepz": 40}).load_scene()
