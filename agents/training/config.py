@@ -50,7 +50,7 @@ LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
 
-Settings = TypeVar("Settings", bound="RunSettings")
+Settings = TypeVar("Settings", bound="Part")
 
 
 class RunSettings(Part):
@@ -191,10 +191,15 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
 
 def _settings_of_task(text: str, kind: type[Settings]) -> Settings:
     """Return the settings of a task, of which ``mm_gym/`` and ``-v0`` may be left out."""
-    short = text.removeprefix("mm_gym/").removesuffix("-v0")
+    short = short_name(text)
     try:
         return kind.of({"task": f"mm_gym/{short}-v0", "name": short})
     except SceneError as error:
         allowed = "a path that ends in .toml, or a task"
         msg = f"first argument: got {text!r}; allowed: {allowed}, before the flags\n{error}"
         raise SceneError(msg) from None
+
+
+def short_name(task: str) -> str:
+    """Return a task's id without what all have in common."""
+    return task.removeprefix("mm_gym/").removesuffix("-v0")
