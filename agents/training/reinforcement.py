@@ -24,10 +24,11 @@ from agents.training.checkpoint import restore, state_of
 from agents.training.lanes import make_lanes
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
+from agents.training.runs import RunError
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.vec_env import VecEnv
@@ -37,11 +38,15 @@ if TYPE_CHECKING:
     from agents.training.parts import Parts
     from agents.training.runs import Run
 
+    Report = Callable[[int, float], None]
+
 CHECKPOINT_PERIOD = 60.0
 """Longest time of training [s] that a kill undoes, but for a rollout."""
 
 
-def train(settings: TrainSettings, run: Run, *, bar: bool = True) -> None:
+def train(
+    settings: TrainSettings, run: Run, *, bar: bool = True, report: Report | None = None
+) -> None:
     """Train until steps or time are used up, and write the best policy to the run's folder.
 
     An interrupted run continues from its last checkpoint, and Ctrl-C writes one. A finished run
@@ -51,6 +56,8 @@ def train(settings: TrainSettings, run: Run, *, bar: bool = True) -> None:
     ----------
     bar
         Whether to draw a progress bar.
+    report
+        Called with the steps and the cost of each validation; what it raises ends the training.
 
     Raises
     ------
@@ -69,7 +76,8 @@ def train(settings: TrainSettings, run: Run, *, bar: bool = True) -> None:
     with run.locked():
         run.open(settings)
         if not run.finished:
-            _train_in_lanes(settings, parts, run, _normalised(settings, lanes), bar=bar)
+            validation = Validation(settings, parts, run, report)
+            _train_in_lanes(validation, _normalised(settings, lanes), bar=bar)
     lanes.close()
 
 
@@ -86,19 +94,21 @@ def _normalised(settings: TrainSettings, lanes: VecEnv) -> VecEnv:
     )
 
 
-def _train_in_lanes(
-    settings: TrainSettings, parts: Parts, run: Run, lanes: VecEnv, *, bar: bool
-) -> None:
+def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None:
     """Train, and write the best policy; the run's lock is held."""
+    settings, run = validation.settings, validation.run
     torch.set_num_threads(settings.threads)
     model = make_model(settings, run.folder / "tensorboard", lanes)
-    progress = Progress()
     if run.checkpoint.exists():
         arrays = load_checkpoint(run.checkpoint)
-        restore(model, arrays)
-        progress = Progress.of(arrays)
+        try:
+            restore(model, arrays)
+        except (KeyError, ValueError, RuntimeError) as error:
+            msg = f"{run.checkpoint}: does not fit these settings: {error}; choose another name"
+            raise RunError(msg) from error
+        validation.progress = Progress.of(arrays)
+    progress = validation.progress
     if model.num_timesteps < settings.steps and progress.seconds < settings.time_budget:
-        validation = Validation(settings, parts, run, progress)
         learn(model, settings.steps - model.num_timesteps, validation, bar=bar)
     progress.write_metrics(run)
     write_bytes(run.policy, progress.best["policy"].tobytes())
@@ -155,16 +165,19 @@ class Validation(BaseCallback):
     Also writes the checkpoint, and stops the training when the time is up.
     """
 
-    def __init__(self, settings: TrainSettings, parts: Parts, run: Run, progress: Progress) -> None:
+    def __init__(
+        self, settings: TrainSettings, parts: Parts, run: Run, report: Report | None = None
+    ) -> None:
         super().__init__()
-        self.settings, self.parts, self.run, self.progress = settings, parts, run, progress
+        self.settings, self.parts, self.run, self.report = settings, parts, run, report
+        self.progress = Progress()
         self.every = -(-settings.steps // settings.evaluations)
-        self.began = self.saved = time.perf_counter() - progress.seconds
         self.state: Arrays | None = None
         self.interrupted = self.out_of_time = False
 
     def _on_training_start(self) -> None:
         self.saved = time.perf_counter()
+        self.began = self.saved - self.progress.seconds
         self.next = self.every * (self.num_timesteps // self.every + 1)
 
     def _on_rollout_start(self) -> None:
@@ -208,6 +221,8 @@ class Validation(BaseCallback):
             self.progress.best = {"policy": np.frombuffer(policy.to_bytes(), np.uint8)}
         self.progress.seconds = time.perf_counter() - self.began
         self.progress.add(self.num_timesteps, cost)
+        if self.report is not None:
+            self.report(self.num_timesteps, cost)
 
     def save(self) -> None:
         """Write the state at the start of this rollout, if any has begun."""
