@@ -41,7 +41,7 @@ class PPOSettings(AlgorithmSettings):
     rollout: Count = 100
     """control steps per lane between updates"""
     batch_size: Batch = 3200
-    """samples of one gradient step"""
+    """samples of one gradient step, at most those of a rollout"""
     epochs: Count = 8
     """passes over each rollout"""
     gae_lambda: Fraction = 0.95

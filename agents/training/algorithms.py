@@ -66,11 +66,14 @@ def make_model(settings: TrainSettings, log: Path, lanes: VecEnv) -> BaseAlgorit
     """
     chosen = settings.chosen
     policy: dict[str, Any] = {"net_arch": list(chosen.hidden)}
+    batch = chosen.batch_size
+    if isinstance(chosen, PPOSettings):
+        batch = min(batch, chosen.rollout * settings.lanes)
     special = _on_policy if isinstance(chosen, PPOSettings) else _off_policy
     model = algorithm_class(settings.algorithm)(
         "MlpLstmPolicy" if isinstance(chosen, RecurrentPPOSettings) else "MlpPolicy",
         lanes,
-        batch_size=chosen.batch_size,
+        batch_size=batch,
         gamma=chosen.discount,
         tensorboard_log=str(log),
         seed=settings.seed,

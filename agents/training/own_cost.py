@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import VectorWrapper
 from numba import vectorize
-from numba.core.errors import NumbaError
 
 from agents.controllers.controller import columns
 from agents.training.user_code import load
@@ -122,7 +121,7 @@ def _compiled(function: Callable[..., float], count: int, reward: str) -> Callab
     """Return a function of arrays."""
     try:
         return vectorize([f"float64({', '.join(['float64'] * count)})"])(function)
-    except (NumbaError, TypeError, NotImplementedError):
+    except Exception:  # noqa: BLE001 - numba raises many kinds; the function has not been run
         print(f"reward: {reward} cannot be compiled; it is called for each lane", file=sys.stderr)
         return np.vectorize(function, otypes=[np.float64])
 

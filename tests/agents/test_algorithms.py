@@ -185,5 +185,5 @@ def test_learn_without_a_bar_prints_nothing(tmp_path, capsys):
     run = Run("tiny", tmp_path)
     run.folder.mkdir()
     model, parts = model_of(settings, tmp_path), make_parts(settings)
-    learn(model, 80, Validation(settings, parts, run, reinforcement.Progress()), bar=False)
+    learn(model, 80, Validation(settings, parts, run), bar=False)
     assert capsys.readouterr().out == ""
