@@ -36,10 +36,11 @@ check: $(INSTALLED)
 bench: $(BENCH)/.installed
 	$(BENCH)/bin/python -m benchmarks
 
-# The scores of the tasks, and the page that shows them.
+# The scores of the tasks, and the pages that show them.
 tasks: $(INSTALLED)
 	$(RUN) -m agents.headroom
 	$(RUN) -m agents.task_page
+	$(RUN) -m agents.ranking
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
 # groups need pip 25.1.

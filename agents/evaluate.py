@@ -3,41 +3,91 @@
 Writes tables and figures into the run's folder and prints the ranking by the task's cost. Nothing
 in the folder is run: policies are files of numbers. An archive of Stable-Baselines3 can run code
 when it is opened; it needs ``--trust``.
+
+A controller of your own, whose file is run, see docs/controllers.md:
+``python -m agents.evaluate mm_gym/PreStretch-v0 --controller my_file.py:MyLaw``.
+
+Several runs and controllers in one table, on one task or many, see docs/evaluation.md:
+``python -m agents.evaluate baselines lqr "runs/ppo-*" --tasks mm_gym/CarriageForce-v0``.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
-from pathlib import Path  # noqa: TC003 - tyro reads the annotation
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from agents.comparison.command import compare
+from agents.comparison.contestants import BASELINES, read_field
+from agents.comparison.entries import Episodes
+from agents.comparison.measure import Studies
+from agents.controllers.user_defined import ControllerError, user_defined
 from agents.evaluation.baselines import baselines
-from agents.evaluation.episodes import Evaluation, evaluate
+from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
-from mm_gym import Scene, SceneError
+from mm_gym import DesignError, Scene, SceneError, load_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
+    from agents.evaluation.episodes import Rewards
+
+SINGLE = 200
+"""Held-out episodes of a single run."""
 
 
 @dataclass(frozen=True)
 class Arguments:
     """What to evaluate."""
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """folder of a finished run, runs/NAME"""
-    episodes: int = 200
-    """held-out episodes"""
+    subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """one: the folder of a finished run, runs/NAME, or with --controller a task's id or a scene
+    file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
+    "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
+    training, a policy's .npz file, or FILE.py:NAME"""
+    tasks: tuple[str, ...] = ()
+    """ids or scene files to compare on; by default those of the runs, or all tasks"""
+    episodes: int | None = None
+    """held-out episodes: 200, or 64 of each seed"""
+    seeds: int | None = None
+    """of what is compared: 5, or as many as the training has"""
+    first_seed: int = HELD_OUT_SEED
+    """of the first episode of what is compared"""
+    robustness: bool = False
+    """compare also under other masses, stiffnesses and dampings, noise and delay"""
+    records: tuple[Path, ...] = ()
+    """recorded motions that take the place of the excitation, besides"""
+    frequency: bool = False
+    """measure the steady response of the closed loop over frequency"""
+    effort: bool = False
+    """measure response and effort over no control and over the best passive damper"""
+    processes: int = os.cpu_count() or 1
+    """that work on tasks side by side; results do not depend on it"""
     policy: Path | None = None
     """a policy to score instead of the run's own: a .npz file, or a .zip archive of
     Stable-Baselines3 with --trust"""
     trust: bool = False
     """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
     run any code"""
+    controller: str | None = None
+    """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
+    out: Path | None = None
+    """folder for tables and figures of --controller, and of what is compared; without it they are
+    only printed"""
+
+    @property
+    def compares(self) -> bool:
+        """Whether several are compared."""
+        return len(self.subjects) > 1 or bool(self.tasks) or self.subjects[0] == BASELINES
 
 
 def report_run(
@@ -46,12 +96,13 @@ def report_run(
     *,
     policy: Policy | None = None,
     name: str = "learned",
+    beside: Sequence[Controller] = (),
     trust: bool = False,
 ) -> list[Evaluation]:
     """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
 
     The results are printed and written to the run's folder, those of another policy to the folder
-    `name` in it.
+    `name` in it. Other controllers may stand beside the baselines.
 
     Returns
     -------
@@ -65,18 +116,29 @@ def report_run(
     folder = run.folder if policy is None else run.folder / name
     scene = Scene(**record["scene"])
     parts = recorded_parts(scene, record["settings"], trust=trust)
-    agent = parts.controller(policy or load_policy(run.policy), name)
-    *others, learned = [
-        evaluate(scene, controller, episodes=episodes, rewards_of=parts.rewards_of)
-        for controller in (*baselines(scene), agent)
+    learned = parts.controller(policy or load_policy(run.policy), name)
+    return report([*beside, learned], scene, episodes, folder, parts.rewards_of)
+
+
+def report(
+    controllers: Sequence[Controller],
+    scene: Scene,
+    episodes: int,
+    folder: Path | None,
+    rewards_of: Rewards | None = None,
+) -> list[Evaluation]:
+    """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
+    results = [
+        evaluate(scene, controller, episodes=episodes, rewards_of=rewards_of)
+        for controller in (*baselines(scene), *controllers)
     ]
-    results = [*others, learned]
-    write_scores(results, folder / "scores.csv")
-    write_episodes(results, folder / "episodes.csv")
-    draw_costs(results, scene, folder / "costs.png")
-    draw_response(results[0], results[-1], scene, folder / "response.png")
     print_ranking(results, scene)
-    print(f"written: {folder}/")
+    if folder is not None:
+        write_scores(results, folder / "scores.csv")
+        write_episodes(results, folder / "episodes.csv")
+        draw_costs(results, scene, folder / "costs.png")
+        draw_response(results[0], results[-1], scene, folder / "response.png")
+        print(f"written: {folder}/")
     return results
 
 
@@ -101,18 +163,46 @@ def read_policy(path: Path, *, trust: bool) -> Policy:
     return open_trusted(path)
 
 
+def compare_several(arguments: Arguments) -> None:
+    """Compare what the command line names; refuse flags of a single run."""
+    for flag in ("policy", "controller"):
+        if getattr(arguments, flag) is not None:
+            msg = (
+                f"--{flag}: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
+            )
+            raise SceneError(msg)
+    compared = read_field(arguments.subjects, arguments.tasks)
+    episodes = Episodes.of_field(
+        compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
+    )
+    studies = Studies(
+        arguments.robustness, arguments.records, arguments.frequency, arguments.effort
+    )
+    compare(compared, episodes, studies, arguments.out, arguments.processes)
+
+
 def main() -> str | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
+    episodes = arguments.episodes or SINGLE
     try:
-        run = Run(arguments.folder.name, arguments.folder.parent)
-        path, episodes = arguments.policy, arguments.episodes
+        if arguments.compares:
+            compare_several(arguments)
+            return None
+        subject = Path(arguments.subjects[0])
+        if arguments.controller is not None:
+            scene = load_scene(subject.as_posix())
+            own = user_defined(arguments.controller, scene)
+            report(own, scene, episodes, arguments.out)
+            return None
+        run = Run(subject.name, subject.parent)
+        path = arguments.policy
         if path is None:
             report_run(run, episodes, trust=arguments.trust)
         else:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
-    except (SceneError, RunError, PolicyError) as error:
+    except (DesignError, SceneError, RunError, PolicyError, ControllerError) as error:
         return f"error: {error}"
     return None
 

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.evaluation.headroom import EPISODES, SCORES, headroom
+from agents.evaluation.headroom import EPISODES, LEARNED, SCORES, headroom
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of
@@ -47,6 +47,7 @@ def main() -> str | None:
             scene = load_scene(path_of(name))
             began = time.perf_counter()
             rows = headroom(scene)
+            rows += [row for row in scores.get(name, {}).get("rows", []) if row["role"] == LEARNED]
             print_scores(name, rows, time.perf_counter() - began)
             scores[name] = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
             ordered = {task: scores[task] for task in ids() if task in scores}

@@ -1,7 +1,8 @@
 """Policies as files of numbers: nothing in them can run code.
 
 A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
-the bias of each layer, and ``description``, a JSON text of the rest. It takes NumPy alone to act.
+the bias of each layer, ``direct``, ``pairs`` and ``units`` where there are any, and
+``description``, a JSON text of the rest. It takes NumPy alone to act.
 A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``.
 """
 
@@ -11,7 +12,7 @@ import io
 import json
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-FORMAT = 1
-"""Number of the format; it changes when older files can no longer be read."""
+FORMATS = (1, 2)
+"""Numbers of the formats that can be read; the last is written. Format 1 had layers alone."""
 
 LARGEST = 64 * 2**20
 """Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
@@ -57,7 +58,24 @@ def _sigmoid(values: Values) -> Values:
     return 0.5 + 0.5 * np.tanh(0.5 * values)
 
 
-ACTIVATIONS: dict[str, Callable[[Values], Values]] = {"tanh": np.tanh, "relu": _relu}
+def _rational(values: Values) -> Values:
+    values = np.clip(values, -3.0, 3.0)
+    return values * (27.0 + values**2) / (27.0 + 9.0 * values**2)
+
+
+ACTIVATIONS: dict[str, Callable[[Values], Values]] = {
+    "tanh": np.tanh,
+    "relu": _relu,
+    "rational": _rational,
+}
+"""What follows a layer; "rational" is a tanh of four operations, smooth, and 1 from 3 on."""
+
+UNIT = ("memory", "floor", "offset", "scale")
+"""The numbers of a correlation unit, see `Policy`."""
+
+
+def _empty(*shape: int) -> Callable[[], NDArray[np.float32]]:
+    return lambda: np.zeros(shape, np.float32)
 
 
 class PolicyError(RuntimeError):
@@ -67,6 +85,17 @@ class PolicyError(RuntimeError):
 @dataclass(frozen=True, eq=False)
 class Policy:
     """A network of dense layers, whose output is clipped: the mean action of a trained agent.
+
+    Its inputs are the observation y (n,) and r correlation units, of which each compares two
+    combinations of it, a = pairs[q, 0] @ y and b = pairs[q, 1] @ y, with sums from the episode's
+    start that begin at zero::
+
+        products = memory * products + 2 a b
+        squares = memory * squares + a^2 + b^2
+        unit = (products / (floor + squares) - offset) * scale
+
+    Without memory it is a switching function, +1 where a = b and -1 where a = -b, however small the
+    motion; with memory, of one signal at two instants, the cosine of its phase between them.
 
     A recurrent one has a long short-term memory cell before the layers (Hochreiter and Schmidhuber,
     1997), of gates i, f, g and o::
@@ -83,6 +112,10 @@ class Policy:
         A name of `ACTIVATIONS`; it follows all layers but the last.
     low, high
         (k,) bounds of the action [-].
+    direct
+        (k, n + r) weights from the inputs to the action, past the layers; (0, 0) for none.
+    pairs, units
+        (r, 2, n); (r, 4) the numbers named in `UNIT`.
     squashed
         Whether a tanh follows the last layer.
     cell
@@ -94,14 +127,20 @@ class Policy:
     activation: str
     low: NDArray[np.float32]
     high: NDArray[np.float32]
+    direct: NDArray[np.float32] = field(default_factory=_empty(0, 0))
+    pairs: NDArray[np.float32] = field(default_factory=_empty(0, 2, 0))
+    units: NDArray[np.float32] = field(default_factory=_empty(0, len(UNIT)))
     squashed: bool = False
     cell: tuple[NDArray[np.float32], ...] = ()
 
     @property
     def sizes(self) -> list[int]:
         """Numbers of an observation, of the units of each hidden layer, and of an action."""
-        first = self.cell[0] if self.cell else self.weights[0]
-        return [first.shape[1], *(len(bias) for bias in self.biases)]
+        if self.cell:
+            observed = self.cell[0].shape[1]
+        else:
+            observed = self.weights[0].shape[1] - len(self.units)
+        return [observed, *(len(bias) for bias in self.biases)]
 
     def check(self, observation: int, action: int) -> None:
         """Raise `PolicyError` unless observation and action have so many numbers."""
@@ -114,8 +153,13 @@ class Policy:
             raise PolicyError(msg)
 
     def begin(self, lanes: int) -> Values:
-        """Return the cell's state and output (2, lanes, h) with which an episode begins."""
-        return np.zeros((2, lanes, self.cell[1].shape[1] if self.cell else 0))
+        """Return the sums (r, 2, lanes) with which an episode begins.
+
+        Of a recurrent policy they are the cell's state and output (2, lanes, h).
+        """
+        if self.cell:
+            return np.zeros((2, lanes, self.cell[1].shape[1]))
+        return np.zeros((len(self.units), 2, lanes))
 
     def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
         """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
@@ -125,15 +169,21 @@ class Policy:
         observation
             (lanes, n).
         sums
-            What `begin` returned at the episode's start; moved on by a step. Without, an episode
-            begins.
+            What `begin` returned at the episode's start; moved on by a step. A policy
+            without memory needs none; without, an episode begins.
         """
-        values = np.asarray(observation, np.float64)
+        inputs = np.asarray(observation, np.float64)
+        if self.units.size:
+            sums = self.begin(len(inputs)) if sums is None else sums
+            inputs = np.hstack([inputs, self._correlations(inputs, sums)])
         if self.cell:
-            values = self._remember(values, self.begin(len(values)) if sums is None else sums)
+            inputs = self._remember(inputs, self.begin(len(inputs)) if sums is None else sums)
+        values = inputs
         activate = ACTIVATIONS[self.activation]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             values = (values if layer == 0 else activate(values)) @ weight.T + bias
+        if self.direct.size:
+            values = values + inputs @ self.direct.T
         return np.clip(np.tanh(values) if self.squashed else values, self.low, self.high)
 
     def _remember(self, values: Values, memory: Values) -> Values:
@@ -145,6 +195,15 @@ class Policy:
         output[:] = _sigmoid(leave) * np.tanh(state)
         return output
 
+    def _correlations(self, values: Values, sums: Values) -> Values:
+        """Return the correlation units (lanes, r), and move their sums on."""
+        memory, floor, offset, scale = self.units.T.astype(np.float64)
+        left, right = (values @ self.pairs[:, side].T.astype(np.float64) for side in (0, 1))
+        sums *= memory[:, None, None]
+        sums[:, 0] += (2.0 * left * right).T
+        sums[:, 1] += (left**2 + right**2).T
+        return (sums[:, 0].T / (floor + sums[:, 1].T) - offset) * scale
+
     def save(self, path: str | Path) -> None:
         """Write the policy whole: a kill leaves the old file or the new one."""
         write_bytes(path, self.to_bytes())
@@ -152,7 +211,7 @@ class Policy:
     def to_bytes(self) -> bytes:
         """Return the content of the policy's file."""
         description = {
-            "format": FORMAT,
+            "format": FORMATS[-1],
             "activation": self.activation,
             "sizes": self.sizes,
             "low": self.low.tolist(),
@@ -162,10 +221,15 @@ class Policy:
         arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
+        arrays |= {name: getattr(self, name) for name in OPTIONAL if getattr(self, name).size}
         arrays |= {f"cell_{i}": array for i, array in enumerate(self.cell)}
         content = io.BytesIO()
         np.savez(content, **arrays)
         return content.getvalue()
+
+
+OPTIONAL = ("direct", "pairs", "units")
+"""Arrays of a policy that a file may leave out."""
 
 
 def load_policy(path: str | Path) -> Policy:
@@ -198,8 +262,8 @@ def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
 def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
     """Return the policy in arrays; raise an error of `DAMAGE` where they are wrong."""
     description = json.loads(str(arrays["description"]))
-    if description["format"] != FORMAT:
-        msg = f"format: got {description['format']!r}; allowed: {FORMAT}"
+    if description["format"] not in FORMATS:
+        msg = f"format: got {description['format']!r}; allowed: {', '.join(map(str, FORMATS))}"
         raise ValueError(msg)
     if description["activation"] not in ACTIVATIONS:
         msg = f"activation: got {description['activation']!r}; allowed: {', '.join(ACTIVATIONS)}"
@@ -208,9 +272,16 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
     if not (isinstance(sizes, list) and len(sizes) > 1):
         msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
         raise ValueError(msg)
-    layers, units = range(len(sizes) - 1), arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
-    cell = [(4 * units, sizes[0]), (4 * units, units), (4 * units,)] if units else []
-    inputs = [units or sizes[0], *sizes[1:]]
+    layers, r = range(len(sizes) - 1), len(arrays.get("units", ()))
+    memory = arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
+    cell = [(4 * memory, sizes[0]), (4 * memory, memory), (4 * memory,)] if memory else []
+    inputs = [memory or sizes[0] + r, *sizes[1:]]
+    shapes = {
+        "direct": (sizes[-1], inputs[0]),
+        "pairs": (r, 2, sizes[0]),
+        "units": (r, len(UNIT)),
+    }
+    given = [name for name in shapes if name in arrays or (r and name == "pairs")]
     return Policy(
         weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], inputs[i])) for i in layers),
         biases=tuple(_array(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),
@@ -219,6 +290,7 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
         high=_array(description, "high", (sizes[-1],)),
         squashed=bool(description.get("squashed")),
         cell=tuple(_array(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
+        **{name: _array(arrays, name, shapes[name]) for name in given},
     )
 
 

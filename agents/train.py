@@ -9,6 +9,7 @@ finished one goes on with more ``--steps``; the best policy of the validations i
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -18,6 +19,11 @@ from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.reinforcement import train
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
 
 
 def main() -> str | int | None:
@@ -29,12 +35,14 @@ def main() -> str | int | None:
     return train_and_report(settings)
 
 
-def train_and_report(settings: TrainSettings) -> str | int | None:
-    """Train and report; return what `sys.exit` takes."""
+def train_and_report(
+    settings: TrainSettings, beside: Sequence[Controller] = ()
+) -> str | int | None:
+    """Train and report, beside other controllers too; return what `sys.exit` takes."""
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run, trust=True)
+        report_run(run, beside=beside, trust=True)
     except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
     except OSError as error:  # a full disk, a folder that cannot be written to

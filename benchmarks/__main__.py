@@ -1,7 +1,7 @@
 """Measure everything and write docs/benchmarks.md: ``make bench``.
 
-``python -m benchmarks SECTION ...`` measures and prints the named sections and leaves the page
-unchanged; ``precision`` always redraws the README's figure.
+``python -m benchmarks SECTION ...`` measures and prints the named sections, and ``--write`` puts
+them on the page in place of what it has; ``precision`` and ``lanes`` always redraw their figures.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from mm_gym.files import write_text
 SECTIONS = {
     "single": "stepping",
     "vector": "stepping",
-    "nonlinear": "nonlinear",
+    "learner": "learner",
+    "lanes": "lanes",
     "precision": "precision",
     "figure10": "figure10",
     "learning": "learning",
+    "evolution": "evolution",
     "startup": "startup",
 }
 """The module of each section, imported only when needed because of its optional peers."""
@@ -27,25 +29,37 @@ SECTIONS = {
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
-Written by `make bench`. Unless a section says otherwise, every ratio is the median over rounds in
-which the candidates took turns, and ± is half the interquartile range. Peers that are not installed
-are left out.
+Written by `make bench`, or section by section by the command that each begins with. Unless a
+section says otherwise, every ratio is the median over rounds in which the candidates took turns,
+and ± is half the interquartile range. Peers that are not installed are left out.
 """
+MARK = "<!-- python -m benchmarks --write {} -->"
 
 
 def main() -> None:
-    """Run the named sections, or run all and write the page."""
-    asked = sys.argv[1:] or list(SECTIONS)
+    """Run the named sections, or run all, and write the page if asked to."""
+    asked = [name for name in sys.argv[1:] if name != "--write"] or list(SECTIONS)
     unknown = [name for name in asked if name not in SECTIONS]
     if unknown:
-        sys.exit(f"unknown section {unknown[0]!r}; allowed: {', '.join(SECTIONS)}")
-    parts = []
+        sys.exit(f"unknown section {unknown[0]!r}; allowed: --write, {', '.join(SECTIONS)}")
     for name in asked:
         section = getattr(import_module(f"benchmarks.{SECTIONS[name]}"), name)
-        parts.append(section())
-        print(parts[-1], flush=True)
-    if not sys.argv[1:]:
-        write_text(PAGE, "\n".join([HEADER, machine(), "", *parts]))
+        text = f"{section()}\n{machine()}\n"
+        print(text, flush=True)
+        if len(sys.argv) == 1 or "--write" in sys.argv:
+            _put(name, text)
+
+
+def _put(name: str, text: str) -> None:
+    """Write a section in its place on the page."""
+    page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    own = {name: text}
+    for other in SECTIONS:
+        _, found, rest = page.partition(MARK.format(other) + "\n")
+        if found and other != name:
+            own[other] = rest.split(MARK.split("{}", maxsplit=1)[0])[0]
+    parts = [f"{MARK.format(one)}\n{own[one].strip()}\n" for one in SECTIONS if one in own]
+    write_text(PAGE, "\n".join([HEADER, *parts]))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Time against error of mm_gym and its peers, on four classes of scenes.
 
-The section redraws the README's figure, docs/work_precision.png.
+The section redraws its figure, docs/work_precision.png.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ the largest position or velocity of the motion. The peers have compiled right-ha
 compilation are not counted. For each candidate the table has the fastest setting that attains the
 error, as a multiple of mm_gym's time. This is the peers' best case: with a force held for 10 ms at
 a time they would restart a hundred times.
+
+![Time for one second of motion over the error, on four classes of scenes](work_precision.png)
 """
 
 LOOKS = {

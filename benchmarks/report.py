@@ -35,14 +35,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def machine() -> str:
-    """Return processor, system and package versions as a Markdown list."""
-    return "\n".join(
-        [
-            f"- processor, unless a section names its own: {processor()}, {platform.machine()}",
-            f"- Python {platform.python_version()} on {platform.system()}",
-            "- " + ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name))),
-        ]
-    )
+    """Return processor, system and package versions as a line."""
+    packages = ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name)))
+    system = f"Python {platform.python_version()} on {platform.system()}"
+    return f"*{processor()}, {platform.machine()}; {system}; {packages}.*"
 
 
 def installed(name: str) -> str | None:

@@ -15,7 +15,6 @@ import numpy as np
 from benchmarks.report import table
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
-from mm_gym.paper import scene as paper_scene
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import ids
 
@@ -26,35 +25,30 @@ if TYPE_CHECKING:
 
     from mm_gym import Scene
 
-LANES = 16_384
-MANY_LANES = 16 * LANES
+LANES, MANY_LANES = 16_384, 65_536
 ENDLESS = 10**9
 ROUNDS, REPEATS = 9, 40
-UNDISTURBED = """Two threads wait for the slower of two processors, and on a shared machine other
-processes slow them down. Undisturbed: each step of an episode at its fastest of the nine rounds.
+LONGEST = 100
+"""Control steps of an episode, at most."""
+
+PROCESSOR = "Processor time, which other processes on the machine disturb little.\n"
+UNDISTURBED = f"""Two threads wait for the slower of two processors, and on a shared machine other
+processes slow them down. Undisturbed: each step of an episode at its fastest of {ROUNDS} rounds.
+"""
+EPISODES = f"""{PROCESSOR.strip()} Episodes of at most {LONGEST} control steps under random actions,
+the reset included. A step of dry friction costs three times as much at the start of an episode,
+while the spheres slip, as later.
 """
 ACTIONS = 8
 """Arrays of random actions, used in turns."""
 
-CARRIAGE_FORCE = load_scene("mm_gym/CarriageForce-v0")
-FRICTION = paper_scene("fig8").model_copy(
-    update={"actuation": CARRIAGE_FORCE.actuation, "initial": CARRIAGE_FORCE.initial}
-)
-DUFFING_10_MS = CARRIAGE_FORCE.replace(**{"carriage.cubic_coefficient": 2e6})
-
 MANY = {
-    "linear": CARRIAGE_FORCE,
-    "actuated stretch": load_scene("mm_gym/PreStretch-v0"),
-    "dry friction, 1 ms": FRICTION,
-    "Duffing, 2 ms": load_scene("mm_gym/CarriageForceDuffing-v0"),
-    "Duffing, 10 ms": DUFFING_10_MS,
+    name.removeprefix("mm_gym/"): scene.replace(
+        **{"control.steps": min(LONGEST, scene.control.steps)}
+    )
+    for name, scene in ((name, load_scene(name)) for name in ids())
 }
-"""A scene of each kind: the tasks CarriageForce, PreStretch and CarriageForceDuffing, figure 8, and
-CarriageForce with that cubic spring; all from random starts."""
-
-WITHOUT_SERIES = ("linear", "actuated stretch")
-"""The fastest scenes, also timed with more lanes: at 16,384 their steps are so short that the cost
-of a second thread shows."""
+"""The tasks, in short episodes."""
 
 BARE = "bare 4 x 5 product over the lanes"
 
@@ -66,7 +60,7 @@ def single() -> str:
     }
     for name in ("MountainCarContinuous-v0", "CartPole-v1"):
         candidates[name] = _step_of_peer(name)
-    timings = side_by_side(candidates)
+    timings = side_by_side(candidates, clock=time.process_time)
     car, pole = timings["MountainCarContinuous-v0"], timings["CartPole-v1"]
     rows = [
         (
@@ -83,11 +77,11 @@ def single() -> str:
         "times faster than MountainCarContinuous",
         "than CartPole",
     )
-    return f"## One environment\n\n{table(header, rows)}\n"
+    return f"## One environment\n\n{PROCESSOR}\n{table(header, rows)}\n"
 
 
 def vector() -> str:
-    """Return the section on vector environments: 16,384 lanes, one core, resets included."""
+    """Return the section on vector environments: all tasks, one core, resets included."""
     candidates: dict[str, Callable[[], object]] = {BARE: _bare_product()}
     for name, scene in MANY.items():
         candidates[f"{name}: compiled kernels alone"] = _kernel_episodes(scene)
@@ -101,7 +95,7 @@ def vector() -> str:
         except ImportError as error:
             absent.append(f"{name} ({error})")
     steps = {name: LANES * _steps_of(name) for name in candidates}
-    timings = side_by_side(candidates, work=steps)
+    timings = side_by_side(candidates, work=steps, rounds=ROUNDS, clock=time.process_time)
     bare, pole = timings[BARE], timings["Gymnasium CartPole vector"]
     rows = [
         (
@@ -119,7 +113,7 @@ def vector() -> str:
         "times faster than CartPole vector",
     )
     missing = f"Not measured: {'; '.join(absent)}.\n\n" if absent else ""
-    return f"## Many lanes\n\n{table(header, rows)}\n\n{missing}{threads()}"
+    return f"## Many lanes\n\n{EPISODES}\n{table(header, rows)}\n\n{missing}{threads()}"
 
 
 def threads() -> str:
@@ -127,25 +121,23 @@ def threads() -> str:
     rows = []
     alone, both = (_timed(_independent_work(count)) for count in (1, 2))
     for name, scene in MANY.items():
-        for lanes in (LANES, MANY_LANES) if name in WITHOUT_SERIES else (LANES,):
-            for copy in (False, True):
-                one, two = (_timed_episodes(scene, count, lanes, copy=copy) for count in (1, 2))
-                turns = [(one(), two(), alone(), both()) for _ in range(ROUNDS)]
-                times = [np.array(turn) for turn in zip(*turns, strict=True)]  # (rounds, steps)
-                whole = [seconds.sum(axis=1) for seconds in times]
-                quiet = [seconds.min(axis=0).sum() for seconds in times]
-                how = "copies" if copy else "views"
-                rows.append(
-                    (
-                        f"{name}, {lanes:,} lanes, {how}",
-                        f"{np.median(whole[0] / whole[1]):.2f}",
-                        f"{quiet[0] / quiet[1]:.2f}",
-                        f"{2.0 * np.median(whole[2] / whole[3]):.2f}",
-                        f"{2.0 * quiet[2] / quiet[3]:.2f}",
-                    )
+        for copy in (False, True):
+            one, two = (_timed_episodes(scene, count, MANY_LANES, copy=copy) for count in (1, 2))
+            turns = [(one(), two(), alone(), both()) for _ in range(ROUNDS)]
+            times = [np.array(turn) for turn in zip(*turns, strict=True)]  # (rounds, steps)
+            whole = [seconds.sum(axis=1) for seconds in times]
+            quiet = [seconds.min(axis=0).sum() for seconds in times]
+            rows.append(
+                (
+                    f"{name}, {'copies' if copy else 'views'}",
+                    f"{np.median(whole[0] / whole[1]):.2f}",
+                    f"{quiet[0] / quiet[1]:.2f}",
+                    f"{2.0 * np.median(whole[2] / whole[3]):.2f}",
+                    f"{2.0 * quiet[2] / quiet[3]:.2f}",
                 )
+            )
     header = (
-        "two threads",
+        f"two threads, {MANY_LANES:,} lanes",
         "times as fast as one",
         "undisturbed",
         "independent arithmetic, in the same rounds",
@@ -180,10 +172,7 @@ def _steps_of(candidate: str) -> int:
 
 
 def _episodes(scene: Scene, *, copy: bool) -> Callable[[], object]:
-    """Return a function that plays a whole episode in every lane, and the reset after it.
-
-    A step of friction costs three times as much at the start of an episode as at its end.
-    """
+    """Return a function that plays a whole episode in every lane, and the reset after it."""
     return _timed_episodes(scene, 1, LANES, copy=copy)
 
 

@@ -43,6 +43,7 @@ def side_by_side(
     work: Mapping[str, float] | None = None,
     rounds: int = 15,
     seconds: float = 0.05,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, Timing]:
     """Time candidates in turns.
 
@@ -56,12 +57,14 @@ def side_by_side(
         Number of turns of each candidate.
     seconds
         Duration of one turn [s], from which the number of calls in it follows.
+    clock
+        What tells the time [s].
     """
-    calls = {name: _calls_for(function, seconds) for name, function in candidates.items()}
+    calls = {name: _calls_for(function, seconds, clock) for name, function in candidates.items()}
     measured: dict[str, list[float]] = {name: [] for name in candidates}
     for _ in range(rounds):
         for name, function in candidates.items():
-            measured[name].append(_time(function, calls[name]) / calls[name])
+            measured[name].append(_time(function, calls[name], clock) / calls[name])
     units = work or {}
     return {
         name: Timing(name, np.array(values) / units.get(name, 1.0))
@@ -69,19 +72,19 @@ def side_by_side(
     }
 
 
-def _calls_for(function: Callable[[], object], seconds: float) -> int:
+def _calls_for(function: Callable[[], object], seconds: float, clock: Callable[[], float]) -> int:
     """Warm up, then return the number of calls that take about the given time [s]."""
-    began = time.perf_counter()
-    while time.perf_counter() - began < seconds:
+    began = clock()
+    while clock() - began < seconds:
         function()
     calls = 1
-    while (taken := _time(function, calls)) < seconds / 4.0:
+    while (taken := _time(function, calls, clock)) < seconds / 4.0:
         calls *= 2
     return max(1, round(calls * seconds / taken))
 
 
-def _time(function: Callable[[], object], calls: int) -> float:
-    began = time.perf_counter()
+def _time(function: Callable[[], object], calls: int, clock: Callable[[], float]) -> float:
+    began = clock()
     for _ in range(calls):
         function()
-    return time.perf_counter() - began
+    return clock() - began

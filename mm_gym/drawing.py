@@ -14,7 +14,7 @@ from gymnasium.error import DependencyNotInstalled
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Sequence
     from os import PathLike
 
     from matplotlib.axes import Axes
@@ -58,14 +58,25 @@ def style() -> Generator[None]:
 
 
 def panels(
-    height: float, rows: int, columns: int, *, sharex: str = "none", sharey: str = "none"
+    height: float,
+    rows: int,
+    columns: int,
+    *,
+    sharex: str = "none",
+    sharey: str = "none",
+    heights: Sequence[float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure of a height [inch] and its panels, row by row; call it within `style`."""
+    """Return a figure of a height [inch] and its panels, row by row; call it within `style`.
+
+    The rows have the same height, or heights in the ratio of those given.
+    """
     from matplotlib.figure import Figure  # noqa: PLC0415 - optional
 
     figure = Figure(figsize=(WIDTH, height))
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.06)
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
+    grid = figure.subplots(
+        rows, columns, squeeze=False, sharex=sharex, sharey=sharey, height_ratios=heights
+    )
     for axes in grid.flat:
         axes.margins(x=0.0)
     return figure, list(grid.flat)

@@ -8,7 +8,9 @@ from pathlib import Path
 from unittest import mock
 
 from agents import train as command
-from agents.training.config import TrainSettings
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 
@@ -23,7 +25,12 @@ TOUCHES = {"open": 0, "os.rename": 1, "os.remove": 0, "os.chmod": 0, "os.mkdir":
 
 def begin_training(settings: TrainSettings, root: Path, touches: int | None = None):
     """Train in a new process, which kills itself before it touches so many files of the run."""
-    return _begin(_train, settings, Run(settings.name, root), touches)
+    return _begin(_run, train, settings, Run(settings.name, root), touches)
+
+
+def begin_evolution(settings: EvolveSettings, root: Path, touches: int):
+    """Evolve in a new process, as `begin_training` does."""
+    return _begin(_run, evolve, settings, Run(settings.name, root), touches)
 
 
 def begin_command(arguments: list[str], folder: Path):
@@ -39,7 +46,7 @@ def _begin(target, *arguments):
     return process
 
 
-def _train(settings: TrainSettings, run: Run, touches: int | None) -> None:
+def _run(work, settings: RunSettings, run: Run, touches: int | None) -> None:
     left = touches
 
     def count(event, arguments):
@@ -51,7 +58,7 @@ def _train(settings: TrainSettings, run: Run, touches: int | None) -> None:
                 os.kill(os.getpid(), signal.SIGKILL)
 
     sys.addaudithook(count)
-    train(settings, run)
+    work(settings, run)
 
 
 def _command(arguments: list[str], folder: Path) -> None:

@@ -30,8 +30,10 @@ class ClippedLQR:
 
     Parameters
     ----------
+    stretch
+        About which the regulator is designed [-].
     price
-        of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
+        Of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
 
     Raises
     ------
@@ -43,12 +45,14 @@ class ClippedLQR:
         require_stable_rest(scene, "clipped LQR")
         self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"
         self.command, self.lead = StretchCommand(scene), Lead(scene)
-        self.stiffness = scene.springs.stiffness
+        self.about, self.stiffness = stretch, scene.springs.stiffness
         self.k2 = spring_stiffness(stretch, self.stiffness)
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
         a, _ = compile_scene(scene).linear(stretch)
-        gain, _, _ = control.lqr(a, internal, state_weight(scene), [[price / unit**2]])
+        gain, _, _ = control.lqr(
+            a, internal, state_weight(scene), [[price / unit**2]], method="scipy"
+        )
         self.gain = np.asarray(gain)[0]
 
     def begin(self, lanes: int) -> None:

@@ -83,12 +83,12 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
         If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
         a mode that does not decay, or an equation has no stabilising solution.
     """
-    price = _price(scene)
+    price = force_price(scene)
     plant = compile_scene(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
-    regulated, gain, riccati = _regulator(plant, scene, at, price, system)
+    regulated, gain, riccati = regulator(plant, scene, at, price, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
@@ -104,7 +104,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     return LQGDesign(system, regulated, gain, filters, error, cost)
 
 
-def _price(scene: Scene) -> float:
+def force_price(scene: Scene) -> float:
     """Return the cost of the force [1/N^2]."""
     actuator, weight = scene.actuation.force, scene.objective.effort_weight
     if actuator is None:
@@ -119,7 +119,7 @@ def _price(scene: Scene) -> float:
     return weight / actuator.limit**2
 
 
-def _regulator(
+def regulator(
     plant: Plant, scene: Scene, at: dict[str, float] | None, price: float, system: LinearSystem
 ) -> tuple[tuple[int, ...], Array, Array]:
     """Return the states that the cost depends on, the gain on all states, and P."""
@@ -138,7 +138,7 @@ def _regulator(
     rows = np.ix_(regulated, regulated)
     a, b = system.A[rows], system.B[list(regulated)]
     try:
-        found, riccati, poles = control.dlqr(a, b, own, [[price]])
+        found, riccati, poles = control.dlqr(a, b, own, [[price]], method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
@@ -226,9 +226,9 @@ def _filter(
     a, c = system.A * x / x[:, None], system.C * x / y[:, None]
     noise, covariance = noise / np.outer(x, x), covariance / np.outer(x, x)
     sensors = sensors / np.outer(y, y)
-    _require_detectable(a, c)
+    require_detectable(a, c)
     try:
-        _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors)
+        _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors, method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
         msg = f"the filter's Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
@@ -252,18 +252,32 @@ def _filter(
     return np.array([*gains, last]) * x[:, None] / y, error * np.outer(x, x)
 
 
-def _require_detectable(a: Array, c: Array) -> None:
-    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay."""
+def require_detectable(a: Array, c: Array) -> None:
+    """Raise `DesignError` if the outputs do not show a mode that does not decay."""
+    eigenvalue = hidden_mode(a, c)
+    if eigenvalue is not None:
+        msg = (
+            f"sensors.channels: they do not show the mode {eigenvalue:.6g}, which does not "
+            "decay: the state is not detectable; observe another channel"
+        )
+        raise DesignError(msg)
+
+
+def hidden_mode(a: Array, c: Array) -> complex | None:
+    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
+
+    Returns
+    -------
+    complex or None
+        The first that C does not show; with A' and B' the first that B does not reach.
+    """
     rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     for eigenvalue in np.linalg.eigvals(a):
         if abs(eigenvalue) >= 1.0 - 1e-9:
             pencil = np.vstack([a - eigenvalue * np.eye(len(a)), rows])
             if np.linalg.svd(pencil, compute_uv=False)[-1] < UNSEEN:
-                msg = (
-                    f"sensors.channels: they do not show the mode {eigenvalue:.6g}, which does not "
-                    "decay: the state is not detectable; observe another channel"
-                )
-                raise DesignError(msg)
+                return complex(eigenvalue)
+    return None
 
 
 class LQG:

@@ -80,13 +80,13 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
         raise DesignError(msg)
     plant = compile_scene(scene)
     weight = state_weight(scene)
-    states = _states_that_matter(plant.linear(stretch)[0], weight)
+    states = states_that_matter(plant.linear(stretch)[0], weight)
     a, b = plant.discrete(stretch)
     a, b, weight = a[np.ix_(states, states)], b[list(states)], weight[np.ix_(states, states)]
     price = np.array([[objective.effort_weight / actuator.limit**2]])
     _require_stabilisable(a, b, states)
     try:
-        gain, cost, _ = control.dlqr(a, b, weight, price)
+        gain, cost, _ = control.dlqr(a, b, weight, price, method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
@@ -107,7 +107,7 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
     return weight
 
 
-def _states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
+def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
     """Return the states with a weight in the reward, and those that move one of them."""
     matters = weight.any(axis=0) | np.array([True, False, True, False])
     for _ in range(len(a)):

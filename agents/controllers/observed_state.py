@@ -151,7 +151,7 @@ class ObservedState:
         for stretch in self._grid():
             a = plant.discrete(stretch)[0] * units / units[:, None]
             try:
-                _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise)
+                _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise, method="scipy")
             except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
                 msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
                 raise DesignError(msg) from error

@@ -41,7 +41,7 @@ class OnOffStiffness:
         if not np.linalg.eigvals(a).real.max() < 0.0:
             msg = f"the plant at a stretch of {stretch:g} is not stable: it has no cost to go"
             raise DesignError(msg)
-        p = np.asarray(control.lyap(a.T, state_weight(scene)))
+        p = np.asarray(control.lyap(a.T, state_weight(scene), method="scipy"))
         # The springs' force on carriage and sphere, per unit of k2 (x2 - x1).
         internal = np.array([0.0, 0.0, 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass])
         self.costate = p @ internal

@@ -5,6 +5,7 @@ All but the informed ones read what an agent observes.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,13 +20,18 @@ from agents.controllers.constant import (
     no_control,
 )
 from agents.controllers.controller import columns
+from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
+from agents.controllers.feedforward_lqr import FeedforwardLQR
+from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.frequency_estimators import (
     FrequencyLockedLoop,
     LinearPrediction,
     ShortTimeFourier,
 )
 from agents.controllers.frequency_tracking import FrequencyTracking, reachable_band
+from agents.controllers.h_infinity import HInfinity
+from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
@@ -53,7 +59,10 @@ DECADES = np.linspace(-2.0, 2.0, 17)
 CENTRED = np.linspace(-0.5, 0.5, 17)
 """Forces over the force limit that are tried."""
 
-REMEMBER = (ResettingStiffness, FrequencyTracking)
+REMEMBER = (
+    *(ResettingStiffness, FrequencyTracking, FeedforwardLQR),
+    *(FiniteHorizonLQR, LinearMPC, ExtremumSeeking),
+)
 """Laws with a memory: others do not start a plan from the middle of an episode."""
 
 
@@ -83,7 +92,7 @@ def classical_laws(scene: Scene) -> list[Feedback]:
             return tuning_laws(scene) if stable else []
         case _:
             held = best_lqr_at_constant_stretch(scene)
-            return [held, best_lqr_with_clipped_lqr(scene)] if stable else [held]
+            return [held, *switched_springs(scene)] if stable else [held]
 
 
 def output_feedback(scene: Scene) -> list[Controller]:
@@ -94,6 +103,32 @@ def output_feedback(scene: Scene) -> list[Controller]:
         return [LQG(scene)]
     except DesignError:
         return []
+
+
+def further_laws(scene: Scene) -> list[Controller]:
+    """Return what is scored on the page of the tasks alone: it is slow, or takes extras.
+
+    Those that cannot be designed for the scene are left out.
+
+    Raises
+    ------
+    gymnasium.error.DependencyNotInstalled
+        Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
+    """
+    makers: tuple[Callable[[], Controller], ...] = (
+        lambda: Feedback(scene, FiniteHorizonLQR(scene)),
+        lambda: Feedback(scene, LinearMPC(scene)),
+        lambda: HInfinity(scene),
+    )
+    if columns(scene) == ("stretch",):
+        makers = (lambda: Feedback(scene, ExtremumSeeking(scene)),)
+    elif scene.actuation.stretch is not None:
+        makers = ()
+    found: list[Controller] = []
+    for make in makers:
+        with suppress(DesignError):
+            found.append(make())
+    return found
 
 
 def tuning_laws(scene: Scene) -> list[Feedback]:
@@ -115,14 +150,33 @@ def informed_laws(scene: Scene) -> list[Controller]:
     return []
 
 
+def switched_springs(scene: Scene) -> list[Feedback]:
+    """Return the clipped LQR beside a regulator of the force, and one with feed-forward."""
+    found = best_lqr_with_clipped_lqr(scene)
+    assert isinstance(found.law, Both)  # noqa: S101 - as it was made
+    clipped = found.law.stretch
+    assert isinstance(clipped, ClippedLQR)  # noqa: S101 - as it was made
+    try:
+        force = FeedforwardLQR(scene, clipped.about)
+    except DesignError:  # no noise
+        return [found]
+    return [found, Feedback(scene, Both(force, clipped))]
+
+
 def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
     """Return the law of least cost among those that depend on the present state alone.
 
     Where there is none, it is no control.
     """
-    simple = [controller for controller in laws if not isinstance(controller.law, REMEMBER)]
+    simple = [controller for controller in laws if not _remembers(controller.law)]
     still = Feedback(scene, no_control(scene))
     return min(simple or [still], key=lambda controller: _cost(scene, controller)).law
+
+
+def _remembers(law: Law) -> bool:
+    if isinstance(law, Both):
+        return _remembers(law.force) or _remembers(law.stretch)
+    return isinstance(law, REMEMBER)
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:

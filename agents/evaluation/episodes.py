@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.controllers.controller import columns
 from agents.controllers.matching_stretch import FREQUENCY
+from agents.evaluation.injected import SpringWork
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -48,6 +49,9 @@ class Evaluation:
     time, displacement, applied
         (steps,) [s]; (steps, episodes) x1 / objective.displacement_scale; (steps, episodes, k) what
         the actuators reached. After an early end they keep their last values.
+    injected
+        (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where
+        the stretch is not actuated.
     """
 
     name: str
@@ -58,6 +62,7 @@ class Evaluation:
     time: NDArray[np.float64]
     displacement: NDArray[np.float64]
     applied: NDArray[np.float64]
+    injected: NDArray[np.float64] | None
 
     @property
     def cost(self) -> float:
@@ -107,12 +112,13 @@ def evaluate(
     *,
     seed: int = HELD_OUT_SEED,
     episodes: int = 200,
+    blocks: int = 1,
     rewards_of: Rewards | None = None,
 ) -> Evaluation:
     """Run a controller through one episode a lane.
 
-    An unknown frequency is spread evenly over its band. Rewards by `rewards_of` take the place of
-    the scene's, and their largest -reward that of L.
+    An unknown frequency is spread evenly over its band, in each block of the episodes anew. Rewards
+    by `rewards_of` take the place of the scene's, and their largest -reward that of L.
 
     The penalty of an episode is the mean of -reward over its horizon of N steps. One that
     terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
@@ -125,17 +131,22 @@ def evaluate(
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     band = scene.randomization.get(FREQUENCY)
-    options = {} if band is None else {FREQUENCY: np.linspace(*band, episodes)}
+    options = (
+        {} if band is None else {FREQUENCY: np.tile(np.linspace(*band, episodes // blocks), blocks)}
+    )
     observation, info = env.reset(seed=seed, options=options)
     controller.reset(env)
     steps = scene.control.steps
     displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
     applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
+    work = None if scene.actuation.stretch is None else SpringWork(scene, env)
+    offset, initial = np.zeros((steps, episodes)), info["applied"][:, -1].copy()
     alive, lived = np.ones(episodes, np.bool_), np.zeros(episodes, np.int64)
     early = np.zeros(episodes, np.bool_)
     for step in range(steps):
         for record in (displacement, applied):
             record[step] = record[step - 1]
+        offset[step] = info["state"][:, 1] - info["state"][:, 0]
         known = {} if controller.reads == "observation" else info
         observation, reward, terminated, truncated, info = env.step(
             controller.act(observation, known)
@@ -166,4 +177,7 @@ def evaluate(
         time=scene.control.time_step * np.arange(1, steps + 1),
         displacement=displacement / scene.objective.displacement_scale,
         applied=applied,
+        injected=None
+        if work is None
+        else work.injected(offset, np.concatenate([initial[None], applied[:, :, -1]])),
     )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.controllers.constant import ConstantAction
+from agents.controllers.constant import ConstantAction, constant_stretch, no_control
+from agents.controllers.feedback import Feedback
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
     best_constant,
     best_without_memory,
     classical_laws,
+    further_laws,
     informed_laws,
     output_feedback,
     predictive_control,
@@ -18,13 +20,19 @@ from agents.evaluation.baselines import (
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.planner import Planner
 from agents.evaluation.statistics import interval
+from mm_gym import DesignError
+from mm_gym.metrics import passive_scene
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from agents.controllers.controller import Controller
     from mm_gym import Scene
 
 SCORES = Path(__file__).parents[2] / "docs" / "task_scores.json"
 EPISODES = 100
+LEARNED = "learned"
+"""Role of a trained agent, which `agents.ranking` adds."""
 
 
 def headroom(scene: Scene) -> list[dict[str, str | float]]:
@@ -33,10 +41,11 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
     Returns
     -------
     list of dict
-        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, and
-        its rms of x1 / displacement_scale. Roles: "zero", "random", "constant" (the best on these
-        very episodes), "law" (tuned on others), "predictive", "informed" (knows what an agent does
-        not), "planner".
+        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, its
+        rms of x1 / displacement_scale and, where the stretch is actuated, the mean over the
+        episodes of the energy [J] that changing it put in. Roles: "zero", "random", "constant"
+        (the best on these very episodes), "passive" (the best passive damper), "law" (tuned on
+        others), "predictive", "informed" (knows what an agent does not), "planner".
     """
     laws = classical_laws(scene)
     scores = [scored("law", scene, law) for law in laws]
@@ -45,12 +54,35 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
         scored("zero", scene, ConstantAction(scene)),
         scored("random", scene, RandomActions(scene)),
         scored("constant", scene, best_constant(scene, HELD_OUT_SEED)),
+        *passive_rows(scene),
         *scores,
-        *(scored("law", scene, law) for law in output_feedback(scene)),
+        *(scored("law", scene, law) for law in [*output_feedback(scene), *further_laws(scene)]),
         scored("predictive", scene, predictive_control(scene, best)),
         *(scored("informed", scene, law) for law in informed_laws(scene)),
         scored("planner", scene, Planner(scene, best)),
     ]
+
+
+def passive_rows(scene: Scene) -> list[dict[str, str | float]]:
+    """Score the best passive damper; none where there is no damping to tune.
+
+    It has another damping of the interface than the scene, in the same episodes, and goes to its
+    stretch at once.
+    """
+    try:
+        passive, stretch = passive_scene(scene)
+    except DesignError:
+        return []
+    law = no_control(passive) if stretch is None else constant_stretch(passive, stretch)
+    assert passive.interface.kind == "viscous"  # noqa: S101 - as it was tuned
+    law.name = f"best passive damper, {passive.interface.damping:.2g} N s/m"
+    law.name += "" if stretch is None else f", stretch {stretch:.3f}"
+    return [scored("passive", passive, Feedback(passive, law))]
+
+
+def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
+    """Return the least cost of all controllers on the task's own plant."""
+    return min(float(row["cost"]) for row in rows if row["role"] != "passive")
 
 
 def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | float]:
@@ -58,6 +90,8 @@ def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | f
     result = evaluate(scene, controller, episodes=EPISODES)
     low, high = interval(result.penalties)
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
+    if result.injected is not None:
+        values["injected"] = float(result.injected.mean())
     return {"role": role, "controller": result.name, "reads": result.reads} | {
         name: float(f"{value:.6g}") for name, value in values.items()
     }

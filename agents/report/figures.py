@@ -50,7 +50,7 @@ def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
         look = {"color": LEARNED, "markersize": 4.0, "alpha": 0.4, "markeredgewidth": 0.0}
         axes.plot(position, results[-1].episode_costs, ".", **look)
         if any(result.penalties.any() for result in results):
-            _logarithmic(axes)
+            logarithmic(axes)
         axes.margins(x=0.01)
         axes.set(xlabel=label, ylabel="cost: root of the mean of -reward [-]")
         axes.set_title(
@@ -74,7 +74,7 @@ def _excited(scene: Scene) -> str:
     return "ground motion" if scene.excitation[0].target == "ground" else "force"
 
 
-def _logarithmic(axes: Axes) -> None:
+def logarithmic(axes: Axes) -> None:
     """Let the ordinate be logarithmic, with ticks at 1, 2 and 5 in plain digits."""
     from matplotlib.ticker import (  # noqa: PLC0415 - optional
         LogLocator,

@@ -29,6 +29,7 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
             "ratio to reference [-]",
             "rms of x1 / scale [-]",
             "mean return [-]",
+            "mean energy injected [J]",
         ],
         [
             [result.name for result in results],
@@ -37,6 +38,7 @@ def write_scores(results: Sequence[Evaluation], path: Path) -> None:
             [result.cost / results[0].cost for result in results],
             [result.rms for result in results],
             [result.returns.mean() for result in results],
+            ["" if r.injected is None else r.injected.mean() for r in results],
         ],
     )
 

@@ -32,10 +32,16 @@ HEAD = """# Tasks
 displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
 percentiles over episodes. The best constant is the best in hindsight, on these very episodes; laws
 are tuned on others. Controllers read what an agent observes, those marked otherwise also the true
-state, or all of the episode. Predictive control tries plans on a model that does not know the
-disturbance to come. The planner knows the disturbance to come, and improves on the best law in each
-episode by the cross-entropy method. Its cost is reachable if the future is known; better may exist.
+state, or all of the episode. The best passive damper has another damping in the interface, which no
+actuator can change (`docs/ranking.md`). Predictive control tries plans on a model that does not
+know the disturbance to come. The planner knows the disturbance to come, and improves on the best
+law in each episode by the cross-entropy method. Its cost is reachable if the future is known;
+better may exist.
 **Headroom** is 1 - cost / cost of the best constant.
+
+**Energy injected**: the work of changing the stretch, added up from the start of an episode, at its
+highest, on average over the episodes. Where it is 0, the controller never had given more energy
+than it had taken.
 
 An episode that terminates early, in a scene with `objective.displacement_limit` or
 `objective.rail_half_length`, pays a **terminal cost**. With N the steps of the horizon, n those
@@ -95,8 +101,12 @@ def _about(file: Path) -> str:
 def _section(name: str, rows: Sequence[Row]) -> str:
     file = path_of(name)
     constant = _least(rows, "constant")
+    springs = "injected" in rows[0]
     scores = markdown(
-        ["controller", "reads", "cost", "95 % interval", "headroom", "rms of x1 / scale"],
+        [
+            *("controller", "reads", "cost", "95 % interval", "headroom", "rms of x1 / scale"),
+            *(["energy injected [mJ]"] if springs else []),
+        ],
         [
             [
                 str(row["controller"]),
@@ -105,6 +115,7 @@ def _section(name: str, rows: Sequence[Row]) -> str:
                 f"{row['low']:.4g} to {row['high']:.4g}",
                 percent(1 - float(row["cost"]) / constant),
                 f"{row['displacement']:.4g}",
+                *([f"{1e3 * float(row['injected']):.3g}"] if springs else []),
             ]
             for row in rows
         ],

@@ -24,9 +24,10 @@ from agents.training.algorithm_settings import (
 )
 from agents.training.user_code import is_path, source, split
 from mm_gym import Scene, SceneError, load_scene
+from mm_gym.errors import suggest
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
-from mm_gym.tasks import path_of
+from mm_gym.tasks import ids, path_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -179,27 +180,34 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     """Read ``[FILE.toml | TASK] [--flags]``: the file or task first, then flags over it.
 
     A task may leave out ``mm_gym/`` and ``-v0``; a run of it has the task's name if none is given.
+
+    Raises
+    ------
+    SceneError
+        If the first argument is neither a flag nor a task nor a settings file that can be read.
     """
     arguments = sys.argv[1:]
     default = kind()
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)
     elif arguments and not arguments[0].startswith("-"):
-        default = _settings_of_task(arguments.pop(0), kind)
+        task = _task_called(arguments.pop(0))
+        default = kind.of({"task": task, "name": short_name(task)})
     return cli(kind, default=default, args=arguments, description=description)
-
-
-def _settings_of_task(text: str, kind: type[Settings]) -> Settings:
-    """Return the settings of a task, of which ``mm_gym/`` and ``-v0`` may be left out."""
-    short = short_name(text)
-    try:
-        return kind.of({"task": f"mm_gym/{short}-v0", "name": short})
-    except SceneError as error:
-        allowed = "a path that ends in .toml, or a task"
-        msg = f"first argument: got {text!r}; allowed: {allowed}, before the flags\n{error}"
-        raise SceneError(msg) from None
 
 
 def short_name(task: str) -> str:
     """Return a task's id without what all have in common."""
     return task.removeprefix("mm_gym/").removesuffix("-v0")
+
+
+def _task_called(name: str) -> str:
+    """Return the id of a task by its whole name or a short one."""
+    tasks = {short_name(task): task for task in ids()}
+    if short_name(name) not in tasks:
+        msg = (
+            f"task or settings file: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
+            f"{', '.join(tasks)}, or a path that ends in .toml, before the flags"
+        )
+        raise SceneError(msg)
+    return tasks[short_name(name)]

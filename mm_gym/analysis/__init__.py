@@ -7,5 +7,6 @@ from mm_gym.analysis.modes import Modes as Modes
 from mm_gym.analysis.modes import modes as modes
 from mm_gym.analysis.response import FrequencyResponse as FrequencyResponse
 from mm_gym.analysis.response import frequency_response as frequency_response
+from mm_gym.analysis.springs import spring_energy as spring_energy
 from mm_gym.analysis.springs import spring_stiffness as spring_stiffness
 from mm_gym.analysis.springs import stretch_for_stiffness as stretch_for_stiffness

@@ -1,4 +1,4 @@
-"""The stiffness that pre-stretched springs have, and the stretch that a stiffness needs."""
+"""The stiffness and energy that pre-stretched springs have, and the stretch for a stiffness."""
 
 from __future__ import annotations
 
@@ -40,3 +40,23 @@ def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
     excess = np.asarray(k2, np.float64) / (2.0 * np.asarray(k0, np.float64)) - 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
+
+
+def spring_energy(
+    offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0
+) -> NDArray[np.float64]:
+    """Return the energy [J] of the springs in excess of the centred sphere's.
+
+    Parameters
+    ----------
+    offset
+        x2 - x1 [m].
+    stretch
+        Pre-stretch [-], at least 1.
+    k0
+        ``springs.stiffness`` [N/m].
+    l0
+        ``springs.rest_length`` [m] of springs of finite stretch, or 0.
+    """
+    stretched, moved = np.asarray(stretch, np.float64), np.asarray(offset, np.float64)
+    return plain(laws.spring_energy)(k0, l0, stretched, moved)

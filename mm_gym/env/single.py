@@ -17,7 +17,7 @@ from mm_gym.env.arguments import (
     scene_of,
 )
 from mm_gym.env.pickling import Picklable
-from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.pictures import SINGLE_MODES, rendered, renderer_of
 from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
@@ -146,7 +146,7 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
     v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012 - Gymnasium's own declaration
+    metadata: dict[str, Any] = {"render_modes": SINGLE_MODES}  # noqa: RUF012 - Gymnasium's own declaration
     _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views", "_renderer"})
 
     def __init__(
@@ -161,7 +161,9 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         self.scene, limit = scene_of(scene, changes), limit_of_maker()
         if limit is not None:
             self.scene = limited(self.scene, changes, limit)
-        self._leads_time_limit = limit is not None and limit.steps != self.scene.control.steps
+        self._is_limited = limit is None or limit.steps is not None
+        steps = self.scene.control.steps
+        self._leads_time_limit = limit is not None and limit.steps not in {None, steps}
         self.render_mode = render_mode
         self._running = False
         self._prepare()
@@ -183,7 +185,7 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         column = lanes.values[:, 0]
         self._views = (
             lanes.observed[:, 0],
-            column[at.REWARD : at.REWARD + 1],
+            lanes.rewards,
             column[:4],
             column[lanes.applied_rows],
         )
@@ -262,13 +264,14 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
+        frame, reward, state, applied = self._views
         if (
             type(action) is np.ndarray
             and action.dtype is FLOAT32
             and action.shape == self._shape
             and action.flags.carray
         ):  # the common case
-            status = self._advance(action, 0, 1)
+            status = self._advance(action, reward, 0, 1)
         else:
             status = self._lanes.advance(checked_actions(action, self._shape))
         terminated = truncated = False
@@ -279,7 +282,6 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
         if self._renderer is not None:
             self._renderer.note()
-        frame, reward, state, applied = self._views
         if self._level == "light":  # the common case
             info = {"state": state.copy(), "applied": applied.copy()}
         else:
@@ -322,9 +324,11 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         DependencyNotInstalled
             Without pygame-ce.
         ResetNeeded
-            Before the first reset.
+            Before the first reset; a list of pictures is empty then.
+        SceneError
+            If there is no such mode.
         """
-        frames = None if self._renderer is None else self._renderer.render()
+        frames = rendered(self._renderer, self.render_mode)
         return None if frames is None else frames[0]
 
     def close(self) -> None:

@@ -23,6 +23,8 @@ class Specified:
 
     scene: Scene
     _spec: EnvSpec | None = None
+    _is_limited = True
+    """Whether Gymnasium is told when the scene ends an episode; not if asked for no limit."""
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -32,6 +34,8 @@ class Specified:
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = None if spec is None else written(spec, self.scene)
+        if self._spec is not None and not self._is_limited:
+            self._spec.max_episode_steps = None
 
 
 def written(spec: EnvSpec, scene: Scene) -> EnvSpec:

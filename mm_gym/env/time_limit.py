@@ -30,14 +30,14 @@ class Limit(NamedTuple):
     Attributes
     ----------
     steps
-        Control steps.
+        Control steps; None if no `TimeLimit` is asked for, and only the scene ends episodes.
     is_asked
         Whether the caller asked for so many, with ``max_episode_steps`` or by a registration or
         specification of his own. If not, it is the number of the registered task, whatever scene is
         used instead.
     """
 
-    steps: int
+    steps: int | None
     is_asked: bool
 
 
@@ -63,12 +63,15 @@ def _limit(names: Mapping[str, Any]) -> Limit | None:
     # An argument of make's own; one of many that make_vec passes on.
     given = (names["kwargs"] | names).get("max_episode_steps")
     steps = spec.max_episode_steps if given is None else given
-    if steps is None or steps == -1:  # with -1 there is no TimeLimit
-        return None
     registered = registration.registry.get(spec.id)
+    usual = None if registered is None else registered.max_episode_steps
+    if steps == -1 or (steps is None and usual is not None):
+        return Limit(None, is_asked=False)
+    if steps is None:
+        return None
     own = {} if registered is None else registered.kwargs
     is_own_scene = all(merged.get(name) == own.get(name) for name in ("scene", "changes"))
-    is_other = registered is None or steps != registered.max_episode_steps
+    is_other = steps != usual
     return Limit(steps, given is not None or is_other or is_own_scene)
 
 
@@ -80,7 +83,7 @@ def limited(scene: Scene, changes: Mapping[str, object] | None, limit: Limit) ->
     SceneError
         If `changes` says another number than was asked for.
     """
-    if not limit.is_asked:
+    if limit.steps is None or not limit.is_asked:
         return scene
     if changes and STEPS in changes and scene.control.steps != limit.steps:
         msg = (

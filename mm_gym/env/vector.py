@@ -24,7 +24,7 @@ from mm_gym.env.arguments import (
 )
 from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
-from mm_gym.env.pictures import RENDER_MODES, renderer_of
+from mm_gym.env.pictures import RENDER_MODES, rendered, renderer_of
 from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
@@ -76,7 +76,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     Notes
     -----
-    Memory is component-major: observations are (num_envs, n) views in Fortran order.
+    Copies of observations are row-major, because programs store them so. The lanes' own memory, and
+    views of it, have the lanes innermost, and so have the arrays of ``info``.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -84,8 +85,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     _prepared = frozenset(
-        {"plant", "_lanes", "_terms", "_rewards", "_views", "_renderer"}
-        | {"_finished", "_any_finished", "_everywhere"}
+        {"plant", "_lanes", "_terms", "_rewards", "_views", "_renderer"} | {"_over", "_everywhere"}
     )
 
     def __init__(
@@ -124,6 +124,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         `make_vec` passes that of the registered task if it is asked for none.
         """
         limit = limit_of_maker()
+        self._is_limited = limit is None or limit.steps is not None
         if limit is None and steps not in (None, -1):
             limit = Limit(checked_count(steps, "max_episode_steps"), is_asked=True)
         return scene if limit is None else limited(scene, changes, limit)
@@ -136,8 +137,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
         self._views = [_read_only(array.T) for array in lanes.outputs]
         self._renderer = renderer_of(self.scene, lanes, self.render_mode)
-        self._finished = np.ones(self.num_envs, np.bool_)
-        self._any_finished = True
+        self._over = np.arange(self.num_envs)
         self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
 
@@ -181,10 +181,10 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         mask = checked_mask(fields.pop("reset_mask", None), self.num_envs)
         fixed = self._lanes.checked(fields)
         self._seed(seed, mask)
-        self._lanes.restart(mask, fixed)
-        self._forget_rewards(mask)
-        self._finished[mask] = False
-        self._any_finished = bool(self._finished.any())
+        which = np.flatnonzero(mask)
+        self._lanes.restart(which, fixed)
+        self._forget_rewards(which)
+        self._over = self._over[~mask[self._over]]
         if self._renderer is not None:
             self._renderer.note()
         observations, *_, state, applied = self._outputs()
@@ -227,39 +227,33 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         SimulationError
             If a lane's motion cannot be followed to the step's end. It ends all episodes.
         """
-        if self._any_finished and (
-            self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded
-        ):
-            msg = f"{int(self._finished.sum())} of {self.num_envs} lanes need reset() before step()"
+        any_over = self._over.size > 0
+        if any_over and (self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded):
+            msg = f"{self._over.size} of {self.num_envs} lanes need reset() before step()"
             raise ResetNeeded(msg)
         # (actuators, lanes), flat: the environment's own memory order
         actions, copies = checked_actions(actions, self._shape).ravel("F"), None
-        if self._any_finished:
-            self._rest(actions)
-        if self._copy and self._lanes.are_threaded and not self._any_finished:
+        self._lanes.rewards = rewards = np.empty(self.num_envs)
+        if any_over:  # their motion must not make the step fail
+            self._lanes.raise_for(self._lanes.rest(actions, self._over))
+        if self._copy and self._lanes.are_threaded and not any_over:
             status, copies = self._lanes.advance_and_copy(actions)
         else:
             status = self._lanes.advance(actions)
         if self._level == "full" and status <= at.ENDED:
             self._rewards = self._terms.rewards(self._lanes.values[:4], actions)
         final = None
-        if status or self._any_finished:
+        if status or any_over:
             final = self._end_and_restart_episodes(status)
             if final:
                 copies = None  # they are of the end, not of the restart
         if self._renderer is not None:
             self._renderer.note()
-        observations, rewards, terminated, truncated, state, applied = self._outputs(copies)
+        observations, terminated, truncated, state, applied = self._outputs(copies)
         info = self._info(state, applied)
         if final:
             info |= final
         return observations, rewards, terminated, truncated, info
-
-    def _rest(self, actions: NDArray[np.floating]) -> None:
-        """Let the lanes rest that this step restarts: their motion must not make it fail."""
-        if not np.isfinite(actions).all():
-            self._lanes.raise_for(at.NOT_FINITE)
-        self._lanes.rest(self._finished)
 
     def _end_and_restart_episodes(self, status: int) -> dict[str, Any] | None:
         """Restart the lanes that had finished before this step; mark those that finish in it.
@@ -269,39 +263,42 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         lanes = self._lanes
         if status > at.ENDED:
             if status != at.NOT_FINITE:  # refused actions change nothing
-                self._finished[:] = True
-                self._any_finished = True
+                self._over = np.arange(self.num_envs)
             lanes.raise_for(status)
-        if self._any_finished:
+        if self._over.size:
             self._restart(paused=True)
         if status == at.ENDED:
-            np.logical_or(lanes.terminated, lanes.truncated, out=self._finished)
-            self._any_finished = bool(self._finished.any())
-            if self._any_finished and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            self._over = lanes.ended()
+            if self._over.size and self.autoreset_mode is AutoresetMode.SAME_STEP:
                 final = self._final()
                 self._restart()
                 return final
         return None
 
+    def _finished(self) -> NDArray[np.bool_]:
+        """Return the mask of the lanes whose episodes are over."""
+        mask = np.zeros(self.num_envs, np.bool_)
+        mask[self._over] = True
+        return mask
+
     def _restart(self, *, paused: bool = False) -> None:
         """Begin an episode in the finished lanes, see `Lanes.restart`."""
-        self._lanes.restart(self._finished, paused=paused)
-        self._forget_rewards(self._finished)
-        self._finished[:] = False
-        self._any_finished = False
+        self._lanes.restart(self._over, paused=paused)
+        self._forget_rewards(self._over)
+        self._over = self._over[:0]
 
-    def _forget_rewards(self, mask: NDArray[np.bool_]) -> None:
+    def _forget_rewards(self, which: NDArray[np.int64]) -> None:
         """Set the terms of the reward to zero in lanes that begin an episode."""
         if self._level == "full":
             for row in self._rewards.values():
-                row[mask] = 0.0
+                row[which] = 0.0
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes.
 
         Their layout is that of Gymnasium's `SyncVectorEnv`.
         """
-        mask, (over,) = self._finished.copy(), np.nonzero(self._finished)
+        mask, over = self._finished(), self._over
         observed, *_, state, applied = self._lanes.outputs
         info = self._entries(state.T, applied.T)
         last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
@@ -317,14 +314,14 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         }
 
     def _outputs(self, copies: Sequence[NDArray[Any]] | None = None) -> Sequence[NDArray[Any]]:
-        """Return observations, rewards, terminated, truncated, states and what was applied."""
-        if self._copy and copies is None and self._level == "none":
-            shown = self._lanes.outputs[:4]
-            return [*(array.copy().T for array in shown), *self._views[4:]]
+        """Return observations, terminated, truncated, states and what was applied."""
+        observed, terminated, truncated, state, applied = self._views
+        if self._copy and (copies is not None or self._level != "none"):
+            observed, terminated, truncated, state, applied = copies or self._lanes.copies()
+            return observed, terminated, truncated, state.T, applied.T
         if self._copy:
-            return [array.T for array in copies or self._lanes.copies()]
-        observed, rewards, terminated, truncated, state, applied = self._views
-        return observed, rewards.copy(), terminated.copy(), truncated.copy(), state, applied
+            observed = self._lanes.observations()
+        return observed, terminated.copy(), truncated.copy(), state, applied
 
     def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
         everywhere = self._everywhere
@@ -359,7 +356,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         The last axis of every array has the lanes, which may be repeated, permuted or left out to
         make the state of another number of lanes.
         """
-        flags = {"finished": self._finished.copy(), "seeded": self._seeded}
+        flags = {"finished": self._finished(), "seeded": self._seeded}
         return self._lanes.snapshot() | flags
 
     def set_state(self, state: Mapping[str, object]) -> None:
@@ -367,15 +364,14 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         finished = flags_of(state, "finished", self.num_envs)
         seeded = flag_of(state, "seeded")
         self._lanes.restore(state, finished)
-        self._finished[...] = finished
-        self._any_finished = bool(finished.any())
+        self._over = np.flatnonzero(finished)
         self._seeded = seeded
         if self._renderer is not None:
             self._renderer.note(watched=False)
 
     def render(self) -> tuple[Any, ...] | None:
         """Return what `MovingMassEnv.render` does for every lane; "human" shows up to nine."""
-        frames = None if self._renderer is None else self._renderer.render()
+        frames = rendered(self._renderer, self.render_mode)
         return None if frames is None else tuple(frames)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Gymnasium's signature

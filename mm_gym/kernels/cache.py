@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 from numba.core import caching
 from numba.core.compiler import compile_result
+from numba.core.runtime import rtsys
 
 from mm_gym.kernels.intermediate_code import IntermediateCode
 from mm_gym.kernels.lock import locked
@@ -199,6 +200,16 @@ class KernelCache(caching.FunctionCache):
             made = make()
             self.save_overload(sig, made)
         return made, True
+
+    def load_overload(self, sig: object, target_context: Any) -> CompileResult | None:  # noqa: ANN401
+        """Return the code for a signature from disk, or None.
+
+        Numba's own method first imports and registers all that the compiler knows, SciPy's linear
+        algebra among it. Code that is compiled needs the run-time library only.
+        """
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: object, data: CompileResult) -> None:
         """Save compiled code for a signature."""

@@ -46,6 +46,7 @@ def build(
     propagate: Callable[..., object],
     at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    whole: Callable[..., object] | None = None,
     respond: Callable[..., None] | None = None,
     shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
@@ -60,6 +61,8 @@ def build(
         The kernel.
     at_once
         Given what `in_turn` returns, another kernel to take its place.
+    whole
+        Another kernel for scenes without sampled excitation, whose sample intervals are all whole.
     respond
         For linear plants, the kernel that adds a response to an impulse, see
         `mm_gym.kernels.crossing.by_superposition`. Without it `propagate` takes sample intervals of
@@ -75,7 +78,7 @@ def build(
         cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
     return Entries(
         *_entries(cross, excite, excite_and_apply, at_once),
-        *_entries(unexcited(propagate), leave, leave, at_once),
+        *_entries(unexcited(whole or propagate), leave, leave, at_once),
         propagate,
         cross,
         stops_at_corners,
@@ -121,7 +124,7 @@ def _entries(
 
     @borrowing_kernel
     @named_after(cross)
-    def advance(constants, lanes, frames, ends, streams, actions, first, last):
+    def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite.
 
         Parameters
@@ -139,6 +142,8 @@ def _entries(
             (2, count) uint64, read and written: random numbers.
         actions
             (actuators * count,) float32 or float64, read: in [-1, 1], those of all lanes.
+        rewards
+            (count,) float64, written.
         first, last
             The lanes first .. last - 1.
 
@@ -151,7 +156,7 @@ def _entries(
         model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
         if not finite(actions):
             return at.NOT_FINITE
-        return step(task, model, lanes, frames, ends, streams, actions, first, last)
+        return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
 
     @borrowing_kernel
     @named_after(cross)
@@ -212,26 +217,26 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
 
     @borrowing_kernel
     @named_after(cross)
-    def move(task, model, lanes, streams, actions, first, last):
+    def move(task, model, lanes, streams, actions, rewards, first, last):
         """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
-        command(task, lanes, actions, first, last)
+        command(task, lanes, actions, rewards, first, last)
         status = at.OK
         for interval in range(int(model[at.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
-        return max(status, score(task, lanes, first, last))
+        return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
     @named_after(cross)
-    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+    def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step.
 
         Parameters
         ----------
         task, model
             (t,) and (m,), read.
-        lanes, frames, ends, streams, actions, first, last
+        lanes, frames, ends, streams, actions, rewards, first, last
             As for `advance`.
 
         Returns
@@ -242,7 +247,7 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
-            outcome = move(task, model, lanes, streams, actions, start, stop)
+            outcome = move(task, model, lanes, streams, actions, rewards, start, stop)
             ended = check_termination(task, lanes, ends, start, stop)
             if outcome == at.ESCAPED and are_terminated(
                 lanes, ends, model[at.SAMPLE_INTERVAL], start, stop

@@ -48,13 +48,12 @@ Few enough to stay in the first-level cache, many enough to fill the vector unit
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
 FORCE, STRETCH = 4, 5
-REWARD = 6
-BEGAN = 7  # NOW when the episode began
-FORCE_ASKED, STRETCH_ASKED = 8, 9  # what a rate commanded adds up to
+BEGAN = 6  # NOW when the episode began
+FORCE_ASKED, STRETCH_ASKED = 7, 8  # what a rate commanded adds up to
 
 # Rows of what follows from the state, written only if a channel shows them.
-CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 10, 11, 12
-DISTURBANCE, GROUND_ACCELERATION = 13, 14
+CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 9, 10, 11
+DISTURBANCE, GROUND_ACCELERATION = 12, 13
 DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
 
 # Rows of the flags that say how a control step ended; MARKED: whether one of a block is set, in its
@@ -62,22 +61,22 @@ DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
 TERMINATED, TRUNCATED, MARKED = 0, 1, 2
 
 # Rows of the physical parameters, which randomisation may draw for each episode.
-M1, M2, K1, D, ALPHA, BETA = 15, 16, 17, 18, 19, 20
-C, MU1, MU2, VR, CHI, FN = 21, 22, 23, 24, 25, 26
-K0, L0 = 27, 28
+M1, M2, K1, D, ALPHA, BETA = 14, 15, 16, 17, 18, 19
+C, MU1, MU2, VR, CHI, FN = 20, 21, 22, 23, 24, 25
+K0, L0 = 26, 27
 
 # What dry friction comes to, written when an episode begins (`mm_gym.kernels.laws.write_regimes`):
 # its slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
-KINETIC_FORCE = 29
+KINETIC_FORCE = 28
 
 # Rows of a block's clock, in its first lane: the control steps made so far, and until how many none
 # of its episodes has had its steps. So no step counts for every lane.
-NOW, DUE = 30, 31
+NOW, DUE = 29, 30
 
 # Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE
 # are those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample
 # interval.
-HARMONICS = 32
+HARMONICS = 31
 HARMONIC_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 

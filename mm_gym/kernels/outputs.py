@@ -9,7 +9,7 @@ from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
-from mm_gym.kernels.memory import copy_rows, span
+from mm_gym.kernels.memory import copy_as_columns, copy_rows, span
 from mm_gym.kernels.random import normals
 
 
@@ -175,13 +175,29 @@ def bounded(value):
 
 
 @borrowing_kernel
+def copy_observed(frames, observed, first, last):
+    """Copy the observed frames, of each lane side by side; return the status.
+
+    Parameters
+    ----------
+    frames
+        (rows, lanes) float32, read.
+    observed
+        (lanes, k) float32, written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    copy_as_columns(frames, observed, first, last)
+    return at.OK
+
+
+@borrowing_kernel
 def copy_outputs(
     lanes,
     frames,
     ends,
     applied_row,
     observed,
-    rewards,
     terminated,
     truncated,
     states,
@@ -198,9 +214,9 @@ def copy_outputs(
     applied_row
         First row of what the actuators applied.
     observed
-        (k, lanes) float32, written: the frames observed.
-    rewards, terminated, truncated
-        (lanes,) float64, bool and bool, written.
+        (lanes, k) float32, written: the frames observed.
+    terminated, truncated
+        (lanes,) bool, written.
     states
         (4, lanes) float64, written [m, m, m/s, m/s].
     applied
@@ -208,11 +224,9 @@ def copy_outputs(
     first, last
         The lanes first .. last - 1.
     """
-    copy_rows(frames, 0, observed, first, last)
+    copy_observed(frames, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     copy_rows(lanes, applied_row, applied, first, last)
-    for i in span(first, last):
-        rewards[i] = lanes[at.REWARD, i]
     for i in span(first, last):
         terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
     return at.OK

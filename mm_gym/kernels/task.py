@@ -25,7 +25,7 @@ def finite(actions):
 
 
 @borrowing_kernel
-def command(task, lanes, actions, first, last):
+def command(task, lanes, actions, rewards, first, last):
     """Apply actions: set force [N] and stretch, and begin the rewards with the actions' cost.
 
     Parameters
@@ -33,25 +33,28 @@ def command(task, lanes, actions, first, last):
     task
         (t,) float64, read.
     lanes
-        (rows, lanes) float64; force, stretch and rewards are written.
+        (rows, lanes) float64; force and stretch are written.
     actions
         (actuators * lanes,) float32 or float64, read: those of the force, then of the stretch;
         clipped to [-1, 1].
+    rewards
+        (lanes,) float64, written.
     first, last
         The lanes first .. last - 1.
     """
     has_force = task[at.HAS_FORCE] > 0.0
     if has_force:
-        push(task, lanes, actions, first, last)
+        push(task, lanes, actions, rewards, first, last)
     else:
-        fill(lanes, at.REWARD, 0.0, first, last)
+        for i in span(first, last):
+            rewards[i] = 0.0
     if task[at.HAS_STRETCH] > 0.0:
         behind_forces = actions.shape[0] // 2 if has_force else 0
-        tune(task, lanes, actions[behind_forces:], first, last)
+        tune(task, lanes, actions[behind_forces:], rewards, first, last)
 
 
 @borrowing_kernel
-def push(task, lanes, actions, first, last):
+def push(task, lanes, actions, rewards, first, last):
     """Apply a force [N] and begin the rewards with the cost of its action."""
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
     lag_factor = task[at.FORCE_LAG_FACTOR]
@@ -64,21 +67,21 @@ def push(task, lanes, actions, first, last):
                 lanes[at.FORCE_ASKED, i],
             )
             lanes[at.FORCE, i] = approach(present, wanted, lag_factor, rate, -limit, limit)
-            lanes[at.REWARD, i] = 0.0 - weight * a * a
+            rewards[i] = 0.0 - weight * a * a
     elif is_at_once(rate, lag_factor):
         for i in span(first, last):
             a = clip(actions[i], -1.0, 1.0)
             lanes[at.FORCE, i] = limit * a
-            lanes[at.REWARD, i] = 0.0 - weight * a * a
+            rewards[i] = 0.0 - weight * a * a
     else:
         for i in span(first, last):
             a, present = clip(actions[i], -1.0, 1.0), lanes[at.FORCE, i]
             lanes[at.FORCE, i] = approach(present, limit * a, lag_factor, rate, -limit, limit)
-            lanes[at.REWARD, i] = 0.0 - weight * a * a
+            rewards[i] = 0.0 - weight * a * a
 
 
 @borrowing_kernel
-def tune(task, lanes, asked, first, last):
+def tune(task, lanes, asked, rewards, first, last):
     """Set the stretch [-] and subtract the cost of its action from the rewards."""
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
     lag_factor, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
@@ -92,12 +95,12 @@ def tune(task, lanes, asked, first, last):
                 lanes[at.STRETCH_ASKED, i],
             )
             lanes[at.STRETCH, i] = approach(present, wanted, lag_factor, rate, low, high)
-            lanes[at.REWARD, i] -= weight * a * a
+            rewards[i] -= weight * a * a
     else:
         for i in span(first, last):
             a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
             lanes[at.STRETCH, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
-            lanes[at.REWARD, i] -= weight * a * a
+            rewards[i] -= weight * a * a
 
 
 @borrowing_kernel
@@ -149,13 +152,13 @@ def approach(present, wanted, lag_factor, rate, low, high):
 
 
 @borrowing_kernel
-def score(task, lanes, first, last):
+def score(task, lanes, rewards, first, last):
     """Subtract the state's cost from the rewards; return the status."""
     weights, lost = state_weights(task), False
     for i in span(first, last):
         cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])
-        reward = lanes[at.REWARD, i] - cost
-        lanes[at.REWARD, i] = reward
+        reward = rewards[i] - cost
+        rewards[i] = reward
         lost |= is_lost(reward)
     return at.DIVERGED if lost else at.OK
 
@@ -212,20 +215,26 @@ def check_termination(task, lanes, ends, first, last):
             fill(ends, at.TRUNCATED, False, first, last)
             ends[at.MARKED, first] = False
         return at.OK
-    ended, steps, oldest = False, task[at.STEPS], 0
+    ended, steps, due = False, task[at.STEPS], now + 1.0
     x1s, x2s, began = (
         lanes[at.X1, first:last],
         lanes[at.X2, first:last],
         lanes[at.BEGAN, first:last],
     )
     over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
+    if furthest < np.inf or rail < np.inf:
+        for i in range(last - first):
+            over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
+    else:
+        fill(ends, at.TERMINATED, False, first, last)
     for i in range(last - first):
-        over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
         late[i] = now - began[i] >= steps
-    for i in range(last - first):
         ended |= over[i] | late[i]
-    for i in range(last - first):  # integers: a maximum of doubles would not vectorise
-        oldest = max(oldest, int(now - began[i]))
-    lanes[at.DUE, first] = now - oldest + steps
+    if not ends[at.MARKED, first]:  # else episodes may end in the next step too
+        oldest = 0
+        for i in range(last - first):  # integers: a maximum of doubles would not vectorise
+            oldest = max(oldest, int(now - began[i]))
+        due = now - oldest + steps
+    lanes[at.DUE, first] = due
     ends[at.MARKED, first] = ended
     return at.ENDED if ended else at.OK

@@ -11,10 +11,12 @@ from mm_gym.methods.splitting.method import Splitting
 from mm_gym.methods.switched.method import Switched
 from mm_gym.methods.switched.series_method import SwitchedSeries
 from mm_gym.methods.taylor.method import Taylor
+from mm_gym.methods.truncated_series.method import TruncatedSeries
 
 METHODS: tuple[Method, ...] = (
     Linear(),
     Massless(),
+    TruncatedSeries(),
     CayleyHamilton(),
     ExponentialAction(),
     Switched(),

@@ -11,6 +11,9 @@ viscous interface and/or fixed stretch, cubic    linear              transition 
   coefficient 0, only the start randomised                           as exosystem
 carriage without mass, otherwise linear          massless carriage   transition matrix of three
                                                                      states
+actuated stretch or randomised frequency, in     parametric linear   truncated series
+  short control steps, with one harmonic force
+  and impulses only, tolerance above 1e-9
 actuated stretch or randomised excitation        parametric linear   exponential as a cubic in the
   frequency, in short control steps, with                            generator, polynomials in
   damping; excitation by harmonic forces and                         the springs' stiffness

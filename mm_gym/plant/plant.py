@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import FIRST
+from mm_gym.plant.jacobian import jacobian_of
 from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mm_gym.methods import Method, Settings
     from mm_gym.methods.support import Support
     from mm_gym.plant.task import Observed
+    from mm_gym.sensitivity.jacobian import Jacobian
     from mm_gym.state_space.equations import StateSpace
     from mm_gym.state_space.linear_system import LinearSystem
 
@@ -190,6 +192,53 @@ class Plant:
             at=at,
             about=about,
         )
+
+    def jacobian(
+        self,
+        state: ArrayLike | None,
+        action: ArrayLike,
+        *,
+        at: Mapping[str, Any] | ArrayLike | None = None,
+        parameters: Sequence[str] = (),
+    ) -> Jacobian:
+        """Return the derivatives of a control step's end; see docs/numerics.md.
+
+        Parameters
+        ----------
+        state
+            (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4); None for those of
+            `at`.
+        action
+            (k,) in [-1, 1], force then stretch, or (lanes, k). Beyond [-1, 1] it is clipped, and
+            changes nothing.
+        at
+            The rest of the start: values by dotted name, or a lane (rows,), as of `state_space`; or
+            a snapshot, ``env.unwrapped.get_state()``, with all its lanes and their random numbers.
+            By default an episode begins in the middle of every range.
+        parameters
+            Dotted names of fields; each changes alone, so that a normal force stays what it is when
+            a mass changes.
+
+        Returns
+        -------
+        Jacobian
+            The end, and its derivatives; over lanes if one of the arguments has lanes. At a limit
+            of an actuator they are those on its inner side. Random excitation does not change with
+            anything.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown or has no derivative, or state or lanes have another shape.
+        ActionError
+            If the action has another shape or is not finite.
+        CompileError
+            If parameters of a carriage without mass are asked for.
+        SimulationError
+            If the step cannot be completed.
+        """
+        constants = self.model, self.task
+        return jacobian_of(self.support, constants, (state, action), at, parameters)
 
     def _control_loop(self) -> ControlLoop:
         force, stretch = self.task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR]]

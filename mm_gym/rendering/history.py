@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-KEPT = at.BEGAN + 1
-"""Rows that are kept of a lane's own: its state, what the actuators apply, the reward."""
+KEPT = at.STRETCH + 1
+"""Rows that are kept of a lane's own: its state, and what the actuators apply."""
 
 STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
 """Further rows: control steps since the episode began, force of the excitation [N], acceleration

@@ -102,9 +102,9 @@ class Renderer:
         DependencyNotInstalled
             Without pygame.
         ResetNeeded
-            Before the first reset.
+            Before the first reset; lists are empty then.
         """
-        if self._history.noted == 0:
+        if self._history.noted == 0 and self._mode != LIST:
             msg = "there is nothing to draw yet: call reset() before render()"
             raise ResetNeeded(msg)
         if self._mode == "human":

@@ -157,7 +157,7 @@ LAST = 2.0**52
 ROUNDED_ONE = 1.0 + 1e-9
 """Bound of cosines and sines, with more than their round-off."""
 
-ENDING = {at.X1, at.X2, at.V1, at.V2, at.REWARD, *at.DERIVED}
+ENDING = {at.X1, at.X2, at.V1, at.V2, *at.DERIVED}
 """Rows of a state that may be lost, which ends its episode."""
 
 

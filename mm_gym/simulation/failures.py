@@ -21,7 +21,7 @@ MOST_NAMED = 5
 """Lanes named in a message, at most."""
 
 
-def text_of(plant: Plant, values: Values, status: int, age: Values) -> str:
+def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Values) -> str:
     """Return what went wrong in a control step.
 
     Parameters
@@ -30,12 +30,14 @@ def text_of(plant: Plant, values: Values, status: int, age: Values) -> str:
         What was propagated.
     values
         (rows, count) the lanes, as the step left them.
+    rewards
+        (count,) those of the step.
     status
         One of the codes of `mm_gym.kernels.layout` above NOT_FINITE.
     age
         (count,) control steps since each episode's start, the present one included.
     """
-    lanes = _escaped(plant, values) if status == at.ESCAPED else _lost(values)
+    lanes = _escaped(plant, values) if status == at.ESCAPED else _lost(values, rewards)
     text = at.MESSAGES[status]
     if status == at.ESCAPED and lanes.size:
         text = _escape(values[:, lanes[0]], float(age[lanes[0]]) * plant.time_step)
@@ -55,10 +57,10 @@ def _named(lanes: NDArray[np.intp], count: int) -> str:
     return f", lane {named}" + (", ..." if lanes.size > MOST_NAMED else "")
 
 
-def _lost(values: Values) -> NDArray[np.intp]:
+def _lost(values: Values, rewards: Values) -> NDArray[np.intp]:
     """Return the lanes whose state or cost is not finite."""
-    rows = values[[at.X1, at.X2, at.V1, at.V2, at.REWARD]]
-    return np.flatnonzero(~np.isfinite(rows).all(axis=0))
+    finite = np.isfinite(values[[at.X1, at.X2, at.V1, at.V2]]).all(axis=0) & np.isfinite(rewards)
+    return np.flatnonzero(~finite)
 
 
 def _escaped(plant: Plant, values: Values) -> NDArray[np.intp]:

@@ -17,7 +17,7 @@ from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
-from mm_gym.kernels.outputs import copy_outputs
+from mm_gym.kernels.outputs import copy_observed, copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
@@ -51,16 +51,16 @@ class Lanes:
         that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
+    rewards
+        (count,) float64: those of the last control step. The next one writes into this array, in
+        place of which the caller may put his own before it.
     outputs
-        Views of a control step's outputs: observed, rewards, terminated, truncated, states (4,
-        count) and what was applied (actuators, count).
+        Views of a control step's other outputs: observed, terminated, truncated, states (4, count)
+        and what was applied (actuators, count).
     are_threaded
         Whether several threads step them.
-    advance
-        actions -> status: make one control step of all lanes. The actions are (actuators, count),
-        float32 or float64, flat in C order.
     rest
-        mask -> status: let lanes rest at zero.
+        (actions, lanes) -> status: let the lanes listed rest at zero, if all actions are finite.
 
     Notes
     -----
@@ -74,7 +74,6 @@ class Lanes:
         self._allocate()
         self.outputs: tuple[NDArray[Any], ...] = (
             self.observed,
-            self.values[at.REWARD],
             self.terminated,
             self.truncated,
             self.values[:4],
@@ -96,11 +95,12 @@ class Lanes:
             self._values[row] = plant.template[row]
         frames = (plant.history + plant.delay) * len(plant.channels)
         self._frames = rows_of(frames, count, np.float32)
-        self._ends = rows_of(3, count, np.bool_)
+        self._ends = rows_of(3, count + -count % 8, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
         self.observed = self.frames[: plant.history * len(plant.channels)]
         self.terminated, self.truncated = self._ends[: at.MARKED, :count]
         self.streams = np.zeros((2, count), np.uint64)
+        self.rewards = np.zeros(count)
         first = at.FORCE if "force" in plant.actuators else at.STRETCH
         self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
 
@@ -110,8 +110,9 @@ class Lanes:
         constants = np.concatenate([self.plant.task, self.plant.model])
         outputs = (*rows, self.applied_rows.start)
         self._step_arguments = (constants, *rows, self.streams)
-        self.advance = bind(advance, *self._step_arguments)
+        self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
+        self._copy_observed = bind(copy_observed, self._frames)
         self._advance_and_copy = bind(advance, *self._step_arguments, then=(copy_outputs, outputs))
 
     def _bind_episodes(self) -> None:
@@ -128,35 +129,57 @@ class Lanes:
             episodes.show_first, model, task, values, self._frames, self._ends, streams
         )
         self.rest = bind(episodes.rest, values)
+        ends = self._ends
+        self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)
+        self._list_ended = entry_point(episodes.list_ended, *self._listing)
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
-        """Return (actions, first, last) -> status: `advance` for actions of this dtype only.
+        """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.
 
         It takes less time than `advance`, because it does not check the dtype.
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
-        entry = entry_point(self._advance, *self._step_arguments, actions, 0, self.count)
-        return partial(entry, *self._step_arguments)
+        arguments = *self._step_arguments, actions, self.rewards, 0, self.count
+        return partial(entry_point(self._advance, *arguments), *self._step_arguments)
+
+    def advance(self, actions: NDArray[np.floating]) -> int:
+        """Make one control step of all lanes; return its status.
+
+        The actions are (actuators, count), float32 or float64, flat in C order.
+        """
+        return self._advance_all(actions, self.rewards)
+
+    def ended(self) -> NDArray[np.int64]:
+        """Return the lanes whose episodes the last control step ended, in ascending order."""
+        ends, eights, which = self._listing
+        return which[: self._list_ended(ends, eights, which)].copy()
 
     def advance_and_copy(self, actions: NDArray[np.floating]) -> tuple[int, list[NDArray[Any]]]:
-        """Make a control step of all lanes; return its status and copies of its outputs.
+        """Make a control step of all lanes; return its status and what `copies` returns.
 
         Each thread copies the outputs that it has just written, so the threads are started once,
         not twice.
         """
         copies = self._empty_outputs()
-        return self._advance_and_copy(actions, *copies), copies
+        return self._advance_and_copy(actions, self.rewards, *copies), copies
 
     def copies(self) -> list[NDArray[Any]]:
-        """Return copies of the outputs."""
+        """Return copies of the outputs, what is observed as `observations` does."""
         if not self.are_threaded:
-            return [array.copy() for array in self.outputs]
+            return [self.observations(), *(array.copy() for array in self.outputs[1:])]
         copies = self._empty_outputs()
         self._copy_outputs(*copies)
         return copies
 
+    def observations(self) -> NDArray[np.float32]:
+        """Return a copy of what is observed, (count, k): programs store each lane's together."""
+        observed = np.empty(self.observed.shape[::-1], np.float32)
+        self._copy_observed(observed)
+        return observed
+
     def _empty_outputs(self) -> list[NDArray[Any]]:
-        return [np.empty(array.shape, array.dtype) for array in self.outputs]
+        others = [np.empty(array.shape, array.dtype) for array in self.outputs[1:]]
+        return [np.empty(self.observed.shape[::-1], np.float32), *others]
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -170,13 +193,13 @@ class Lanes:
 
     def restart(
         self,
-        mask: NDArray[np.bool_] | None = None,
+        which: NDArray[np.int64] | None = None,
         fixed: Mapping[int, Values] | None = None,
         *,
         seen: bool = True,
         paused: bool = False,
     ) -> None:
-        """Begin a new episode in the lanes of the mask (all by default).
+        """Begin a new episode in the lanes listed, in ascending order (all by default).
 
         Parameters
         ----------
@@ -190,21 +213,23 @@ class Lanes:
             ends no episode. Requires `seen`.
         """
         plant = self.plant
-        if mask is None:
-            mask = np.ones(self.count, np.bool_)
+        if which is None:
+            which = np.arange(self.count)
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
-        self._start(mask, rows, values)
+        self._start(which, rows, values)
         if plant.support.products:
-            self._multiply(mask)
+            self._multiply(which)
         if plant.support.sampled:
+            mask = np.zeros(self.count, np.bool_)
+            mask[which] = True
             self._begin_excitation(mask)
         if seen or plant.task[at.IS_NOISY]:
-            self._show(mask, paused)
+            self._show(which, paused, self.rewards)
 
-    def _multiply(self, mask: NDArray[np.bool_]) -> None:
+    def _multiply(self, which: NDArray[np.int64]) -> None:
         """Write the fields that follow from a ratio, and the regimes of friction with them."""
         for row, ratio, other in self.plant.support.products:
-            np.multiply(self.values[ratio], self.values[other], out=self.values[row], where=mask)
+            self.values[row, which] = self.values[ratio, which] * self.values[other, which]
         write_regimes(self._values, 0, self.count)
 
     def _rows_and_values(self, fixed: Mapping[int, Values]) -> tuple[NDArray[np.int64], Values]:
@@ -281,7 +306,8 @@ class Lanes:
         """
         if status > at.NOT_FINITE:
             age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
-            raise SimulationError(text_of(self.plant, self.values, status, age + unfinished))
+            age += unfinished
+            raise SimulationError(text_of(self.plant, self.values, self.rewards, status, age))
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)

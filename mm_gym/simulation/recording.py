@@ -229,6 +229,15 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
         state[2:] += impulses[impulses[:, 0] == elapsed, 1:].sum(axis=0)
 
 
+def states_at(recording: Recording, place: Place) -> Array:
+    """Return the states (n, 4) at positions."""
+    sampled = recording.states[place.row]
+    for i in np.flatnonzero(place.part):
+        *_, (_, _, lane) = pieces(recording, int(place.row[i]), float(place.part[i]))
+        sampled[i] = lane[:4, 0]
+    return sampled
+
+
 def breaks(recording: Recording, row: int) -> list[tuple[float, Array]]:
     """Return where the motion is not smooth within a sample interval.
 

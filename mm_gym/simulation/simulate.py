@@ -13,7 +13,7 @@ from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.ground_motion import shaken
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Place, Recording, blank, locate, pieces, run
+from mm_gym.simulation.recording import Recording, blank, locate, run, states_at
 from mm_gym.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def simulate(
     else:
         run(lanes, _commands(plant, action, steps, start), recording, 0)
     place = locate(recording, instants)
-    state = _sample(recording, place)
+    state = states_at(recording, place)
     _check_finite(instants, state)
     held = recording.applied[np.minimum(place.row, recording.last)]
     return Trajectory(
@@ -200,12 +200,3 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
         time = first // many * plant.time_step
         wanted = _numbers("action", policy(time, recording.states[first].copy()), ActionError)
         run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)
-
-
-def _sample(recording: Recording, place: Place) -> NDArray[np.float64]:
-    """Return the states (n, 4) at the instants."""
-    sampled = recording.states[place.row]
-    for i in np.flatnonzero(place.part):
-        *_, (_, _, lane) = pieces(recording, int(place.row[i]), float(place.part[i]))
-        sampled[i] = lane[:4, 0]
-    return sampled

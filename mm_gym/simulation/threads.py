@@ -77,16 +77,21 @@ class Threads:
             first is an array, and kernels are compiled again only for another dtype of it.
         then
             A kernel and its arguments that each thread runs on its lanes as soon as `work` is done
-            with them. Then `work` takes the first of `more`, and this kernel the others.
+            with them. Then `work` takes the first two of `more`, and this kernel the others.
         """
         second, others = then or (nothing, ())
         all_lanes = self._all_lanes
+        entries: dict[np.dtype[Any], Kernel] = {}
 
         def in_one_thread(*more: NDArray[Any]) -> int:
             if then is None:
-                return work(*arguments, *more, *all_lanes)
-            status = work(*arguments, more[0], *all_lanes)
-            second(*others, *more[1:], *all_lanes)
+                run = entries.get(more[0].dtype)
+                if run is None:
+                    run = entry_point(work, *arguments, *more, *all_lanes)
+                    entries[more[0].dtype] = run
+                return run(*arguments, *more, *all_lanes)
+            status = work(*arguments, *more[:2], *all_lanes)
+            second(*others, *more[2:], *all_lanes)
             return status
 
         if not self.are_several:
@@ -96,7 +101,7 @@ class Threads:
         def in_several_threads(*more: NDArray[Any]) -> int:
             if _forked:
                 return in_one_thread(*more)
-            own = len(more) if then is None else 1
+            own = len(more) if then is None else 2
             calls = (*arguments, *more[:own]), (*others, *more[own:])
             dtype = more[0].dtype
             run = compiled.get(dtype)

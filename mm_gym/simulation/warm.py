@@ -34,6 +34,7 @@ def warm(scene: Scene) -> float:
             lanes.advance_of(np.dtype(np.float32))
             lanes.seed(0)
             lanes.restart()
+            lanes.observations()
         simulate(plant, duration=scene.control.time_step, seed=0)
     for warning in caught:
         message = str(warning.message)

@@ -3,13 +3,18 @@
 import re
 from pathlib import Path
 
+from tasks import CARRIAGE_FORCE
+
+from agents.controllers.user_defined import user_defined
+from agents.evaluation.episodes import evaluate
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "controllers.md").read_text("utf-8")
+PROGRAM, OWN = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
 def test_the_program_prints_what_each_reads(capsys) -> None:
-    (program,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    exec(compile(program, "docs/controllers.md", "exec"), {})  # noqa: S102 - our own page
+    exec(compile(PROGRAM, "docs/controllers.md", "exec"), {})  # noqa: S102 - our own page
     seen, known = capsys.readouterr().out.splitlines()
     assert "reads the observation" in seen
     assert "reads the full state" in known
@@ -25,3 +30,9 @@ def test_every_law_of_the_page_exists() -> None:
     names = re.findall(r"^\| `(\w+)` \|", PAGE, re.MULTILINE)
     assert len(names) >= 9
     assert [name for name in names if f"class {name}" not in modules] == []
+
+
+def test_law_of_the_page_can_be_scored(tmp_path) -> None:
+    (tmp_path / "my_law.py").write_text(OWN)
+    _, seen = user_defined(f"{tmp_path / 'my_law.py'}:Damper", CARRIAGE_FORCE)
+    assert evaluate(CARRIAGE_FORCE, seen, episodes=20).cost < 0.09

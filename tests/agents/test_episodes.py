@@ -11,8 +11,10 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 from agents.controllers.constant import ConstantForce, ConstantStretch, no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
+from agents.controllers.random_actions import RandomActions
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate, limit_penalty
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, simulate
+from mm_gym.analysis import spring_energy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -149,3 +151,23 @@ def test_the_penalty_of_an_early_end_is_that_of_its_definition() -> None:
         # Sums of a hundred numbers in two orders.
         assert result.penalties[lane] == pytest.approx(penalty, rel=1e-13)
         assert result.returns[lane] == pytest.approx(-sum(paid), rel=1e-13)
+
+
+FINITE = {"kind": "finite_stretch", "stiffness": 35.0, "stretch": 1.5, "rest_length": 0.05}
+
+
+@pytest.mark.parametrize("springs", [None, FINITE], ids=["small on large", "finite stretch"])
+def test_injected_energy_is_the_work_of_the_trajectory(springs) -> None:
+    changes = {"control.steps": 60, "springs": springs or PRE_STRETCH.springs}
+    scene = PRE_STRETCH.replace(**changes, **{"springs.stiffness": 30.0})
+    scene = scene.replace(randomization={}, initial={"stretch": 2.0, "sphere_offset": 0.01})
+    result = evaluate(scene, RandomActions(scene), seed=5, episodes=3)
+    for lane in range(3):
+        first, *_ = stretches = result.applied[:, lane, 0]
+        motion = simulate(scene, action=stretches[:, None], seed=5 + lane)
+        # The trajectory begins with the first stretch already applied.
+        start = spring_energy(0.01, first, 30.0, 0.05 if springs else 0.0)
+        start -= spring_energy(0.01, 2.0, 30.0, 0.05 if springs else 0.0)
+        expected = max(0.0, start + motion.work.stretch[:-1].max())
+        assert result.injected[lane] == pytest.approx(expected, rel=1e-9)
+    assert result.injected.max() > 0.0

@@ -169,8 +169,8 @@ def test_trusted_archive_is_scored(trained: PPO, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "format: got 2; allowed: 1"),
-        ({"activation": "system"}, "activation: got 'system'; allowed: tanh, relu"),
+        ({"format": 3}, "format: got 3; allowed: 1, 2"),
+        ({"activation": "system"}, "activation: got 'system'; allowed: tanh, relu, rational"),
         ({"sizes": [12, 64, 3, 2]}, r"weight_1: got shape \(64, 64\)"),
         ({"sizes": []}, r"sizes: got \[\]"),
         ({"sizes": 3}, "sizes: got 3"),

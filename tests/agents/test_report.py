@@ -34,6 +34,7 @@ def evaluation(name: str, cost: float, rms: float, *, columns: int = 1) -> Evalu
         time=0.01 * np.arange(1, STEPS + 1),
         displacement=np.full((STEPS, EPISODES), rms),
         applied=np.zeros((STEPS, EPISODES, columns)),
+        injected=None,
     )
 
 

@@ -226,7 +226,9 @@ class TestNames:
         file = tmp_path / "demo.toml"
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
-        monkeypatch.setattr(command, "report_run", lambda *_, **__: None)
+        shown = []
+        monkeypatch.setattr(command, "report_run", lambda *_, beside, **__: shown.extend(beside))
+        monkeypatch.setattr(demo, "GENERATIONS", 1)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
             demo, "read_settings", lambda *_: changed(name="show", steps=200, evaluations=1)
@@ -236,7 +238,9 @@ class TestNames:
         demo.main()
         demo.main()
         runs = sorted(path.name for path in (tmp_path / "runs").iterdir())
-        assert runs == ["show", "show-2", "show-3"]
+        names = ["show", "show-2", "show-2-evolved", "show-3", "show-3-evolved", "show-evolved"]
+        assert runs == names
+        assert [controller.name for controller in shown] == ["evolved network"] * 3
         assert contents(tmp_path / "runs" / "show") == before
         record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())
         assert record["settings"]["name"] == "show-2"

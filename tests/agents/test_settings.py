@@ -133,9 +133,9 @@ def test_first_argument_that_is_neither_file_nor_task_is_refused_by_name(path, m
     monkeypatch.setattr("sys.argv", ["train", path, "--seed", "1"])
     with pytest.raises(SceneError) as caught:
         settings_from_command_line(TrainSettings, "")
-    assert str(caught.value).startswith(
-        f"first argument: got {path!r}; allowed: a path that ends in .toml, or a task, before the"
-    )
+    message = str(caught.value)
+    assert message.startswith(f"task or settings file: got {path!r}; allowed: CarriageForce, ")
+    assert message.endswith("or a path that ends in .toml, before the flags")
 
 
 def test_task_is_named_without_its_prefix_and_version(monkeypatch):

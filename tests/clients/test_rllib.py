@@ -1,12 +1,22 @@
 """Does RLlib store what happened, and does its page work as it is printed?"""
 
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
 import numpy as np
 import pytest
+import ray
 from pages import run_page
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 from ray.rllib.utils.replay_buffers.episode_replay_buffer import EpisodeReplayBuffer
 from transitions import CHANGES, ROUNDING, check_shuffled, check_transitions
+
+import mm_gym
+
+WORKERS = 10
 
 # RLlib stores what the module says; the environment gets it moved to its own range and back.
 ACTION_ROUNDING = 4 * ROUNDING
@@ -40,6 +50,44 @@ def episodes():
 
 def test_blocks_of_the_page_run(tmp_path):
     assert float(run_page("rllib", tmp_path).split()[-1]) < 0
+
+
+def first_step():
+    """Make, reset and step; return the process, the kernels that it compiled, and the state."""
+    import gymnasium  # noqa: PLC0415 - in a process of its own
+
+    import mm_gym  # noqa: PLC0415, F401
+    from mm_gym.kernels.dispatcher import OnceDispatcher  # noqa: PLC0415
+
+    compiled, made = [], OnceDispatcher._announced_and_made
+
+    def noted(self, kinds):
+        compiled.append(f"{self.py_func.__qualname__}{kinds}")
+        return made(self, kinds)
+
+    OnceDispatcher._announced_and_made = noted
+    env = gymnasium.make("mm_gym/CarriageForce-v0")
+    env.reset(seed=0)
+    _, _, _, _, info = env.step(np.ones(1, np.float32))
+    return os.getpid(), compiled, info["state"].tolist()
+
+
+def test_workers_that_start_at_once_compile_each_kernel_in_one_of_them(tmp_path):
+    places = [str(Path(mm_gym.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    variables = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(places)}
+    ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers lack this module
+    ray.init(num_cpus=WORKERS, runtime_env={"env_vars": variables}, include_dashboard=False)
+    try:
+        worker = ray.remote(first_step)
+        results = ray.get([worker.remote() for _ in range(WORKERS)])
+    finally:
+        ray.shutdown()
+    processes, compiled, states = zip(*results, strict=True)
+    assert len(set(processes)) == WORKERS
+    kernels = Counter(name for names in compiled for name in names)
+    assert set(kernels.values()) == {1}
+    assert sum("advance" in name for name in kernels) == 1
+    assert all(state == states[0] for state in states)
 
 
 def check_episodes(episodes):

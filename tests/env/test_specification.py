@@ -42,7 +42,6 @@ MADE = [
     ({"changes": {"control.steps": 50}}, 50),
     ({"changes": {"control.steps": 2 * STEPS}}, 2 * STEPS),
     ({"changes": {"control.steps": 30}, "max_episode_steps": 30}, 30),
-    ({"changes": {"control.steps": 2 * STEPS}, "max_episode_steps": -1}, 2 * STEPS),
     ({"scene": "mm_gym/Hybrid-v0"}, HYBRID.control.steps),
     ({"scene": path_of("mm_gym/Hybrid-v0")}, HYBRID.control.steps),
     ({"scene": SHORT}, 9),
@@ -70,6 +69,22 @@ def test_episodes_last_as_long_as_asked_for_however_they_are_made(arguments, ste
 def test_observed_time_ends_with_the_episode(arguments, steps):
     env = TimeAwareObservation(gymnasium.make(NAME, **arguments))
     assert env.max_timesteps == steps
+
+
+def test_without_gymnasiums_limit_the_scene_alone_ends_episodes():
+    unlimited = {"changes": {"control.steps": 2 * STEPS}, "max_episode_steps": -1}
+    single = gymnasium.make(NAME, **unlimited)
+    vector = gymnasium.make_vec(NAME, 2, **unlimited, autoreset_mode=AutoresetMode.DISABLED)
+    again = gymnasium.make(EnvSpec.from_json(single.spec.to_json()))
+    more = gymnasium.make_vec(EnvSpec.from_json(vector.spec.to_json()))
+    assert (again.spec, more.spec) == (single.spec, vector.spec)
+    for env in (single, again, vector, more):
+        assert env.spec.max_episode_steps is None
+        assert lasts(env) == 2 * STEPS
+    wrapper = single
+    while wrapper is not wrapper.unwrapped:
+        assert not isinstance(wrapper, TimeLimit)
+        wrapper = wrapper.env
 
 
 def test_time_limit_of_ones_own_is_left_alone():

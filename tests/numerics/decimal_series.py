@@ -47,9 +47,14 @@ class ControlStep:
 
     def end(self, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the (4,) end, and the (4,) scale: the largest position and velocity on the way."""
+        state, largest = self.decimal_end([Decimal(float(x)) for x in start])
+        scale = np.repeat([float(max(largest[:2])), float(max(largest[2:]))], 2)
+        return np.array([float(x) for x in state]), scale
+
+    def decimal_end(self, state: Terms) -> tuple[Terms, Terms]:
+        """Return the end, and the largest magnitudes on the way, in all digits."""
         with localcontext(Context(prec=DIGITS)):
             now, end = Decimal(0), +Decimal(self.scene.control.time_step)  # rounded
-            state = [Decimal(float(x)) for x in start]
             regime, largest = self._regime(state), [abs(x) for x in state]
             while now < end:
                 rows = self._series(state, now, regime)
@@ -65,8 +70,7 @@ class ControlStep:
                 now = end if last else now + length
                 if exit_at is not None:
                     regime = (1 if state[3] > state[2] else -1) if regime == 0 else 0
-        scale = np.repeat([float(max(largest[:2])), float(max(largest[2:]))], 2)
-        return np.array([float(x) for x in state]), scale
+        return state, largest
 
     def _regime(self, state: Terms) -> int:
         interface, w = self.scene.interface, state[3] - state[2]

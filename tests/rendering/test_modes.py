@@ -169,14 +169,29 @@ def test_nothing_is_drawn_without_a_mode():
     env.close()
 
 
-def test_unknown_mode_is_refused_with_the_nearest():
-    with pytest.raises(SceneError, match="render_mode: got 'rgb_arry'; did you mean 'rgb_array'"):
-        MovingMassEnv(SCENE, render_mode="rgb_arry")
+@pytest.mark.parametrize("kind", [MovingMassEnv, MovingMassVectorEnv])
+def test_unknown_mode_is_warned_of_with_the_nearest_and_draws_nothing(kind):
+    words = "render_mode: got 'rgb_arry'; did you mean 'rgb_array'"
+    with pytest.warns(UserWarning, match=words):
+        env = kind(SCENE, render_mode="rgb_arry")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    with pytest.raises(SceneError, match=words):
+        env.render()
 
 
 def test_nothing_can_be_drawn_before_the_first_reset():
     with pytest.raises(ResetNeeded, match="reset"):
         MovingMassEnv(SCENE, render_mode="rgb_array").render()
+    assert MovingMassEnv(SCENE, render_mode="rgb_array_list").render() == []
+
+
+def test_gymnasium_makes_lists_of_pictures_with_a_wrapper_of_its_own():
+    env = gymnasium.make("mm_gym/PreStretch-v0", render_mode="rgb_array_list")
+    assert (env.render_mode, env.unwrapped.render_mode) == ("rgb_array_list", "rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert [frame.shape for frame in env.render()] == [SHAPE, SHAPE]
 
 
 def test_missing_pygame_is_named_with_its_extra(monkeypatch):

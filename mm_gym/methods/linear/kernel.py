@@ -111,11 +111,11 @@ def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
 
     @borrowing_kernel
     @named_after(in_turn)
-    def step(task, model, lanes, frames, ends, streams, actions, first, last):
+    def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step; arguments as of `control_step.in_turn`'s."""
         if not is_simple(task, model, frames):
-            return in_turn(task, model, lanes, frames, ends, streams, actions, first, last)
-        status = _push_score_and_show(task, model, lanes, frames, actions, first, last)
+            return in_turn(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
+        status = _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last)
         for start in range(first, last, at.BLOCK):
             status = max(
                 status, check_termination(task, lanes, ends, start, min(start + at.BLOCK, last))
@@ -138,7 +138,7 @@ def is_simple(task, model, frames):
 
 
 @borrowing_kernel
-def _push_score_and_show(task, model, lanes, frames, actions, first, last):
+def _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last):
     """Command, propagate, score and observe; return the status.
 
     Parameters
@@ -146,11 +146,13 @@ def _push_score_and_show(task, model, lanes, frames, actions, first, last):
     task, model
         (t,) and (m,), read.
     lanes
-        (rows, count) read and written: state, force [N] and reward.
+        (rows, count) read and written: state and force [N].
     frames
         (4, count) float32, written: the observation.
     actions
         (count,) read, in [-1, 1] or beyond.
+    rewards
+        (count,) float64, written.
     first, last
         The lanes first .. last - 1.
     """
@@ -159,7 +161,7 @@ def _push_score_and_show(task, model, lanes, frames, actions, first, last):
     to_x1, to_x2, to_v1, to_v2 = transition(model)
     x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
     v1s, v2s = lanes[at.V1, first:last], lanes[at.V2, first:last]
-    us, rewards = lanes[at.FORCE, first:last], lanes[at.REWARD, first:last]
+    us, earned = lanes[at.FORCE, first:last], rewards[first:last]
     first_frame, second_frame = frames[0, first:last], frames[1, first:last]
     third_frame, fourth_frame = frames[2, first:last], frames[3, first:last]
     (scale1, shift1), (scale2, shift2) = scaling(task, 0), scaling(task, 1)
@@ -171,7 +173,7 @@ def _push_score_and_show(task, model, lanes, frames, actions, first, last):
         y1, y2 = product(to_x1, x1, x2, v1, v2, u), product(to_x2, x1, x2, v1, v2, u)
         w1, w2 = product(to_v1, x1, x2, v1, v2, u), product(to_v2, x1, x2, v1, v2, u)
         reward = 0.0 - weight * a * a - state_cost(weights, y1, y2, w1)
-        x1s[i], x2s[i], v1s[i], v2s[i], us[i], rewards[i] = y1, y2, w1, w2, u, reward
+        x1s[i], x2s[i], v1s[i], v2s[i], us[i], earned[i] = y1, y2, w1, w2, u, reward
         first_frame[i], second_frame[i] = (
             shown(y1, scale1, shift1),
             shown(y2 - y1, scale2, shift2),

@@ -68,13 +68,21 @@ _SCRATCH_ROWS = 12 * WIDTH
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval, or a part of it; force and stretch are held."""
+    part = model[at.SAMPLE_INTERVAL]
+    if part == model[WHOLE]:
+        return propagate_whole(model, lanes, first, last)
+    status, scratch = at.OK, np.ones(_SCRATCH_ROWS)
+    for start in range(first, last, WIDTH):
+        count = min(WIDTH, last - start)
+        status = max(status, _follow(model, lanes, scratch, start, count, part))
+    return status
+
+
+@kernel
+def propagate_whole(model, lanes, first, last):
+    """Advance the lanes by one sample interval; force and stretch are held over it."""
     status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
     scratch = np.zeros(_SCRATCH_ROWS)
-    if model[at.SAMPLE_INTERVAL] < model[WHOLE]:
-        scratch[_LEAVES : _LEAVES + WIDTH] = 1.0
-        for start in range(first, last, WIDTH):
-            status = max(status, _follow(model, lanes, scratch, start, min(WIDTH, last - start)))
-        return status
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if harmonics > 0:
@@ -82,7 +90,7 @@ def propagate(model, lanes, first, last):
             for j in range(harmonics):
                 _add_harmonic(model, lanes, scratch, j, start, count)
         if _propagate(model, lanes, scratch, start, count) > 0:
-            status = max(status, _follow(model, lanes, scratch, start, count))
+            status = max(status, _follow(model, lanes, scratch, start, count, None))
     return status
 
 
@@ -206,8 +214,8 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
 
 
 @kernel
-def _follow(model, lanes, scratch, first, count):
-    """Advance one by one the lanes that may leave their regime."""
+def _follow(model, lanes, scratch, first, count, part):
+    """Advance one by one the lanes that may leave their regime; `part` as below."""
     z, p, c = (
         np.empty(7 + 2 * int(model[at.HARMONIC_COUNT])),
         np.empty(COEFFICIENTS),
@@ -217,12 +225,12 @@ def _follow(model, lanes, scratch, first, count):
     status = at.OK
     for i in range(count):
         if scratch[_LEAVES + i] > 0.0:
-            status = max(status, _propagate_by_intervals(model, lanes, first + i, z, p, c))
+            status = max(status, _propagate_by_intervals(model, lanes, first + i, z, p, c, part))
     return status
 
 
 @kernel
-def _propagate_by_intervals(model, lanes, i, z, p, c):
+def _propagate_by_intervals(model, lanes, i, z, p, c, part):
     """Walk through the interval level by level; on the series where the regime may change.
 
     A sample interval is cut short at its start: what is left of it has whole units of the last
@@ -242,6 +250,10 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
         (COEFFICIENTS,) read, but for the held force, written: see `load_coefficients`.
     c
         (SERIES,) written: room for the series, zeroed when it was made.
+    part
+        Length [s] of a part of a sample interval, or None for a whole one. For that this is
+        compiled without the parts' second call of `walk`, which would keep the compiler from
+        inlining the first.
 
     Returns
     -------
@@ -252,22 +264,14 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
     vr = model[VR]
     _load_inputs(model, lanes, i, z)
     p[HELD] = z[6]
-    unit = model[WHOLE] / (1 << last_level)
-    units, end = int(model[at.SAMPLE_INTERVAL] / unit), 1 << last_level
-    rest = model[at.SAMPLE_INTERVAL] - units * unit
-    start, level = end - units, 0  # in units of the last level's time
-    while level < last_level and start & ((1 << (last_level - level)) - 1) != 0:
-        level += 1
-    position = start
-    for _ in range(MOST_INTERVALS):
-        if position == end:
-            if rest > 0.0:
-                status, z[5] = walk(p, c, model, lanes, i, z, z[5], units * unit, rest, degree)
-                if status != at.OK:
-                    return status
-            for row in range(4):
-                lanes[row, i] = z[row]
-            return at.OK
+    unit, end = model[WHOLE] / (1 << last_level), 1 << last_level
+    position, level = 0, 0  # in units of the last level's time
+    if part is not None:
+        position = end - int(part / unit)
+        while level < last_level and position & ((1 << (last_level - level)) - 1) != 0:
+            level += 1
+    start = position
+    for _ in range(MOST_INTERVALS if start < end else 0):
         first = (int(model[STICK]) if z[5] == 0.0 else int(model[SLIP])) + level * size
         m = model[first : first + size]
         next_w = z[4] + _slip_row(m, CHANGE, HARMONIC_CHANGE, z)
@@ -285,11 +289,24 @@ def _propagate_by_intervals(model, lanes, i, z, p, c):
                 return status
             _turn_harmonics(m, z)
         position += 1 << (last_level - level)
+        if position == end:
+            break
         while (
             level > 0 and position & ((2 << (last_level - level)) - 1) == 0
         ):  # as long as the place allows
             level -= 1
-    return at.TOO_MANY_EVENTS
+    if position < end:
+        return at.TOO_MANY_EVENTS
+    if part is not None:
+        elapsed = (end - start) * unit
+        if part > elapsed:
+            rest = part - elapsed
+            status, z[5] = walk(p, c, model, lanes, i, z, z[5], elapsed, rest, degree)
+            if status != at.OK:
+                return status
+    for row in range(4):
+        lanes[row, i] = z[row]
+    return at.OK
 
 
 @kernel

@@ -64,7 +64,7 @@ class Switched(ExactMethod):
         "crossings of the reference velocity bisected on halved intervals"
     )
     kinds = (SWITCHED_LINEAR,)
-    entries = build(switched.propagate)
+    entries = build(switched.propagate, whole=switched.propagate_whole)
     held = "a held force, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002

@@ -101,7 +101,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     run = recording.states[1 : steps + 1, 0] - recording.starts[:steps, 0]
     per_step[:, CONTROL] = recording.applied[:steps, 0] * run
     per_step[:, DISSIPATED:] = _integrals(recording, np.arange(steps), step)
-    jumps = _jumps(recording, steps)
+    jumps = energy_jumps(recording, steps)
     totals, throughput = _until(per_step)[place.row], _until(np.abs(per_step))[place.row]
     totals += np.cumsum(jumps, axis=0)[place.row]
     throughput += np.cumsum(np.abs(jumps), axis=0)[place.row]
@@ -127,7 +127,7 @@ def _until(per_step: Array) -> Array:
     return np.vstack([np.zeros((1, 4)), np.cumsum(per_step, axis=0)])
 
 
-def _jumps(recording: Recording, steps: int) -> Array:
+def energy_jumps(recording: Recording, steps: int) -> Array:
     """Return the energies (steps + 1, 4) that come in at the start of each step.
 
     An instant between two steps shows the later stretch, so the change belongs to it.

@@ -1,0 +1,1 @@
+"""Several controllers on several tasks: what is compared, measured and concluded."""

@@ -1,0 +1,50 @@
+"""The comparison of several, from measurement to files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agents.comparison.conclusions import conclude
+from agents.comparison.measure import measure
+from agents.comparison.robustness import check_records
+from agents.report.comparison import print_comparison, write_comparison
+from agents.report.comparison_figures import (
+    draw_aggregates,
+    draw_closed_loops,
+    draw_intervals,
+    draw_robustness,
+)
+
+if TYPE_CHECKING:
+    from agents.comparison.conclusions import Comparison
+    from agents.comparison.contestants import Field
+    from agents.comparison.entries import Episodes
+    from agents.comparison.measure import Studies
+
+
+def compare(
+    compared: Field,
+    episodes: Episodes,
+    studies: Studies,
+    folder: Path | None = None,
+    processes: int = 1,
+) -> Comparison:
+    """Measure, print the tables, and write them with figures to a folder."""
+    check_records(compared.scenes.values(), studies.records)
+    results = measure(compared, episodes, studies, processes)
+    comparison = conclude(results, compared.scenes, episodes)
+    print_comparison(comparison)
+    if folder is not None:
+        write_comparison(comparison, folder)
+        draw_intervals(comparison, folder / "costs.png")
+        if comparison.overall:
+            draw_aggregates(comparison, folder / "scores.png")
+        for result in results:
+            name = Path(result.task).stem.lower()
+            if result.outcomes:
+                draw_robustness(result, folder / f"robustness_{name}.png")
+            if result.loops:
+                draw_closed_loops(result, folder / f"frequency_{name}.png")
+        print(f"written: {folder}/")
+    return comparison

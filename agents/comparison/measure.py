@@ -1,0 +1,115 @@
+"""Measurement: every contestant of a task in the same episodes, tasks side by side in processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.comparison.effort import efforts
+from agents.comparison.entries import entries
+from agents.comparison.frequency import closed_loops
+from agents.comparison.robustness import outcomes
+from agents.evaluation.aggregates import Sample
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from agents.comparison.contestants import Field
+    from agents.comparison.effort import Effort
+    from agents.comparison.entries import Episodes
+    from agents.comparison.frequency import ClosedLoop
+    from agents.comparison.robustness import Outcome
+    from agents.controllers.controller import Reads
+
+
+@dataclass(frozen=True)
+class Studies:
+    """What is measured besides the cost.
+
+    Attributes
+    ----------
+    robustness
+        Whether the controllers are tried on changed scenes.
+    records
+        Recorded motions among the changes.
+    frequency
+        Whether the closed loop's response over frequency is measured.
+    effort
+        Whether response and effort are, over references.
+    """
+
+    robustness: bool = False
+    records: tuple[Path, ...] = ()
+    frequency: bool = False
+    effort: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult:
+    """What all controllers did on one task.
+
+    Attributes
+    ----------
+    task
+        Its id, or the path of its scene.
+    labels, reads
+        Of each controller.
+    sample
+        Their penalties.
+    reference
+        Index of the best constant action.
+    chosen
+        Index of the classical law of least cost on the validation episodes, or None.
+    outcomes, loops, efforts
+        What the studies gave, if they were asked for.
+    """
+
+    task: str
+    labels: tuple[str, ...]
+    reads: tuple[Reads, ...]
+    sample: Sample
+    reference: int
+    chosen: int | None
+    outcomes: Sequence[Outcome] = field(default_factory=list)
+    loops: Sequence[ClosedLoop] = field(default_factory=list)
+    efforts: Sequence[Effort] = field(default_factory=list)
+
+
+def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: str) -> TaskResult:
+    """Run all controllers of a task through the same episodes, and through the studies."""
+    scene = compared.scenes[task]
+    rows, chosen = entries(compared, task)
+    changes = studies.robustness or bool(studies.records)
+    return TaskResult(
+        task=task,
+        labels=tuple(row.label for row in rows),
+        reads=tuple(row.controllers[0].reads for row in rows),
+        sample=Sample(
+            np.stack([row.penalties(scene, episodes) for row in rows]),
+            np.array([row.trained for row in rows]),
+        ),
+        reference=0,
+        chosen=chosen,
+        outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
+        loops=closed_loops(scene, rows) if studies.frequency else [],
+        efforts=efforts(scene, rows, episodes) if studies.effort else [],
+    )
+
+
+def measure(
+    compared: Field, episodes: Episodes, studies: Studies | None = None, processes: int = 1
+) -> list[TaskResult]:
+    """Measure all tasks, in as many processes; the results do not depend on their number."""
+    job, tasks = partial(measure_task, compared, episodes, studies or Studies()), compared.scenes
+    if min(processes, len(tasks)) == 1:
+        return [job(task) for task in tasks]
+    # New interpreters: a fork would copy locks that other threads of this one hold.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        return list(pool.map(job, tasks))

@@ -1,0 +1,232 @@
+"""The H-infinity controller: the least amplification at the worst frequency."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import control
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from agents.controllers.lqg import MOTION, force_price, hidden_mode, require_detectable
+from agents.controllers.lqr import state_weight
+from mm_gym import DesignError, compile_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Reads
+    from mm_gym import LinearSystem, MovingMassVectorEnv, Scene
+
+    Array = NDArray[np.float64]
+
+NOISE = 0.3
+"""Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
+
+
+ABOVE = 0.005
+"""How far the bound is above the least one, at which the equations are singular."""
+
+
+TRIES = 200
+"""Bounds that are tried, up to 2.7 times the least."""
+
+
+class Matrices(NamedTuple):
+    """A linear system A, B, C, D: of one control step, or after `bilinear` of continuous time."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+
+@dataclass(frozen=True, eq=False)
+class HInfinityDesign:
+    """A controller of sampled measurements, and the closed loop from disturbances to costs.
+
+    Attributes
+    ----------
+    system
+        The sampled plant, reduced to what force and disturbance reach.
+    generalised
+        From (disturbance, noise, force) to (costs, measurements), all of order one.
+    controller
+        From measurements to the force, both of order one; it works at every control step.
+    closed
+        From disturbance and noise to costs.
+    bound
+        Of its largest singular value over all frequencies: `ABOVE` over the least that any linear
+        controller has.
+    """
+
+    system: LinearSystem
+    generalised: Matrices
+    controller: Matrices
+    closed: Matrices
+    bound: float
+
+
+def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HInfinityDesign:
+    """Design the controller of the sampled plant, with lag and delay among its states.
+
+    The costs are the terms of the scene's reward, of which each has the root of its weight. The
+    disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
+    if all of the scene's excitation moves the ground; beside it each sensor has noise.
+
+    Parameters
+    ----------
+    scene
+        A scene with a force; it is linear about rest, with the middle of each range.
+    channels
+        What is measured, of the channels observed; by default those of the carriage.
+
+    Raises
+    ------
+    DesignError
+        If there is no force, it is commanded by its rate or costs nothing, nothing of the carriage
+        is observed, or no controller exists: the force does not stabilise what the cost shows, or
+        the sensors do not show it.
+    gymnasium.error.DependencyNotInstalled
+        Without Slycot (extra: robust).
+
+    Notes
+    -----
+    Doyle, Glover, Khargonekar and Francis, *State-space solutions to standard H2 and H-infinity
+    control problems*, IEEE Trans. Autom. Control 34 (1989). `control.hinfsyn` finds the least
+    bound, and its routine, SLICOT's SB10AD, the controller above that. The bilinear map takes a
+    control step to continuous time and back, and keeps the amplification.
+    """
+    force_price(scene)
+    system, measured = _plant(scene, channels)
+    generalised = _generalised(scene, system, measured)
+    count = len(measured)
+    require_detectable(generalised.A, generalised.C[-count:])
+    unreached = hidden_mode(generalised.A.T, generalised.B[:, -1:].T)
+    if unreached is not None:
+        msg = f"the force does not reach the mode {unreached:.6g}, which does not decay"
+        raise DesignError(msg)
+    controller, closed, bound = _least(bilinear(generalised), count)
+    return HInfinityDesign(system, generalised, sampled(controller), sampled(closed), bound)
+
+
+def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
+    """Return controller, closed loop and bound, of so many measurements in continuous time.
+
+    The routine lowers its bound for as long as the closed loop is stable, which is sometimes longer
+    than it keeps the bound; from there the bound is raised until it is kept.
+    """
+    try:
+        *_, found, _ = control.hinfsyn(control.StateSpace(*plant), count, 1)
+    except control.ControlSlycot as error:
+        msg = 'H-infinity needs Slycot; install it with: pip install "mm-gym[robust]"'
+        raise DependencyNotInstalled(msg) from error
+    except ArithmeticError as error:
+        msg = f"no H-infinity controller exists: {' '.join(str(error).split())}"
+        raise DesignError(msg) from error
+    sb10ad = import_module("slycot").sb10ad
+    sizes = len(plant.A), plant.B.shape[1], len(plant.C), 1, count
+    for bound in float(found) * (1.0 + ABOVE) ** np.arange(1, TRIES):
+        with suppress(ArithmeticError):  # not yet admissible
+            solution = sb10ad(*sizes, bound, *plant, job=4)
+            closed = Matrices(*solution[5:9])
+            if control.linfnorm(control.StateSpace(*closed))[0] <= bound:
+                return Matrices(*solution[1:5]), closed, float(bound)
+    msg = f"no H-infinity controller keeps a bound near the least that was found, {found:.6g}"
+    raise DesignError(msg)
+
+
+def bilinear(step: Matrices) -> Matrices:
+    """Return the continuous system with z = (1 + s) / (1 - s); the unit circle is its axis."""
+    one = np.eye(len(step.A))
+    inverse = np.linalg.inv(step.A + one)
+    root = np.sqrt(2.0)
+    return Matrices(
+        (step.A - one) @ inverse,
+        root * inverse @ step.B,
+        root * step.C @ inverse,
+        step.D - step.C @ inverse @ step.B,
+    )
+
+
+def sampled(system: Matrices) -> Matrices:
+    """Return the inverse of `bilinear`."""
+    one = np.eye(len(system.A))
+    inverse = np.linalg.inv(one - system.A)
+    root = np.sqrt(2.0)
+    return Matrices(
+        (one + system.A) @ inverse,
+        root * inverse @ system.B,
+        root * system.C @ inverse,
+        system.D + system.C @ inverse @ system.B,
+    )
+
+
+def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, list[str]]:
+    """Return the sampled plant from force and disturbance, and the names of what is measured."""
+    plant = compile_scene(scene)
+    measured = [name for name in plant.channels if name.startswith("carriage_")]
+    if channels is not None:
+        measured = list(channels)
+    if not measured:
+        names = ", ".join(plant.channels)
+        msg = f"sensors.channels: got {names}; allowed for H-infinity: at least one of the carriage"
+        raise DesignError(msg)
+    is_ground = {part.target for part in scene.excitation} == {"ground"}
+    inputs = ["force", "ground" if is_ground else "disturbance"]
+    return plant.state_space(inputs, [*MOTION, *measured], sampled=True).controllable(), measured
+
+
+def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Matrices:
+    """Return the system from (disturbance, noise, force) to (costs, measurements)."""
+    price = np.sqrt(force_price(scene))
+    actuator = scene.actuation.force
+    assert actuator is not None  # noqa: S101 - `force_price` refuses otherwise
+    limit, count, size = actuator.limit, len(measured), len(system.A)
+    disturbed = limit / (scene.carriage.mass if system.inputs[1].name == "ground" else 1.0)
+    channels = {channel.name: channel for channel in compile_scene(scene).observed}
+    scales = np.array([1.0 / channels[name].factor for name in measured])
+    noise = np.hypot(NOISE, np.array([channels[name].noise for name in measured]) / scales)
+    weights, axes = np.linalg.eigh(state_weight(scene))
+    kept = weights > 0.0
+    costs = np.sqrt(weights[kept])[:, None] * axes[:, kept].T @ system.C[:4]
+    seen, direct = system.C[4:] / scales[:, None], system.D[4:] / scales[:, None]
+    b = np.hstack([disturbed * system.B[:, 1:], np.zeros((size, count)), limit * system.B[:, :1]])
+    d = np.zeros((len(costs) + 1 + count, count + 2))
+    d[len(costs), -1] = price * limit
+    d[-count:] = np.hstack([disturbed * direct[:, 1:], np.diag(noise), limit * direct[:, :1]])
+    c = np.vstack([costs, np.zeros((1, size)), seen])
+    largest = np.abs(c).max(axis=0)
+    unit = 1.0 / np.where(largest > 0.0, largest, 1.0)  # states of order one, too
+    return Matrices(system.A * unit / unit[:, None], b / unit[:, None], c * unit, d)
+
+
+class HInfinity:
+    """Run the controller on what is observed."""
+
+    name = "H-infinity"
+    reads: Reads = "observation"
+
+    def __init__(self, scene: Scene, channels: Sequence[str] | None = None) -> None:
+        self.design = design_h_infinity(scene, channels)
+
+    def reset(self, env: MovingMassVectorEnv) -> None:
+        """Begin at rest."""
+        measured = [signal.name for signal in self.design.system.outputs[4:]]
+        names = [channel.name for channel in env.plant.observed]
+        # Observations are over the channels' scales, as what the controller measures.
+        self.columns = [names.index(name) - len(names) for name in measured]
+        self.state = np.zeros((env.num_envs, len(self.design.controller.A)))
+
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Array:
+        """Return the force over the limit."""
+        k = self.design.controller
+        seen = observation[:, self.columns].astype(np.float64)
+        action = self.state @ k.C.T + seen @ k.D.T
+        self.state = self.state @ k.A.T + seen @ k.B.T
+        return np.clip(action, -1.0, 1.0)

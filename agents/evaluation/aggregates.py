@@ -1,0 +1,161 @@
+"""Statistics of several runs, and their intervals by a bootstrap of two levels.
+
+Point estimates are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, *Deep
+reinforcement learning at the edge of the statistical precipice*, NeurIPS 2021, and of their package
+rliable. Arrays (..., tasks, seeds) hold a score for each task and seed; the axes before are
+resamples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.stats import norm, t, trim_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+LEVEL = (2.5, 97.5)
+"""Percentiles of an interval of 95 %."""
+
+RESAMPLES = 2_000
+"""They leave the ends of an interval uncertain by some 3 % of its half width."""
+
+
+class Estimate(NamedTuple):
+    """A value with the ends of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Penalties of the episodes that controllers had in common.
+
+    Attributes
+    ----------
+    penalties
+        (controllers, seeds, episodes) as in `Evaluation`.
+    trained
+        (controllers,) bool: whether each seed is a training of its own. Where it is not, the seeds
+        are of episodes alone, of one and the same controller.
+    """
+
+    penalties: Array
+    trained: NDArray[np.bool_]
+
+    def costs(self) -> Array:
+        """Return the cost (controllers, seeds) of each seed: the root of the mean penalty."""
+        return np.sqrt(self.penalties.mean(axis=2))
+
+    def resampled(self, generator: np.random.Generator, resamples: int = RESAMPLES) -> Array:
+        """Return mean penalties (controllers, resamples, seeds) of seeds and episodes drawn anew.
+
+        First seeds are drawn with replacement, then episodes within each. Seeds of one and the same
+        controller are not drawn: they differ in their episodes only. All controllers share the
+        draws, as they share the episodes.
+        """
+        controllers, seeds, episodes = self.penalties.shape
+        drawn_seeds = generator.integers(seeds, size=(resamples, seeds))
+        drawn = generator.integers(episodes, size=(resamples, seeds, episodes))
+        own = np.broadcast_to(np.arange(seeds), (resamples, seeds))
+        means = np.empty((controllers, resamples, seeds))
+        for k, (penalties, trained) in enumerate(zip(self.penalties, self.trained, strict=True)):
+            rows = drawn_seeds if trained else own
+            means[k] = penalties[rows[:, :, None], drawn].mean(axis=2)
+        return means
+
+
+def interquartile_mean(scores: Array) -> Array:
+    """Return the mean (...) of the middle half of all scores (..., tasks, seeds)."""
+    flat = scores.reshape(*scores.shape[:-2], -1)
+    return np.asarray(trim_mean(flat, 0.25, axis=-1))
+
+
+def performance_profile(scores: Array, thresholds: Array) -> Array:
+    """Return which part (..., thresholds) of all scores is greater than each threshold."""
+    flat = scores.reshape(*scores.shape[:-2], -1)
+    return (flat[..., None] > thresholds).mean(axis=-2)
+
+
+def probability_of_improvement(first: Array, second: Array) -> Array:
+    """Return the probability (...) that a score of the first is greater than one of the second.
+
+    It is that of Mann and Whitney's U for each task, averaged over the tasks; equal scores count
+    half.
+    """
+    mine, other = first[..., :, None], second[..., None, :]
+    wins = (mine > other) + 0.5 * (mine == other)
+    return wins.mean(axis=(-1, -2, -3))
+
+
+def estimate(
+    value: float, draws: Array, rows: Array, drawn_rows: Array, *, trained: bool, episodes: int
+) -> Estimate:
+    """Return a value with its interval: the resamples' percentiles, widened to what few seeds need.
+
+    Two levels of resampling count the scatter of episodes twice and that of seeds too little; and
+    few seeds say little about their own scatter. So deviations from the value are multiplied, by
+    what makes the resampled mean scatter as the seeds do, and by the ratio of Student's to the
+    normal distribution's quantile for as many degrees of freedom (Davison and Hinkley, *Bootstrap
+    methods and their application*, 1997, sections 3.8 and 2.4).
+
+    Parameters
+    ----------
+    value
+        The estimate from all that was measured.
+    draws
+        (resamples,) the same from each resample.
+    rows
+        (tasks, seeds) what the mean is of that the estimate follows: the scores, or penalties.
+    drawn_rows
+        (resamples, tasks, seeds) the same of each resample.
+    trained
+        Whether each seed is a training of its own.
+    episodes
+        Of each seed.
+    """
+    tasks, seeds = rows.shape
+    if trained and seeds > 1:
+        scatter = np.sqrt(rows.var(axis=1, ddof=1).sum() / seeds) / tasks
+        resampled, freedom = drawn_rows.mean(axis=(1, 2)).std(), tasks * (seeds - 1)
+        widened = scatter / resampled if resampled > 0.0 else 1.0
+    else:
+        freedom = max(tasks * seeds * (episodes - 1), 1)
+        widened = np.sqrt(episodes / max(episodes - 1, 1))
+    widened *= t.ppf(0.975, freedom) / norm.ppf(0.975)
+    low, high = value + widened * (np.percentile(draws, LEVEL) - value)
+    return Estimate(float(value), float(low), float(high))
+
+
+def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate:
+    """Return the cost of one controller over all seeds, with `Sample.resampled` of all."""
+    penalties, drawn = sample.penalties[controller].mean(axis=1), resampled[controller]
+    found = estimate(
+        penalties.mean(),
+        drawn.mean(axis=1),
+        penalties[None],
+        drawn[:, None],
+        trained=bool(sample.trained[controller]),
+        episodes=sample.penalties.shape[2],
+    )
+    return Estimate(*(float(np.sqrt(max(value, 0.0))) for value in found))
+
+
+def tail_mean(values: Array, part: float = 0.1) -> float:
+    """Return the mean of the greatest part of values (n,): the conditional value at risk."""
+    count = max(1, round(part * values.size))
+    return float(np.sort(values, axis=None)[-count:].mean())
+
+
+def stacked(tasks: Sequence[Array]) -> Array:
+    """Return the scores (..., tasks, seeds) of tasks that are given one by one (..., seeds)."""
+    return np.stack(tasks, axis=-2)

@@ -1,0 +1,131 @@
+"""The forward pass of a population of networks, each over lanes of its own.
+
+All loops over lanes are innermost and of single precision, so that they are vectorised.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SINGLE = np.float32
+ZERO, ONE, TWO, THREE = SINGLE(0.0), SINGLE(1.0), SINGLE(2.0), SINGLE(3.0)
+NINE, TWENTY_SEVEN = SINGLE(9.0), SINGLE(27.0)
+
+FAST = {"contract", "arcp", "nsz"}
+"""Products and sums may be fused: a candidate's actions do not depend on the other lanes for it."""
+
+
+def kernel(function):
+    """Compile without the GIL, and keep the code on disk."""
+    return njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)(function)
+
+
+@kernel
+def add_products(weights, rows, total):
+    """Add weights (n,) times rows (n, lanes) to the total (lanes,), which is written."""
+    lanes, n, j = total.size, weights.size, 0
+    while j + 4 <= n:
+        w0, w1, w2, w3 = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
+        r0, r1, r2, r3 = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
+        for lane in range(lanes):
+            near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
+            total[lane] += near + far
+        j += 4
+    while j < n:
+        w0, r0 = weights[j], rows[j]
+        for lane in range(lanes):
+            total[lane] += w0 * r0[lane]
+        j += 1
+
+
+@kernel
+def correlate(pair, unit, rows, sums, left, right, result):
+    """Compute one correlation unit in each lane, see `agents.policies.Policy`.
+
+    Parameters
+    ----------
+    pair
+        (2 n,) the weights of both combinations of the observation.
+    unit
+        (4,) memory, floor, offset and scale.
+    rows
+        (n, lanes) the observation.
+    sums
+        (2, lanes) the forgetting sums; written.
+    left, right
+        (lanes,) working memory; written.
+    result
+        (lanes,) the unit; written.
+    """
+    n = pair.size // 2
+    memory, floor, offset, scale = unit[0], unit[1], unit[2], unit[3]
+    left[:] = ZERO
+    right[:] = ZERO
+    add_products(pair[:n], rows, left)
+    add_products(pair[n:], rows, right)
+    products, squares = sums[0], sums[1]
+    for lane in range(result.size):
+        a, b = left[lane], right[lane]
+        products[lane] = memory * products[lane] + TWO * a * b
+        squares[lane] = memory * squares[lane] + a * a + b * b
+        result[lane] = (products[lane] / (floor + squares[lane]) - offset) * scale
+
+
+@kernel
+def forward(parameters, units, observed, sums, actions, sizes, first, last):
+    """Compute the actions of some candidates; the lanes of a candidate stand side by side.
+
+    Parameters
+    ----------
+    parameters
+        (candidates, N) of each candidate, in the order of `agents.evolution.network.Network`.
+    units
+        (r, 4) memory, floor, offset and scale of each correlation unit.
+    observed
+        (n, candidates * lanes) observations.
+    sums
+        (r, 2, candidates * lanes) the correlation units' forgetting sums; written.
+    actions
+        (k, candidates * lanes) actions in [-1, 1]; written.
+    sizes
+        (n, hidden, k).
+    first, last
+        The candidates: first <= candidate < last.
+    """
+    n, hidden, k = sizes
+    r, lanes = len(units), observed.shape[1] // len(parameters)
+    inputs = n + r
+    rows = np.empty((inputs, lanes), SINGLE)
+    value, other = np.empty(lanes, SINGLE), np.empty(lanes, SINGLE)
+    for candidate in range(first, last):
+        own, begin, i = parameters[candidate], candidate * lanes, 0
+        end = begin + lanes
+        for j in range(n):
+            rows[j] = observed[j, begin:end]
+        for q in range(r):
+            pair = own[i : i + 2 * n]
+            correlate(pair, units[q], rows[:n], sums[q, :, begin:end], value, other, rows[n + q])
+            i += 2 * n
+        for m in range(k):
+            total = actions[m, begin:end]
+            total[:] = own[i]
+            add_products(own[i + 1 : i + 1 + inputs], rows, total)
+            i += 1 + inputs
+        for _ in range(hidden):
+            value[:] = own[i]
+            add_products(own[i + 1 : i + 1 + inputs], rows, value)
+            i += 1 + inputs
+            for lane in range(lanes):
+                v = min(max(value[lane], -THREE), THREE)
+                square = v * v
+                value[lane] = v * (TWENTY_SEVEN + square) / (TWENTY_SEVEN + NINE * square)
+            for m in range(k):
+                total, weight = actions[m, begin:end], own[i + m]
+                for lane in range(lanes):
+                    total[lane] += weight * value[lane]
+            i += k
+        for m in range(k):
+            total = actions[m, begin:end]
+            for lane in range(lanes):
+                total[lane] = min(max(total[lane], -ONE), ONE)

@@ -1,0 +1,1 @@
+"""Policies as source for other machines."""

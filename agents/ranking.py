@@ -1,0 +1,69 @@
+"""Rank all that is known on each task: ``python -m agents.ranking [RUN ...]``.
+
+Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
+``docs/ranking.md`` from it. A run that is scored again takes the place of its earlier score.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from agents.comparison.contestants import finished_runs
+from agents.evaluation.headroom import LEARNED, SCORES, scored
+from agents.policies import PolicyError
+from agents.recording.laws import law_of
+from agents.report.ranking_page import PAGE, page
+from agents.training.runs import RunError
+from mm_gym import SceneError, load_scene
+from mm_gym.files import write_text
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to add."""
+
+    runs: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """folders of finished runs, or patterns of folders in quotes"""
+
+
+def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: str) -> None:
+    """Score runs, and put them among the scores of their tasks."""
+    for task, runs in finished_runs(text).items():
+        scene = load_scene(task)
+        if task not in scores or scores[task]["scene_digest"] != scene.digest:
+            msg = f"{text}: {task} has no scores to add to; run: python -m agents.headroom {task}"
+            raise RunError(msg)
+        for run in runs:
+            if run.read()["scene_digest"] != scene.digest:
+                msg = f"{run.folder}: trained on another scene than that of {task}"
+                raise RunError(msg)
+            agent = law_of(str(run.folder), scene, np.random.default_rng(0))
+            agent.name = run.folder.name
+            rows = scores[task]["rows"]
+            rows[:] = [row for row in rows if row["controller"] != agent.name]
+            rows.append(scored(LEARNED, scene, agent))
+
+
+def main() -> str | None:
+    """Rank from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    scores = json.loads(SCORES.read_text("utf-8"))
+    try:
+        for text in arguments.runs:
+            add_runs(scores, text)
+        write_text(SCORES, json.dumps(scores, indent=1) + "\n")
+        write_text(PAGE, page(scores))
+    except (PolicyError, RunError, SceneError) as error:
+        return f"error: {error}"
+    print(f"written: {PAGE}")
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

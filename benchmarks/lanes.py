@@ -1,0 +1,337 @@
+"""Speed over accuracy on many lanes of every task, beside what a user would write instead.
+
+The public step with views against bare kernels of twenty lines, see `benchmarks.by_hand`. The
+section redraws the README's figure, docs/lanes.png.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.by_hand import Physics, rk4, semi_implicit_euler, unrolled_taylor
+from benchmarks.recorded import record
+from benchmarks.report import installed, table
+from mm_gym import MovingMassVectorEnv, compile_scene, load_scene
+from mm_gym.drawing import COLOURS, legend_below, panels, save, style
+from mm_gym.methods import METHODS
+from mm_gym.tasks import ids
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from benchmarks.by_hand import Block
+    from benchmarks.recorded import Recorded
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+LANES, STEPS, ROUNDS = 16_384, 20, 15
+SUBSTEPS = {"RK4": (1, 2, 3, 4, 6, 8, 16, 32), "semi-implicit Euler": (1, 4, 16, 64)}
+SERIES = {4: (2, 3, 4, 8), 6: (2, 3, 4), 8: (2, 3, 4), 10: (2, 3, 4), 12: (2, 3, 4)}
+LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
+HEYOKA_LANES = 16
+OURS, RK4, EULER, TAYLOR, HEYOKA = (
+    "`step`, views",
+    "RK4",
+    "semi-implicit Euler",
+    "unrolled Taylor series",
+    "heyoka",
+)
+DUFFING = load_scene("mm_gym/CarriageForceDuffing-v0")
+FRICTION = load_scene("mm_gym/CarriageForceFriction-v0").interface.model_dump()
+SCENES = {name.removeprefix("mm_gym/"): load_scene(name) for name in ids()} | {
+    "CarriageForceDuffing with dry friction": DUFFING.replace(interface=FRICTION),
+    "CarriageForceDuffing with springs of finite stretch": DUFFING.replace(
+        springs={"kind": "finite_stretch", "stiffness": 35.0, "stretch": 1.5, "rest_length": 0.05}
+    ),
+}
+"""The tasks, and what else is nonlinear."""
+
+FIGURE = Path(__file__).parent.parent / "docs" / "lanes.png"
+LEAST = 1e-12
+"""Errors below this one are drawn as it is."""
+
+INTRODUCTION = f"""## Many lanes: speed over accuracy
+
+{LANES:,} lanes, one core, {STEPS} control steps under random actions. The error is the largest of
+all lanes at their end, relative to the largest position or velocity. mm_gym is its public `step`,
+with reward, termination and observation; the others are bare kernels that advance the state alone,
+given what is drawn: noise, earthquake and impulses as sampled by mm_gym, impulses in the nearest
+substep. Each step counts at its fastest of {ROUNDS} rounds in which the candidates took turns, in
+processor time. Within {LEAST:g} nothing is told apart.
+Listed are million steps/s of the fastest setting that attains the error, and in brackets mm_gym's
+speed as a multiple of them; - where no setting does.
+
+![Million steps/s over the error, for each task](lanes.png)
+"""
+
+LOOKS = {
+    OURS: {"color": COLOURS[6], "marker": "*", "markersize": 9.0, "zorder": 3.0},
+    RK4: {"color": COLOURS[0], "marker": "o"},
+    EULER: {"color": COLOURS[4], "marker": "v"},
+    TAYLOR: {"color": COLOURS[2], "marker": "s"},
+    HEYOKA: {"color": COLOURS[3], "marker": "D"},
+}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A setting: how to begin, make a control step, and return the state (4, lanes).
+
+    Attributes
+    ----------
+    family, setting
+        Its names.
+    lanes
+        How many lanes it steps.
+    truth
+        What the state should be at the end (4, lanes).
+    """
+
+    family: str
+    setting: str
+    lanes: int
+    truth: Values
+    begin: Callable[[], None]
+    step: Callable[[int], object]
+    state: Callable[[], Values]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A candidate's error, and its million steps/s."""
+
+    family: str
+    setting: str
+    error: float
+    speed: float
+
+
+def lanes() -> str:
+    """Return the section on many lanes of every task, and draw its figure."""
+    found = {name: _measured(scene) for name, scene in SCENES.items()}
+    _draw({name: one for name, one in found.items() if f"mm_gym/{name}" in ids()})
+    parts = [f"### {name}\n\n{_levels(one)}" for name, one in found.items()]
+    return "\n\n".join([INTRODUCTION.strip(), *parts]) + "\n"
+
+
+def _measured(scene: Scene) -> list[Measured]:
+    """Return every candidate on a scene."""
+    candidates = _candidates(scene)
+    errors = [_error(one) for one in candidates]
+    speeds = _speeds(candidates)
+    return [
+        Measured(one.family, one.setting, max(error, LEAST), speed)
+        for one, error, speed in zip(candidates, errors, speeds, strict=True)
+    ]
+
+
+def _candidates(scene: Scene) -> list[Candidate]:
+    count = len(compile_scene(scene).actuators)
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (STEPS, LANES, count)).astype(np.float32)
+    exact = scene.replace(solver=_tightest(scene))
+    truth = _played(_ours(exact, "", actions, np.empty(0)))
+    found = [_ours(one, name, actions, truth) for name, one in _settings(scene)]
+    recorded = record(exact, actions)
+    for name, kernel in ((RK4, rk4), (EULER, semi_implicit_euler)):
+        block = kernel(scene)
+        found += [_by_hand(name, "", block, n, recorded) for n in SUBSTEPS[name]]
+    physics = Physics.of(scene)
+    is_smooth = physics.friction[0] == 0.0
+    if is_smooth and physics.k3 > 0.0 and physics.k0 == 0.0:
+        for order, counts in SERIES.items():
+            block, setting = unrolled_taylor(scene, order), f"of order {order}, "
+            found += [_by_hand(TAYLOR, setting, block, n, recorded) for n in counts]
+    is_drawn = {part.kind for part in scene.excitation} - {"harmonic"}
+    if is_smooth and physics.l0 == 0.0 and not is_drawn and installed("heyoka"):
+        found += [_heyoka(scene, 10.0**-k, recorded) for k in (3, 6, 9, 12)]
+    return found
+
+
+def _settings(scene: Scene) -> list[tuple[str, Scene]]:
+    """Return mm_gym's settings: those of every method that might be the fastest somewhere."""
+    found: dict[str, Scene] = {}
+    support = compile_scene(scene).support
+    for method in METHODS:
+        if method.name in BY_HAND or method.obstacle(support) is not None:
+            continue
+        if method.option is None:
+            found.setdefault(method.name, scene.replace(solver={"method": method.name}))
+        elif support.is_nonlinear or method.name != "taylor":
+            name, values = method.option
+            for value in values:
+                solver = {"method": method.name, name: value}
+                found[f"{method.name}, {name} {value:.0e}"] = scene.replace(solver=solver)
+    return list(found.items())
+
+
+BY_HAND = ("rk4", "semi_implicit_euler")
+"""Methods that are there for comparison only."""
+
+
+def _tightest(scene: Scene) -> dict[str, object]:
+    """Return the solver of least error."""
+    option = compile_scene(scene.replace(solver={})).method.option
+    return {} if option is None else {"method": "taylor", "tolerance": 1e-15}
+
+
+def _levels(found: list[Measured]) -> str:
+    """Return the table of the fastest setting of each family at each level, and who is ahead."""
+    families = list(dict.fromkeys(one.family for one in found))
+    rows, ahead = [], []
+    for level in LEVELS:
+        best = {name: _best(found, name, level) for name in families}
+        others = [f"{best[name]:.3g} ({best[OURS] / best[name]:.2f})" for name in families[1:]]
+        cells = [x.replace("nan (nan)", "-") for x in others]
+        rows.append((f"{level:.0e}", f"{best[OURS]:.3g}", *cells))
+        ahead += [f"{name} at {level:.0e}" for name in families[1:] if best[name] > best[OURS]]
+    text = f"Faster than mm_gym: {', '.join(ahead)}." if ahead else "Nothing is faster than mm_gym."
+    return f"{table(('error at most', *families), rows)}\n\n{text}"
+
+
+def _best(found: list[Measured], family: str, level: float) -> float:
+    """Return the speed of a family's fastest setting with at most that error; NaN if none has."""
+    speeds = [one.speed for one in found if one.family == family and one.error <= level]
+    return max(speeds, default=np.nan)
+
+
+def _ours(scene: Scene, setting: str, actions: NDArray[np.float32], truth: Values) -> Candidate:
+    env = MovingMassVectorEnv(scene, LANES, copy=False)
+    own = [np.asfortranarray(row) for row in actions]
+    return Candidate(
+        OURS,
+        setting,
+        LANES,
+        truth,
+        lambda: env.reset(seed=0),
+        lambda n: env.step(own[n]),
+        lambda: env.state.T,
+    )
+
+
+def _by_hand(family: str, setting: str, block: Block, count: int, recorded: Recorded) -> Candidate:
+    values, (amplitude, frequency, phase) = recorded.start.copy(), recorded.harmonic
+    begun = amplitude * np.cos(phase), amplitude * np.sin(phase)
+    cosines, sines = begun[0].copy(), begun[1].copy()
+    # The method of Runge and Kutta wants the force in the middle of a substep too.
+    turn = frequency * recorded.interval / (count if family == EULER else 2 * count)
+    turns, has_impulses = (np.cos(turn), np.sin(turn)), bool(recorded.impulses.any())
+    sudden, late, change = np.moveaxis(recorded.impulses, 1, 0)
+    whens = np.clip(np.round(late / recorded.interval * count), 0, count - 1)
+
+    def begin() -> None:
+        values[:], cosines[:], sines[:] = recorded.start, *begun
+
+    def step(n: int) -> None:
+        for k in range(n * recorded.intervals, (n + 1) * recorded.intervals):
+            motion = (*values, *recorded.applied[k], *recorded.disturbance[k])
+            impulse = whens[k], change[k]
+            if has_impulses:
+                values[2] += sudden[k]
+            block((*motion, cosines, sines, *turns, *impulse), count)
+
+    name = f"{setting}{count} substeps"
+    return Candidate(family, name, LANES, recorded.end, begin, step, lambda: values)
+
+
+def _heyoka(scene: Scene, tolerance: float, recorded: Recorded) -> Candidate:
+    import heyoka as hy  # noqa: PLC0415 - an optional peer
+
+    p, own = Physics.of(scene), slice(0, HEYOKA_LANES)
+    x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
+    inner = p.c * (v2 - v1) + hy.par[1] * (x2 - x1)
+    push = inner - p.d * v1 - p.k1 * x1 + hy.par[0]
+    if p.k3:
+        push -= p.k3 * x1**3
+    if p.is_harmonic:
+        push += hy.par[2] * hy.sin(hy.par[3] * hy.time + hy.par[4])
+    system = [(x1, v1), (x2, v2), (v1, push * p.by_m1), (v2, -inner * p.by_m2)]
+    first = np.ascontiguousarray(recorded.start[:, own])
+    integrator = hy.taylor_adaptive_batch(system, first, tol=tolerance)
+    count = len(integrator.pars)
+    pars = np.zeros((5, HEYOKA_LANES))
+    pars[2:] = recorded.harmonic[:, own]
+
+    def begin() -> None:
+        integrator.set_time(0.0)
+        integrator.state[:] = first
+
+    def step(n: int) -> None:
+        pars[0], stretch = recorded.applied[n][:, own]
+        if p.k0:
+            pars[1] = 2.0 * p.k0 * (1.0 + 2.0 / stretch**3)
+        integrator.pars[:] = pars[:count]
+        integrator.propagate_for(scene.control.time_step)
+
+    setting = f"tolerance {tolerance:.0e}, {HEYOKA_LANES} lanes"
+    return Candidate(
+        HEYOKA, setting, HEYOKA_LANES, recorded.end[:, own], begin, step, lambda: integrator.state
+    )
+
+
+def _played(candidate: Candidate) -> Values:
+    """Return the state after all steps."""
+    candidate.begin()
+    for n in range(STEPS):
+        candidate.step(n)
+    return candidate.state().copy()
+
+
+def _error(candidate: Candidate) -> float:
+    """Return the largest error of all lanes at the end, relative to position or velocity."""
+    known = np.isfinite(candidate.truth).all(axis=0)
+    truth = candidate.truth[:, known]
+    scale = np.repeat([np.abs(truth[:2]).max(), np.abs(truth[2:]).max()], 2)[:, None]
+    with np.errstate(over="ignore", invalid="ignore"):  # a coarse setting may diverge
+        error = float((np.abs(_played(candidate)[:, known] - truth) / scale).max())
+    return error if np.isfinite(error) else np.inf
+
+
+def _speeds(candidates: list[Candidate]) -> list[float]:
+    """Return million steps/s of each, every control step at its fastest."""
+    fastest = np.full((len(candidates), STEPS), np.inf)
+    for _ in range(ROUNDS):
+        for k, one in enumerate(candidates):
+            one.begin()
+            for n in range(STEPS):
+                began = time.process_time()
+                one.step(n)
+                fastest[k, n] = min(fastest[k, n], time.process_time() - began)
+    counts = np.array([one.lanes for one in candidates])
+    return [float(speed) for speed in 1e-6 * counts / fastest.mean(axis=1)]
+
+
+def _draw(found: dict[str, list[Measured]]) -> None:
+    """Draw speed over error, one panel per task."""
+    with style():
+        figure, axes = panels(7.0, 4, 2, sharex="all", sharey="all")
+        for panel, (name, measured) in zip(axes, found.items(), strict=False):
+            for family, look in LOOKS.items():
+                own = [one for one in measured if one.family == family and one.error < np.inf]
+                own.sort(key=lambda one: one.error)
+                errors, speeds = [one.error for one in own], [one.speed for one in own]
+                label = "mm_gym, public step" if family == OURS else family
+                linestyle = "" if family == TAYLOR else "-"
+                panel.plot(
+                    errors,
+                    speeds,
+                    label=label,
+                    **{"markersize": 4.0, "linestyle": linestyle} | look,
+                )
+            title = name.removesuffix("-v0")
+            panel.set(xscale="log", yscale="log", xlim=(1.0, 0.5 * LEAST), title=title)
+        for panel in axes[-2:]:
+            panel.set_xlabel("error after 20 control steps, relative [-]")
+        for panel in axes[::2]:
+            panel.set_ylabel("million steps/s")
+        axes[len(found)].set_axis_off()
+        legend_below(figure, axes[1], 5)
+        save(figure, FIGURE)

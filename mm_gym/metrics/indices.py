@@ -1,0 +1,128 @@
+"""Evaluation indices: a controlled motion over a reference without control."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SimulationError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.metrics.response import Response
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Indices:
+    """Evaluation indices (lanes,) [-], smaller is better; the subscript 0 is the reference's.
+
+    The numbers are those of Ohtori, Christenson, Spencer and Dyke (2004) for a building of one
+    storey, whose device is the moving mass. J7 to J10 are of damage, which the model has not; J15,
+    the number of devices, is 1.
+
+    Attributes
+    ----------
+    j1
+        Peak displacement: max |x1| / max |x1|_0.
+    j2
+        Peak acceleration, absolute: max |a1| / max |a1|_0.
+    j3
+        Peak base force: max |F_b| / max |F_b|_0.
+    j4, j5, j6
+        The same of the root mean squares.
+    j11
+        Peak control force over the weight: max |u| / W.
+    j12
+        Peak stroke over the reference's peak displacement: max |x2 - x1| / max |x1|_0.
+    j13
+        Peak control power: max |u v1| / (max |v1|_0 W).
+    j14
+        Control energy: integral of |u v1| dt / (max |x1|_0 W).
+    j16, j17
+        Number of sensors, and of the controller's states, as given.
+    stroke, rms_stroke
+        Peak and root mean square of the stroke over the reference's: infinite where that has none.
+    rms_force
+        Root mean square of the control force over the weight: ||u|| / W.
+    injected
+        Energy that changes of the stretch bring in, over the same as j14's: / (max |x1|_0 W).
+    """
+
+    j1: Array
+    j2: Array
+    j3: Array
+    j4: Array
+    j5: Array
+    j6: Array
+    j11: Array
+    j12: Array
+    j13: Array
+    j14: Array
+    j16: int
+    j17: int
+    stroke: Array
+    rms_stroke: Array
+    rms_force: Array
+    injected: Array
+
+
+def indices(
+    response: Response, reference: Response, *, sensors: int = 0, controller_states: int = 0
+) -> Indices:
+    """Return the evaluation indices of motions over those of a reference.
+
+    Parameters
+    ----------
+    response
+        Of the controlled motions.
+    reference
+        Of the same episodes without control (`uncontrolled_response`) or with the best passive
+        damper (`passive_response`); or one motion for all lanes.
+    sensors
+        Number of channels that the controller reads.
+    controller_states
+        Number of states of the controller in discrete time.
+
+    Raises
+    ------
+    SimulationError
+        If the numbers of motions differ, or a motion of the reference does not move.
+    """
+    lanes, others = len(response.duration), len(reference.duration)
+    if others not in {1, lanes}:
+        msg = f"reference: got {others} motions; allowed: {lanes}, as in the response, or 1"
+        raise SimulationError(msg)
+    if not reference.peak_displacement.all():
+        msg = "reference: a carriage that does not move is none; allowed: motions with x1 not 0"
+        raise SimulationError(msg)
+    r, ref = response, reference
+    scale = ref.peak_displacement * r.weight
+    moves = ref.peak_stroke > 0.0
+    return Indices(
+        j1=r.peak_displacement / ref.peak_displacement,
+        j2=r.peak_acceleration / ref.peak_acceleration,
+        j3=r.peak_base_force / ref.peak_base_force,
+        j4=r.rms_displacement / ref.rms_displacement,
+        j5=r.rms_acceleration / ref.rms_acceleration,
+        j6=r.rms_base_force / ref.rms_base_force,
+        j11=r.peak_force / r.weight,
+        j12=r.peak_stroke / ref.peak_displacement,
+        j13=r.peak_power / (ref.peak_velocity * r.weight),
+        j14=r.control_energy / scale,
+        j16=sensors,
+        j17=controller_states,
+        stroke=_over(r.peak_stroke, ref.peak_stroke, moves),
+        rms_stroke=_over(r.rms_stroke, ref.rms_stroke, moves),
+        rms_force=r.rms_force / r.weight,
+        injected=r.injected / scale,
+    )
+
+
+def _over(values: Array, reference: Array, moves: NDArray[np.bool_]) -> Array:
+    """Return the ratio, infinite where the reference does not move."""
+    return np.divide(values, reference, out=np.full(values.shape, np.inf), where=moves)

@@ -1,0 +1,69 @@
+"""Response and effort of motions: peaks, root mean squares, power and energies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What motions did, and what it took: an entry (lanes,) for each of them.
+
+    A peak is the largest magnitude, max_t |q|. A root mean square is over time,
+    (1/T integral of q^2 dt)^(1/2), as the normed responses of the benchmark are. Symbols are those
+    of docs/model.md, sections 1 and 5.
+
+    Attributes
+    ----------
+    duration
+        T [s].
+    weight
+        W = (m1 + m2) g [N].
+    peak_displacement, rms_displacement
+        Of the carriage, x1 [m], relative to the ground.
+    peak_velocity
+        Of the carriage, v1 [m/s], relative to the ground.
+    peak_acceleration, rms_acceleration
+        Of the carriage [m/s^2], absolute: that of the ground is in it. Impulses are not.
+    peak_base_force, rms_base_force
+        Of the carriage's spring and damper on the base [N]: k1 (alpha + beta x1^2) x1 + d v1.
+    peak_stroke, rms_stroke
+        Offset of the sphere, x2 - x1 [m].
+    peak_force, rms_force
+        Control force u [N].
+    peak_power
+        Of the control force [W]: max_t |u v1|.
+    control_energy
+        What the control force gives and takes [J], added up by magnitude: integral of |u v1| dt.
+    control_work
+        What it gives less what it takes [J]: integral of u v1 dt.
+    injected, withdrawn
+        Energy that changes of the stretch bring in and take out [J], both positive: the jumps of
+        (12) of docs/model.md by their sign. Only what is injected must come from the actuator.
+    """
+
+    duration: Array
+    weight: Array
+    peak_displacement: Array
+    rms_displacement: Array
+    peak_velocity: Array
+    peak_acceleration: Array
+    rms_acceleration: Array
+    peak_base_force: Array
+    rms_base_force: Array
+    peak_stroke: Array
+    rms_stroke: Array
+    peak_force: Array
+    rms_force: Array
+    peak_power: Array
+    control_energy: Array
+    control_work: Array
+    injected: Array
+    withdrawn: Array

@@ -1,0 +1,96 @@
+"""The response of a simulated motion."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.metrics.totals import End, Totals
+from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
+from mm_gym.simulation.recording import Place, excitation, states_at
+from mm_gym.simulation.response import acceleration
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.metrics.response import Response
+    from mm_gym.simulation.recording import Recording
+    from mm_gym.simulation.trajectory import Trajectory
+
+    Array = NDArray[np.float64]
+
+PIECES = 8
+"""Pieces that a sample interval is divided into."""
+
+
+def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
+    """Return the response and effort of a simulated motion, from its start to its last instant.
+
+    The instants of the trajectory do not matter: the motion is looked at where sample intervals
+    begin and end, before and after impulses and changes of the actuators, and in between.
+
+    Parameters
+    ----------
+    trajectory
+        What `simulate` returned.
+    pieces
+        Number of pieces that each sample interval is divided into. For a vibration at w, a piece h
+        leaves (w h)^4 / 384 of the amplitudes, and of those of the acceleration (w h)^2 / 8.
+
+    Returns
+    -------
+    Response
+        With one lane.
+
+    Raises
+    ------
+    SimulationError
+        If the number of pieces is less than 1, the trajectory is one instant, or the carriage has
+        no mass.
+    """
+    if pieces < 1:
+        msg = f"pieces: got {pieces}; allowed: at least 1"
+        raise SimulationError(msg)
+    recording, interval = trajectory.recording, trajectory.recording.plant.support.sample_interval
+    end = float(trajectory.time[-1])
+    if end <= float(trajectory.time[0]):
+        msg = f"trajectory: got one instant, t = {end:g} s; allowed: a motion that takes time"
+        raise SimulationError(msg)
+    rows = np.arange(int(np.ceil(end / interval * (1.0 - 1e-12))))
+    lengths = np.minimum(interval, end - rows * interval)
+    totals = Totals(recording.parameters[:, None])
+    parts = np.linspace(0.0, 1.0, pieces + 1)[:, None] * lengths
+    instants = [_end(recording, rows, part, first=k == 0) for k, part in enumerate(parts)]
+    held = recording.applied[rows, 0][None]
+    for start, stop in pairwise(instants):
+        totals.add(start, stop, held, lengths[None] / pieces)
+    totals.add_jumps(_stretch_jumps(recording, len(rows))[None])
+    return totals.response()
+
+
+def _stretch_jumps(recording: Recording, intervals: int) -> Array:
+    """Return what changes of the stretch bring in [J] at the starts of so many intervals."""
+    p, start = recording.parameters, recording.states[0]
+    jumps = energy_jumps(recording, intervals - 1)[:, CHANGE]
+    stretches = np.array([p[at.STRETCH], recording.applied[0, 1]])
+    jumps[0] += np.diff(spring_energy(p, start[1] - start[0], stretches))[0]
+    return jumps
+
+
+def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bool) -> End:
+    """Return the motion some time [s] after the starts of sample intervals.
+
+    At their starts it is that after impulses, at their ends that before.
+    """
+    interval = recording.plant.support.sample_interval
+    whole = part >= interval
+    inner = Place(np.where(whole, rows + 1, rows), np.where(whole, 0.0, part))
+    state = recording.starts[rows] if first else states_at(recording, inner)
+    exciting = excitation(recording, Place(rows, part))
+    applied = recording.applied[rows]
+    absolute = acceleration(recording.parameters, state, applied, exciting[:, 0])[:, 0]
+    return End(np.ascontiguousarray(state.T)[:, None], absolute[None], exciting[None, :, 1])

@@ -1,0 +1,135 @@
+"""The Jacobians of a plant's control step, from what a user gives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.episodes import complete
+from mm_gym.kernels.excitation import begin_excitation
+from mm_gym.methods.support import MASSLESS
+from mm_gym.plant.point import lane_at
+from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
+from mm_gym.sensitivity.layout import CAUSED
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.methods.support import Support
+
+    Array = NDArray[np.float64]
+
+FOLLOWED_OF_HARMONICS = (at.AMPLITUDE, at.FREQUENCY, at.PHASE)
+
+
+def jacobian_of(
+    support: Support,
+    constants: tuple[Array, Array],
+    motion: tuple[ArrayLike | None, ArrayLike],
+    place: Mapping[str, Any] | ArrayLike | None,
+    parameters: Sequence[str],
+) -> Jacobian:
+    """Return the Jacobians; see `Plant.jacobian`.
+
+    Parameters
+    ----------
+    support, constants
+        Of the plant; the constants are the model's and the task's.
+    motion
+        State and action.
+    place, parameters
+        Its arguments `at` and `parameters`.
+    """
+    model, task = constants
+    rows = {name: _followed_row(support, name) for name in parameters}
+    values, streams, is_snapshot = _lanes(support, model, task, place)
+    state, action = motion
+    given = None if state is None else _array("state", state, 4, SceneError)
+    columns = int(task[at.HAS_FORCE] > 0.0) + int(task[at.HAS_STRETCH] > 0.0)
+    actions = _array("action", action, columns, ActionError)
+    counts = {len(a) for a in (given, actions) if a is not None and a.ndim > 1}
+    if is_snapshot:
+        counts.add(values.shape[1])
+    if len(counts) > 1:
+        msg = f"state, action, at: got {sorted(counts)} lanes; allowed: as many of each"
+        raise SceneError(msg)
+    count = counts.pop() if counts else 1
+    values = np.array(np.broadcast_to(values, (len(values), count)))
+    if given is not None:
+        values[:4] = given.T if given.ndim > 1 else given[:, None]
+    streams = np.array(np.broadcast_to(streams, (2, count)))
+    lanes = Sensitivities(support, constants, (values, streams), rows)
+    status, found = lanes.jacobian(np.broadcast_to(actions, (count, columns)).T)
+    if status > at.ENDED:
+        msg = f"jacobian: {at.MESSAGES[status]}"
+        raise SimulationError(msg)
+    is_single = not is_snapshot and (given is None or given.ndim == 1) and actions.ndim == 1
+    return _first(found) if is_single else found
+
+
+def _followed_row(support: Support, name: str) -> int:
+    """Return the row of a parameter, or raise if no derivative with respect to it is known."""
+    row = support.row_of(name)
+    if support.kind == MASSLESS:
+        msg = "parameters: a carriage without mass has derivatives of state and action only"
+        raise CompileError(msg)
+    harmonic, own = divmod(row - at.HARMONICS, at.HARMONIC_ROWS)
+    is_harmonic = 0 <= harmonic < len(support.ground) and own in FOLLOWED_OF_HARMONICS
+    is_moved = row == at.STRETCH and not support.fixed(row)
+    follows = {followed for followed, _, _ in support.products}
+    is_idle = row in (at.MU1, at.MU2, at.VR, at.CHI, at.FN) and not support.slips
+    if is_harmonic or (row in CAUSED and not is_moved and not is_idle and row not in follows):
+        return row
+    msg = (
+        f"parameters: {name}: allowed: fields of carriage, sphere, interface and springs that are "
+        "neither actuated, nor follow from a ratio, nor belong to friction that never slips, and "
+        "amplitude, frequency and phase of harmonics"
+    )
+    raise SceneError(msg)
+
+
+def _lanes(
+    support: Support, model: Array, task: Array, place: Mapping[str, Any] | ArrayLike | None
+) -> tuple[Array, NDArray[np.uint64], bool]:
+    """Return lanes (rows, n), their random numbers, and whether they are a snapshot's."""
+    streams = np.zeros((2, 1), np.uint64)
+    if hasattr(place, "keys") and "values" in place:  # pyright: ignore[reportOperatorIssue]
+        values = np.asarray(place["values"], np.float64)  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
+        if values.ndim != 2 or len(values) != len(support.low):  # noqa: PLR2004 - rows and lanes
+            msg = f"at: got values of shape {values.shape}; allowed: ({len(support.low)}, lanes)"
+            raise SceneError(msg)
+        return values, np.asarray(place["streams"], np.uint64), True  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
+    row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]
+    lanes = row[:, None]
+    if place is None or hasattr(place, "keys"):
+        complete(model, task, lanes, 0, 1)
+        if support.sampled:
+            begin_excitation(model, lanes, streams, np.ones(1, np.bool_), 0, 1)
+    else:
+        given = np.asarray(place, np.float64)
+        lanes[:6, 0] = given[:6]
+    return lanes, streams, False
+
+
+def _array(what: str, values: ArrayLike, size: int, error: type[SceneError | ActionError]) -> Array:
+    array = np.asarray(values)
+    fits = array.ndim in (1, 2) and array.shape[-1] == size
+    if array.dtype.kind not in "fiu" or not fits or not np.isfinite(array).all():
+        msg = (
+            f"{what}: got shape {array.shape} of {array.dtype}; "
+            f"allowed: ({size},) or (lanes, {size}) finite numbers"
+        )
+        raise error(msg)
+    return array.astype(np.float64)
+
+
+def _first(found: Jacobian) -> Jacobian:
+    """Return the Jacobians of the only lane."""
+    parameters = {name: value[0] for name, value in found.parameters.items()}
+    arrays = (found.end[0], found.state[0], found.action[0], found.applied[0])
+    return Jacobian(found.names, *arrays, parameters)

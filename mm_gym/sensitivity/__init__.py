@@ -1,0 +1,1 @@
+"""Sensitivities: the exact derivatives of a control step, propagated beside the motion."""

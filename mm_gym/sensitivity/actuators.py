@@ -1,0 +1,125 @@
+"""The derivatives of what actuators apply: command, rate limit, lag and limits.
+
+At a limit the derivative is that on its inner side; an action beyond [-1, 1] changes nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+class Actuator(NamedTuple):
+    """An actuator as the task array has it.
+
+    Attributes
+    ----------
+    name
+        "force" [N] or "stretch" [-].
+    row, asked_row
+        Rows of a lane: what it applies, and what a rate adds up to.
+    low, high, rate, lag_factor
+        Limits, largest change in a control step, and fraction of the way that its lag lets it go.
+    is_rate
+        Whether it is commanded by rate.
+    """
+
+    name: str
+    row: int
+    asked_row: int
+    low: float
+    high: float
+    rate: float
+    lag_factor: float
+    is_rate: bool
+
+    @property
+    def has_memory_of_command(self) -> bool:
+        """Whether what it was asked for is a state besides what it applies."""
+        return self.is_rate and self.lag_factor < 1.0
+
+
+class Slopes(NamedTuple):
+    """Derivatives (count,) of what is applied and asked, with respect to both and to the action."""
+
+    applied_by_applied: Array
+    applied_by_asked: Array
+    applied_by_action: Array
+    asked_by_asked: Array
+    asked_by_action: Array
+
+
+def actuators_of(task: Array) -> tuple[Actuator, ...]:
+    """Return the actuators of a task array, in the order of the action."""
+    found: list[Actuator] = []
+    if task[at.HAS_FORCE] > 0.0:
+        limit = float(task[at.FORCE_LIMIT])
+        slots = (at.FORCE_RATE, at.FORCE_LAG_FACTOR, at.FORCE_IS_RATE)
+        rest = _numbers(task, slots)
+        found.append(Actuator("force", at.FORCE, at.FORCE_ASKED, -limit, limit, *rest))
+    if task[at.HAS_STRETCH] > 0.0:
+        low, high = float(task[at.STRETCH_LOW]), float(task[at.STRETCH_HIGH])
+        slots = (at.STRETCH_RATE, at.STRETCH_LAG_FACTOR, at.STRETCH_IS_RATE)
+        rest = _numbers(task, slots)
+        found.append(Actuator("stretch", at.STRETCH, at.STRETCH_ASKED, low, high, *rest))
+    return tuple(found)
+
+
+def _numbers(task: Array, slots: tuple[int, int, int]) -> tuple[float, float, bool]:
+    rate, lag_factor, is_rate = (float(task[slot]) for slot in slots)
+    return rate, lag_factor, is_rate > 0.0
+
+
+def slopes(actuator: Actuator, applied: Array, asked: Array, action: Array) -> Slopes:
+    """Return the derivatives over a control step.
+
+    Parameters
+    ----------
+    actuator
+        The actuator.
+    applied, asked
+        (count,) [N] or [-] before the step.
+    action
+        (count,) [-].
+    """
+    low, high, rate, factor = actuator.low, actuator.high, actuator.rate, actuator.lag_factor
+    inside = (np.abs(action) <= 1.0).astype(np.float64)
+    command = np.clip(action, -1.0, 1.0)
+    if actuator.is_rate:
+        aim = asked + rate * command
+        kept = _within(aim, low, high)
+        wanted, wanted_by_asked = np.clip(aim, low, high), kept
+        wanted_by_action = kept * rate * inside
+    else:
+        middle, half = 0.5 * (high + low), 0.5 * (high - low)
+        wanted, wanted_by_asked = middle + half * command, np.zeros_like(applied)
+        wanted_by_action = half * inside
+    if actuator.is_rate and not actuator.has_memory_of_command:
+        # What is asked is applied: one state.
+        zero = np.zeros_like(applied)
+        return Slopes(wanted_by_asked, zero, wanted_by_action, zero, zero)
+    goal = applied + factor * (wanted - applied)
+    is_free = _within(goal - applied, -rate, rate)
+    unlimited = np.clip(goal, applied - rate, applied + rate)
+    kept = _within(unlimited, low, high)
+    by_wanted = kept * is_free * factor
+    by_applied = kept * np.where(is_free > 0.0, 1.0 - factor, 1.0)
+    return Slopes(
+        by_applied,
+        by_wanted * wanted_by_asked,
+        by_wanted * wanted_by_action,
+        wanted_by_asked,
+        wanted_by_action,
+    )
+
+
+def _within(value: Array, low: float, high: float) -> Array:
+    return ((low <= value) & (value <= high)).astype(np.float64)

@@ -1,0 +1,87 @@
+"""A control step for sensitivities, over lanes: without observation, reward and end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.crossing import by_pieces, by_superposition
+from mm_gym.kernels.excitation import excite, excited, has_corners
+from mm_gym.kernels.harmonics import rotate
+from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.task import command
+from mm_gym.methods.linear.method import Linear
+from mm_gym.sensitivity import linear_kernel
+from mm_gym.sensitivity.layout import COLUMNS, FIRST_ROW, LAST_V1, LAST_V2, TANGENTS, TIME
+from mm_gym.sensitivity.series_kernel import propagate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@borrowing_kernel
+def _leave(model, lanes, first, last):
+    """Do nothing in place of `_begin`."""
+
+
+def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> Callable[..., int]:
+    """Return a kernel of a control step; `begin` writes the deviations at its start."""
+
+    @borrowing_kernel
+    @named_after(cross)
+    def step(task, model, lanes, streams, actions, first, last):
+        """Make one control step of the lanes first .. last - 1, of one block.
+
+        Parameters
+        ----------
+        task, model
+            (t,) and (m,), read.
+        lanes
+            (rows, count) read and written: the plant's rows, then those of `sensitivity.layout`.
+        streams
+            (2, count) uint64, read and written: random numbers.
+        actions
+            (actuators * count,) float64, read: in [-1, 1], those of all lanes.
+        first, last
+            The lanes.
+
+        Returns
+        -------
+        int
+            Status, of several the largest.
+        """
+        status = at.OK
+        command(task, lanes, actions, first, last)
+        begin(model, lanes, first, last)
+        for interval in range(int(model[at.INTERVALS])):
+            if excited(model):
+                excite(model, lanes, streams, interval, first, last)
+            status = max(status, cross(model, lanes, interval, first, last))
+            rotate(model, lanes, interval, first, last)
+        lanes[at.NOW, first] += 1.0
+        return status
+
+    return step
+
+
+@borrowing_kernel
+def _begin(model, lanes, first, last):
+    """Begin with deviations of x1, x2, v1 and v2, and none in the other columns."""
+    own = int(model[FIRST_ROW])
+    length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
+    tangents = own + TANGENTS
+    for row in range(tangents, tangents + 4 * COLUMNS):
+        for i in range(first, last):
+            lanes[row, i] = 0.0
+    for i in range(first, last):
+        lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
+        lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+        for half in range(2):  # positions, then velocities
+            row = tangents + 2 * half * (COLUMNS + 1)
+            lanes[row, i], lanes[row + COLUMNS, i] = 1.0, -1.0
+            lanes[row + COLUMNS + 1, i] = 1.0
+
+
+by_series = step_by(by_pieces(propagate, has_corners), _begin)
+by_linear_series = step_by(by_superposition(linear_kernel.propagate, linear_kernel.respond), _begin)
+by_transition = step_by(Linear.entries.cross)

@@ -1,0 +1,144 @@
+"""Are the aggregates those of rliable, and do their intervals cover what they should?"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.evaluation.aggregates import (
+    Sample,
+    cost_estimate,
+    estimate,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+    stacked,
+    tail_mean,
+)
+
+GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "rliable.json").read_text("utf-8"))
+"""What tests/golden/make_rliable.py wrote with rliable 1.2."""
+
+
+@pytest.mark.parametrize("case", range(len(GOLDEN)))
+def test_point_estimates_are_those_of_rliable(case):
+    golden = GOLDEN[case]
+    # rliable has a row for each run and a column for each task.
+    first, second = (np.array(golden[name]).T for name in ("first", "second"))
+    assert interquartile_mean(first) == pytest.approx(golden["iqm"], rel=1e-12)
+    found = performance_profile(first, np.array(golden["thresholds"]))
+    np.testing.assert_allclose(found, golden["profile"], rtol=1e-12)
+    improvement = probability_of_improvement(first, second)
+    assert improvement == pytest.approx(golden["improvement"], rel=1e-12)
+
+
+def test_resamples_are_treated_one_by_one():
+    scores = np.random.default_rng(2).normal(size=(6, 3, 5))
+    other = np.random.default_rng(3).normal(size=(6, 3, 4))
+    thresholds = np.array([-1.0, 0.0, 0.5])
+    np.testing.assert_array_equal(
+        interquartile_mean(scores), [interquartile_mean(one) for one in scores]
+    )
+    np.testing.assert_array_equal(
+        performance_profile(scores, thresholds),
+        [performance_profile(one, thresholds) for one in scores],
+    )
+    np.testing.assert_allclose(
+        probability_of_improvement(scores, other),
+        [probability_of_improvement(*pair) for pair in zip(scores, other, strict=True)],
+    )
+
+
+def simulated(generator, seeds, episodes, scatter):
+    """Penalties (1, seeds, episodes) of a truth of 1: seeds by `scatter`, episodes by 0.3."""
+    own = 1.0 + scatter * generator.normal(size=seeds)
+    return (own[:, None] + 0.3 * generator.normal(size=(seeds, episodes)))[None]
+
+
+RUNS = 1500
+"""Simulated runs: a coverage of 95 % is uncertain by 1.1 % (two standard deviations)."""
+
+
+@pytest.mark.parametrize("scatter", [0.02, 0.1, 0.5])
+@pytest.mark.parametrize("seeds", [5, 10])
+def test_intervals_of_trained_controllers_cover_the_truth(seeds, scatter):
+    generator, covered = np.random.default_rng([seeds, int(100 * scatter)]), 0
+    for _ in range(RUNS):
+        penalties = simulated(generator, seeds, 20, scatter)
+        sample = Sample(penalties, np.array([True]))
+        drawn = sample.resampled(generator, 200)
+        rows = penalties[0].mean(axis=1)
+        found = estimate(
+            rows.mean(),
+            drawn[0].mean(axis=1),
+            rows[None],
+            drawn[0][:, None],
+            trained=True,
+            episodes=20,
+        )
+        covered += found.low <= 1.0 <= found.high
+    assert 0.93 <= covered / RUNS <= 0.97
+
+
+@pytest.mark.parametrize("seeds", [1, 5])
+def test_intervals_of_one_controller_cover_the_truth(seeds):
+    generator, covered = np.random.default_rng(seeds), 0
+    for _ in range(RUNS):
+        penalties = simulated(generator, seeds, 40, 0.0)
+        sample = Sample(penalties, np.array([False]))
+        found = cost_estimate(sample, 0, sample.resampled(generator, 200))
+        covered += found.low <= 1.0 <= found.high
+    assert 0.93 <= covered / RUNS <= 0.97
+
+
+def test_intervals_of_the_interquartile_mean_over_tasks_cover_the_truth():
+    generator, covered = np.random.default_rng(11), 0
+    for _ in range(RUNS // 2):
+        parts = [simulated(generator, 5, 10, 0.2) for _ in range(3)]
+        draws = [Sample(part, np.array([True])).resampled(generator, 200)[0] for part in parts]
+        rows, drawn = stacked([part[0].mean(axis=1) for part in parts]), stacked(draws)
+        found = estimate(
+            float(interquartile_mean(rows)),
+            interquartile_mean(drawn),
+            rows,
+            drawn,
+            trained=True,
+            episodes=10,
+        )
+        covered += found.low <= 1.0 <= found.high
+    # Twice the uncertainty of the other tests, around the same bounds.
+    assert 0.925 <= covered / (RUNS // 2) <= 0.975
+
+
+def test_controllers_share_their_draws():
+    penalties = np.random.default_rng(4).uniform(size=(1, 4, 30))
+    both = Sample(np.concatenate([penalties, 2.0 * penalties]), np.array([True, True]))
+    drawn = both.resampled(np.random.default_rng(0), 50)
+    np.testing.assert_allclose(drawn[1], 2.0 * drawn[0], rtol=1e-14)
+
+
+def test_seeds_of_one_controller_are_not_drawn():
+    penalties = np.repeat(np.arange(1.0, 5.0)[:, None], 6, axis=1)[None]
+    fixed, drawn = (
+        Sample(penalties, np.array([trained])).resampled(np.random.default_rng(0), 50)
+        for trained in (False, True)
+    )
+    np.testing.assert_array_equal(fixed[0], np.tile(np.arange(1.0, 5.0), (50, 1)))
+    assert drawn[0].mean(axis=1).std() > 0.1
+
+
+def test_tail_mean_is_that_of_the_worst_tenth():
+    values = np.random.default_rng(0).permutation(np.arange(100.0))
+    assert tail_mean(values) == np.arange(90.0, 100.0).mean()
+    assert tail_mean(np.array([3.0])) == 3.0
+
+
+def test_cost_is_that_of_all_episodes():
+    penalties = np.random.default_rng(1).uniform(size=(2, 3, 10))
+    sample = Sample(penalties, np.array([False, True]))
+    drawn = sample.resampled(np.random.default_rng(0), 100)
+    for k in range(2):
+        found = cost_estimate(sample, k, drawn)
+        assert found.value == pytest.approx(np.sqrt(penalties[k].mean()), rel=1e-14)
+        assert found.low < found.value < found.high

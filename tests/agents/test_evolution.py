@@ -1,0 +1,284 @@
+"""Do evolved networks act as their law at first, and is a search what its command says?"""
+
+import json
+import sys
+
+import kills
+import numpy as np
+import pytest
+
+from agents import evolve as command
+from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.feedback import Feedback
+from agents.controllers.learned import Learned
+from agents.controllers.lqr import LQR
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.evolution.network import Network
+from agents.evolution.network_kernel import forward
+from agents.evolution.population import Population
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.evolution.starts import Start, start_of
+from agents.policies import load_policy
+from agents.training.runs import Run, RunError
+from mm_gym import DesignError, MovingMassVectorEnv, load_scene
+
+TINY = EvolveSettings(
+    task="mm_gym/CarriageForce-v0",
+    name="tiny",
+    candidates=8,
+    episodes=4,
+    generations=12,
+    evaluations=3,
+    hidden=4,
+)
+
+
+def changed(**fields):
+    return EvolveSettings(**(TINY.model_dump() | fields))
+
+
+def scene_of(task):
+    return load_scene(f"mm_gym/{task}-v0")
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory):
+    run = Run("tiny", tmp_path_factory.mktemp("runs"))
+    evolve(TINY, run)
+    return run
+
+
+def assert_same_outcome(run, other):
+    assert run.metrics.read_bytes() == other.metrics.read_bytes()
+    own, others = load_policy(run.policy), load_policy(other.policy)
+    for name in ("weights", "biases"):
+        for array, wanted in zip(getattr(own, name), getattr(others, name), strict=True):
+            np.testing.assert_array_equal(array, wanted)
+
+
+class TestNetworks:
+    @pytest.mark.parametrize(("n", "r", "hidden", "k"), [(4, 0, 5, 1), (15, 2, 8, 1), (6, 3, 1, 2)])
+    def test_kernel_acts_as_the_policy(self, n, r, hidden, k):
+        rng = np.random.default_rng(0)
+        units = np.stack(
+            [np.linspace(0.0, 0.9, r), np.full(r, 1e-3), rng.normal(size=r), np.ones(r)], 1
+        )
+        start = Start(np.empty((r, 2, n)), units, np.empty((k, 1 + n + r)), np.ones(r))
+        network = Network(start, hidden, odd=False)
+        vectors = 0.5 * rng.standard_normal((3, network.free.size))
+        lanes = 7
+        sums = np.zeros((r, 2, 3 * lanes), np.float32)
+        policies = [network.policy(vector) for vector in vectors]
+        own = [policy.begin(lanes) for policy in policies]
+        actions = np.empty((k, 3 * lanes), np.float32)
+        for _ in range(4):
+            observed = rng.standard_normal((n, 3 * lanes)).astype(np.float32)
+            forward(
+                vectors.astype(np.float32),
+                units.astype(np.float32),
+                observed,
+                sums,
+                actions,
+                network.sizes,
+                0,
+                3,
+            )
+            for i, policy in enumerate(policies):
+                mine = slice(i * lanes, (i + 1) * lanes)
+                want = policy.act(observed[:, mine].T, own[i])
+                # Some 30 products of order one in single precision.
+                np.testing.assert_allclose(actions[:, mine].T, want, rtol=0.0, atol=2e-5)
+        assert (np.abs(actions) < 1.0).any()
+
+    def test_regulator_starts_as_the_lqr(self):
+        scene = scene_of("CarriageForce")
+        rng = np.random.default_rng(0)
+        network = Network(start_of(scene, "auto", 0, rng), 8, odd=True)
+        started = evaluate(scene, Learned(network.policy(network.first(rng))), episodes=10)
+        lqr = evaluate(scene, Feedback(scene, LQR(scene)), episodes=10)
+        # The observation is of single precision.
+        np.testing.assert_allclose(started.penalties, lqr.penalties, rtol=1e-5)
+
+    def test_switching_starts_no_worse_than_the_clipped_lqr(self):
+        scene = scene_of("PreStretchShock")
+        rng = np.random.default_rng(0)
+        network = Network(start_of(scene, "auto", 0, rng), 8, odd=False)
+        started = evaluate(scene, Learned(network.policy(network.first(rng))), episodes=50)
+        law = evaluate(scene, Feedback(scene, ClippedLQR(scene, 1.25, 1.0)), episodes=50)
+        assert started.cost < law.cost
+
+    @pytest.mark.parametrize("frequency", [45.0, 52.0, 60.0, 70.0])
+    def test_tracking_finds_the_frequency_whatever_the_springs_do(self, frequency):
+        scene = scene_of("PreStretch")
+        start = start_of(scene, "auto", 0, np.random.default_rng(0))
+        env = MovingMassVectorEnv(scene, 16)
+        observation, _ = env.reset(seed=0, options={"excitation.0.frequency": frequency})
+        network, rng = Network(start, 1, odd=False), np.random.default_rng(0)
+        policy = network.policy(network.first(rng))
+        sums, cosines = policy.begin(16), []
+        for _ in range(80):
+            observation, *_ = env.step(rng.uniform(-1.0, 1.0, (16, 1)))
+            policy.act(observation, sums)
+            cosines.append(sums[0, 0] / sums[0, 1])
+        # The unit ripples by 0.04 with the phase of the force, and not evenly at either side.
+        found = np.arccos(np.mean(cosines[40:])) / scene.control.time_step
+        assert found == pytest.approx(frequency, rel=0.03)
+
+    def test_odd_networks_push_the_mirrored_motion_the_other_way(self):
+        scene, rng = scene_of("CarriageForceFriction"), np.random.default_rng(0)
+        network = Network(start_of(scene, "auto", 0, rng), 8, odd=True)
+        vector = network.first(rng) + network.free * rng.standard_normal(network.free.size)
+        observation = rng.standard_normal((20, 4)).astype(np.float32)
+        policy = network.policy(vector)
+        np.testing.assert_allclose(policy.act(-observation), -policy.act(observation))
+
+    @pytest.mark.parametrize(
+        ("task", "law", "message"),
+        [
+            ("CarriageForce", "switching", "actuation.stretch is missing"),
+            ("PreStretchShock", "regulator", "actuation.force is missing"),
+            ("PreStretchShock", "tracking", "sensors.history: got 1"),
+        ],
+    )
+    def test_law_for_other_actuators_is_refused(self, task, law, message):
+        with pytest.raises(DesignError, match=message):
+            start_of(scene_of(task), law, 0, np.random.default_rng(0))
+
+
+class TestPopulations:
+    @pytest.mark.parametrize("changes", [{}, {"objective.displacement_limit": 0.004}])
+    @pytest.mark.parametrize("threads", [1, 2, 3])
+    def test_costs_are_those_of_an_evaluation(self, changes, threads):
+        scene = scene_of("CarriageForce").replace(**changes)
+        rng = np.random.default_rng(0)
+        network = Network(start_of(scene, "auto", 0, rng), 4, odd=True)
+        vectors = network.first(rng) + 0.3 * rng.standard_normal((5, network.free.size))
+        population = Population(scene, network, 5, 6, threads)
+        for _ in range(2):  # what one generation leaves must not change the next
+            costs = population.costs(vectors, range(VALIDATION_SEED, VALIDATION_SEED + 6))
+        population.close()
+        for vector, cost in zip(vectors, costs, strict=True):
+            learned = Learned(network.policy(vector))
+            want = evaluate(scene, learned, seed=VALIDATION_SEED, episodes=6).penalties.mean()
+            # The kernel acts in single precision.
+            np.testing.assert_allclose(cost, want, rtol=1e-3)
+
+
+class TestRuns:
+    def test_search_without_a_law_comes_near_the_optimum(self, tmp_path):
+        run = Run("longer", tmp_path)
+        evolve(changed(law="none", candidates=32, episodes=16, generations=60), run)
+        learned = Learned(load_policy(run.policy))
+        cost = evaluate(scene_of("CarriageForce"), learned, episodes=100).cost
+        # No control costs 0.105 and the optimal regulator 0.0483.
+        assert cost < 0.055
+
+    def test_same_seed_writes_the_same_metrics(self, unbroken, tmp_path):
+        run = Run("tiny", tmp_path)
+        evolve(TINY, run)
+        assert_same_outcome(run, unbroken)
+
+    def test_folder_holds_what_repeats_the_run(self, unbroken):
+        record = json.loads(unbroken.record.read_text())
+        assert EvolveSettings(**record["settings"]) == TINY
+        assert record["versions"]["cma"]
+        rows = unbroken.metrics.read_text().splitlines()
+        assert rows[0] == "steps [-],cost [-]"
+        assert [row.split(",")[0] for row in rows[1:]] == ["12800.0", "25600.0", "38400.0"]
+
+    def test_run_interrupted_in_any_generation_ends_as_if_unbroken(
+        self, unbroken, tmp_path, monkeypatch
+    ):
+        run, costs = Run("tiny", tmp_path), Population.costs
+        left = 0
+
+        def interrupt(population, *arguments):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+            return costs(population, *arguments)
+
+        monkeypatch.setattr(Population, "costs", interrupt)
+        for left in (1, 3, 6, 0):
+            if left == 0:
+                evolve(TINY, run)
+                break
+            with pytest.raises(KeyboardInterrupt):
+                evolve(TINY, run)
+            assert not run.finished
+        assert_same_outcome(run, unbroken)
+
+    def test_run_interrupted_in_a_validation_ends_as_if_unbroken(
+        self, unbroken, tmp_path, monkeypatch
+    ):
+        run, calls = Run("tiny", tmp_path), []
+
+        def interrupted(*arguments, **options):
+            calls.append(1)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+            return evaluate(*arguments, **options)
+
+        monkeypatch.setattr("agents.evolution.search.evaluate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            evolve(TINY, run)
+        evolve(TINY, run)
+        assert_same_outcome(run, unbroken)
+
+    def test_killed_run_ends_as_if_unbroken(self, unbroken, tmp_path):
+        run = Run("tiny", tmp_path)
+        process = kills.begin_evolution(TINY, tmp_path, touches=14)
+        process.join()
+        assert process.exitcode == -9
+        assert run.checkpoint.exists()
+        evolve(TINY, run)
+        assert_same_outcome(run, unbroken)
+        left = {path.name for path in run.folder.iterdir()}
+        assert left == {path.name for path in unbroken.folder.iterdir()}
+
+    def test_run_of_other_settings_is_left_alone(self, unbroken):
+        with pytest.raises(RunError, match="other settings"):
+            evolve(changed(seed=1), unbroken)
+
+
+class TestCommand:
+    def call(self, monkeypatch, *arguments):
+        monkeypatch.setattr("sys.argv", ["evolve", *arguments])
+        return command.main()
+
+    def test_prints_the_held_out_cost_and_writes_a_run(self, tmp_path, monkeypatch, capsys):
+        monkeypatch.chdir(tmp_path)
+        flags = ["--generations", "2", "--evaluations", "1", "--candidates", "4", "--episodes", "2"]
+        assert self.call(monkeypatch, "CarriageForce", *flags) is None
+        cost = float(capsys.readouterr().out.split()[0])
+        run = Run("CarriageForce")
+        scene = scene_of("CarriageForce")
+        want = evaluate(scene, Learned(load_policy(run.policy)), episodes=100).cost
+        assert cost == pytest.approx(want, abs=5e-5)  # printed with four digits
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            (["PreStrech"], "task or settings file: got 'PreStrech'; did you mean 'PreStretch'?"),
+            (["CarriageForce", "--law", "tracking"], "actuation.stretch is missing"),
+        ],
+    )
+    def test_bad_input_is_named_and_leaves_nothing(self, arguments, message, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        error = self.call(monkeypatch, *arguments)
+        assert isinstance(error, str)
+        assert message in error
+        assert not list(tmp_path.iterdir())
+
+    def test_folder_that_cannot_be_written_is_named(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "runs").write_text("a file in the folder's place")
+        assert "runs/CarriageForce: cannot be" in self.call(monkeypatch, "CarriageForce")
+
+    def test_missing_extra_is_named(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setitem(sys.modules, "cma", None)
+        assert 'pip install "mm-gym[evolve]"' in self.call(monkeypatch, "CarriageForce")
+        assert not list(tmp_path.iterdir())

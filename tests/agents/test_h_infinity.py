@@ -1,0 +1,151 @@
+"""Is the H-infinity bound the least that there is, kept, and attained?"""
+
+import control
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled
+from scipy.linalg import LinAlgError, solve_continuous_are
+from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
+
+from agents.controllers.constant import no_control
+from agents.controllers.feedback import Feedback
+from agents.controllers.h_infinity import (
+    HInfinity,
+    Matrices,
+    bilinear,
+    design_h_infinity,
+    sampled,
+)
+from agents.evaluation.episodes import evaluate
+from mm_gym import DesignError
+
+LATE = CARRIAGE_FORCE.replace(**{"sensors.delay": 1, "actuation.force.lag": 0.01})
+SPRUNG = CARRIAGE_FORCE.replace(
+    springs={"kind": "small_on_large", "stiffness": 35.0, "stretch": 2.0},
+    **{"sensors.noise": {"carriage_displacement": 2e-4}, "objective.stroke_weight": 0.1},
+)
+SHAKEN = SPRUNG.replace(excitation=HYBRID.excitation)
+SCENES = {"free sphere": CARRIAGE_FORCE, "late": LATE, "springs": SPRUNG, "ground": SHAKEN}
+
+
+def riccati_exists(plant: Matrices, measured: int, bound: float) -> bool:
+    """Tell whether a controller of one input keeps the amplification below a bound.
+
+    Glover and Doyle, State-space formulae for all stabilizing controllers that satisfy an
+    H-infinity norm bound, Syst. Control Lett. 11 (1988), conditions (a) to (d): both Riccati
+    equations have stabilising solutions, positive semidefinite, whose product has eigenvalues below
+    bound^2. The case without direct paths is that of Doyle, Glover, Khargonekar and Francis (1989).
+    """
+    a, b, c, d = plant
+    costs, disturbances = len(c) - measured, b.shape[1] - 1
+    d1, d2 = d[:costs], d[:, :disturbances]
+    r = d1.T @ d1
+    r[:disturbances, :disturbances] -= bound**2 * np.eye(disturbances)
+    other = d2 @ d2.T
+    other[:costs, :costs] -= bound**2 * np.eye(costs)
+    b1, c1 = b[:, :disturbances], c[:costs]
+    try:
+        x = solve_continuous_are(a, b, c1.T @ c1, r, s=c1.T @ d1)
+        y = solve_continuous_are(a.T, c.T, b1 @ b1.T, other, s=b1 @ d2.T)
+    except LinAlgError:
+        return False
+    least = min(np.linalg.eigvalsh(p).min() / np.abs(p).max() for p in (x, y))
+    # The direct path from disturbance to cost, but for what the force can undo, here its last row.
+    direct = np.linalg.norm(d[: costs - 1, :disturbances], 2)
+    return least > -1e-9 and direct < bound and np.abs(np.linalg.eigvals(x @ y)).max() < bound**2
+
+
+@pytest.fixture(scope="module")
+def designs():
+    pytest.importorskip("slycot")
+    return {name: design_h_infinity(scene) for name, scene in SCENES.items()}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_bound_is_the_least_for_which_the_riccati_equations_have_solutions(name, designs):
+    design = designs[name]
+    plant, measured = bilinear(design.generalised), len(design.system.outputs) - 4
+    assert riccati_exists(plant, measured, 1.01 * design.bound)
+    assert not riccati_exists(plant, measured, 0.99 * design.bound)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_bound_is_kept_at_a_thousand_frequencies_and_attained(name, designs):
+    a, b, c, d = designs[name].closed
+    assert np.abs(np.linalg.eigvals(a)).max() < 1.0
+    largest = max(
+        np.linalg.norm(c @ np.linalg.solve(np.exp(1j * w) * np.eye(len(a)) - a, b) + d, 2)
+        for w in np.linspace(0.0, np.pi, 1001)
+    )
+    assert 0.99 * designs[name].bound <= largest <= designs[name].bound
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_closed_loop_is_plant_and_controller(name, designs):
+    plant, k, closed = designs[name].generalised, designs[name].controller, designs[name].closed
+    size, seen = len(plant.A), len(designs[name].system.outputs) - 4
+    z = np.exp(0.3j)
+
+    def response(system):
+        return system.C @ np.linalg.solve(z * np.eye(len(system.A)) - system.A, system.B) + system.D
+
+    p, g = response(plant), response(k)
+    inner = np.linalg.solve(np.eye(1) - g @ p[-seen:, -1:], g @ p[-seen:, :-1])
+    assert size == len(k.A)
+    np.testing.assert_allclose(p[:-seen, :-1] + p[:-seen, -1:] @ inner, response(closed), atol=1e-7)
+
+
+def test_map_to_continuous_time_and_back_is_none():
+    values = np.random.default_rng(0).normal(size=(5, 5))
+    step = Matrices(values[:3, :3], values[:3, 3:], values[3:, :3], values[3:, 3:])
+    for back, given in zip(sampled(bilinear(step)), step, strict=True):
+        np.testing.assert_allclose(back, given, atol=1e-12)
+
+
+def test_it_stills_the_carriage_from_the_observation():
+    pytest.importorskip("slycot")
+    for scene in (CARRIAGE_FORCE, LATE):
+        found = evaluate(scene, HInfinity(scene), episodes=50)
+        nothing = evaluate(scene, Feedback(scene, no_control(scene)), episodes=50)
+        assert found.reads == "observation"
+        assert found.cost < 0.6 * nothing.cost
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (PRE_STRETCH, r"actuation\.force: missing"),
+        (CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0}), "effort_weight: got 0"),
+        (
+            CARRIAGE_FORCE.replace(**{"sensors.channels": ["sphere_offset"]}),
+            r"sensors\.channels: got sphere_offset; allowed .* of the carriage",
+        ),
+        (
+            CARRIAGE_FORCE_FRICTION.replace(
+                **{"carriage.linear_coefficient": 0.0, "sensors.channels": ["carriage_velocity"]}
+            ),
+            "not detectable",
+        ),
+    ],
+)
+def test_ill_posed_designs_are_refused_with_the_reason(scene, message):
+    with pytest.raises(DesignError, match=message):
+        design_h_infinity(scene)
+
+
+def test_missing_slycot_is_told_with_what_to_install(monkeypatch):
+    def missing(*_):
+        raise control.ControlSlycot
+
+    monkeypatch.setattr("control.hinfsyn", missing)
+    with pytest.raises(DependencyNotInstalled, match=r'pip install "mm-gym\[robust\]"'):
+        design_h_infinity(CARRIAGE_FORCE)
+
+
+def test_what_the_routine_refuses_is_told(monkeypatch):
+    def refuses(*_):
+        raise ArithmeticError(*["\nThe controller is not admissible"])
+
+    monkeypatch.setattr("control.hinfsyn", refuses)
+    with pytest.raises(DesignError, match="no H-infinity controller exists: The controller"):
+        design_h_infinity(CARRIAGE_FORCE)

@@ -1,0 +1,133 @@
+"""Is docs/ranking.md what the scores say, and is every unexpected order explained?"""
+
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+from tasks import CARRIAGE_FORCE, TASKS
+
+from agents import ranking
+from agents.evaluation.headroom import EPISODES, SCORES, least_cost, passive_rows
+from agents.policies import Policy
+from agents.report.ranking_page import COLUMNS, PAGE, page
+from agents.report.surprises import EXPLAINED, NO_BETTER, surprises
+from mm_gym.metrics import passive_scene
+
+COMMITTED = json.loads(SCORES.read_text("utf-8"))
+FORCE = "mm_gym/CarriageForce-v0"
+
+
+def row(role, controller, cost):
+    ends = {"low": cost, "high": cost, "displacement": cost}
+    return {"role": role, "controller": controller, "reads": "observation", "cost": cost, **ends}
+
+
+def test_committed_page_is_up_to_date():
+    assert PAGE.read_text("utf-8") == page(COMMITTED), "run `python -m agents.ranking`"
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_surprise_of_the_committed_scores_is_explained(task):
+    unexplained = [told for told, why in surprises(task, COMMITTED[task]["rows"]) if why is None]
+    assert unexplained == [], "add the reason to agents/report/surprises.py"
+
+
+def test_tasks_are_those_of_the_scores():
+    short = {task.removeprefix("mm_gym/").rpartition("-v")[0] for task in TASKS}
+    assert {task for task, *_ in EXPLAINED} <= short
+
+
+ORDERED = [
+    row("zero", "zero action", 1.0),
+    row("constant", "constant force", 1.0),
+    row("passive", "best passive damper", 0.95),
+    row("law", "LQR", 0.5),
+    row("law", "velocity feedback", 0.6),
+    row("predictive", "predictive control", 0.4),
+    row("informed", "informed", 0.35),
+    row("planner", "planner", 0.3),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "cost", "told"),
+    [
+        ("LQR", 1.1, f"LQR is {NO_BETTER}."),
+        ("velocity feedback", 0.45, "Velocity feedback beats LQR."),
+        ("LQR", 0.38, "LQR beats predictive control."),
+        ("predictive control", 0.33, "Predictive control beats informed."),
+        ("predictive control", 0.25, "Predictive control beats planner."),
+        ("best passive damper", 0.45, "Best passive damper beats LQR."),
+        ("best passive damper", 1.2, f"Best passive damper is {NO_BETTER}."),
+    ],
+)
+def test_an_unexpected_order_is_told(name, cost, told):
+    assert surprises(FORCE, ORDERED) == []
+    changed = [one | {"cost": cost} if one["controller"] == name else one for one in ORDERED]
+    assert (told, None) in surprises(FORCE, changed)
+
+
+def test_a_tie_is_no_surprise():
+    tie = [*ORDERED, row("law", "velocity feedback, as good", 0.4999)]
+    assert surprises(FORCE, tie) == []
+
+
+def test_an_explanation_stands_beside_what_it_explains():
+    rows = [*ORDERED[:4], row("law", "velocity feedback, 3 N s/m", 0.4), *ORDERED[6:]]
+    text = page({"mm_gym/CarriageForceDuffing-v0": {"rows": rows}})
+    assert "- Velocity feedback, 3 N s/m beats LQR. The LQR is designed about rest" in text
+
+
+def test_the_best_known_is_of_the_tasks_own_plant():
+    rows = [*ORDERED, row("passive", "strong damper", 0.1)]
+    assert least_cost(rows) == 0.3
+
+
+def test_the_summary_has_a_column_for_every_kind():
+    head = next(line for line in PAGE.read_text("utf-8").splitlines() if line.startswith("| task"))
+    assert head == f"| task | {' | '.join(COLUMNS)} | best known |"
+    text = page({FORCE: {"rows": ORDERED}})
+    assert f"| `{FORCE}` | 1 | 1 | 0.95 | 0.5 | 0.4 | - | 0.3 |" in text
+
+
+def test_the_passive_damper_is_that_of_the_tuning():
+    (found,) = passive_rows(CARRIAGE_FORCE)
+    passive, stretch = passive_scene(CARRIAGE_FORCE)
+    assert stretch is None
+    assert found["controller"] == f"best passive damper, {passive.interface.damping:.2g} N s/m"
+    committed = next(one for one in COMMITTED[FORCE]["rows"] if one["role"] == "passive")
+    assert found["cost"] == pytest.approx(committed["cost"], rel=1e-5)
+    assert passive_rows(TASKS["mm_gym/CarriageForceFriction-v0"]) == []
+
+
+def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "ppo-1"
+    folder.mkdir()
+    record = {"settings": {"task": FORCE}, "scene_digest": CARRIAGE_FORCE.digest}
+    (folder / "run.json").write_text(json.dumps(record))
+    scores, page_file = tmp_path / "scores.json", tmp_path / "ranking.md"
+    scores.write_text(SCORES.read_text("utf-8"))
+    monkeypatch.setattr(ranking, "SCORES", scores)
+    monkeypatch.setattr(ranking, "PAGE", page_file)
+    monkeypatch.setattr(sys, "argv", ["ranking", str(folder)])
+    assert "training is not over" in str(ranking.main())
+    for gain in (1.0, 1.5):
+        policy_of(gain).save(folder / "policy.npz")
+        assert ranking.main() is None
+        rows = json.loads(scores.read_text())[FORCE]["rows"]
+        learned = [one for one in rows if one["role"] == "learned"]
+        assert [one["controller"] for one in learned] == ["ppo-1"]
+    assert EPISODES == 100
+    assert re.search(r"\| ppo-1 \| observation \| 0\.0\d+ \|", page_file.read_text())
+    assert "written:" in capsys.readouterr().out
+    record["scene_digest"] = "0"
+    (folder / "run.json").write_text(json.dumps(record))
+    assert "trained on another scene" in str(ranking.main())
+
+
+def policy_of(gain):
+    ends = np.array([1.0], np.float32)
+    weight = np.array([[0.0, 0.0, -gain, 0.0]], np.float32)
+    return Policy((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends)

@@ -1,0 +1,132 @@
+"""Can a controller of the user's own be scored, and are its mistakes told in plain words?"""
+
+import sys
+
+import pytest
+from tasks import CARRIAGE_FORCE
+
+from agents import evaluate as command
+from agents.controllers.feedback import Feedback
+from agents.controllers.user_defined import ControllerError, user_defined
+from agents.controllers.velocity_feedback import VelocityFeedback
+from agents.evaluation.episodes import evaluate
+
+SCENE = CARRIAGE_FORCE.replace(**{"control.steps": 20})
+
+LAW = """
+import numpy as np
+
+
+class Damper:
+    def __init__(self, scene):
+        self.limit = scene.actuation.force.limit
+
+    def begin(self, lanes):
+        self.lanes = lanes
+
+    def action(self, state, applied):
+        return -5.0 * state[:, 2:3] / self.limit
+"""
+
+CONTROLLER = """
+class Still:
+    name, reads = "my own", "observation"
+
+    def __init__(self, scene):
+        pass
+
+    def reset(self, env):
+        self.size = env.num_envs
+
+    def act(self, observation, info):
+        assert not info
+        return [[0.0]] * self.size
+"""
+
+
+def written(folder, text: str) -> str:
+    (folder / "own.py").write_text(text)
+    return str(folder / "own.py")
+
+
+def test_law_is_scored_from_the_observation_and_from_the_true_state(tmp_path) -> None:
+    bound, seen = user_defined(written(tmp_path, LAW) + ":Damper", SCENE)
+    assert (bound.name, bound.reads) == ("Damper, full state", "full state")
+    assert (seen.name, seen.reads) == ("Damper", "observation")
+    expected = evaluate(SCENE, Feedback(SCENE, VelocityFeedback(SCENE, 5.0)), episodes=4)
+    assert evaluate(SCENE, seen, episodes=4).cost == expected.cost
+
+
+def test_controller_is_scored_as_it_is(tmp_path) -> None:
+    (own,) = user_defined(written(tmp_path, CONTROLLER) + ":Still", SCENE)
+    assert (own.name, own.reads) == ("my own", "observation")
+    assert evaluate(SCENE, own, episodes=4).applied.max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "message"),
+    [
+        (LAW, "Dampr", r"own\.py: it has no class or function 'Dampr'; did you mean 'Damper'"),
+        (LAW, "np", "it has no class or function 'np'"),
+        (LAW.replace("def action", "def act"), "Damper", "allowed: a law .* or a controller"),
+        (LAW.replace(".limit\n", ".limits\n"), "Damper", r"line 7: AttributeError"),
+        (LAW.replace("scene)", "scene, gain)"), "Damper", r"TypeError: .* 'gain'"),
+        ("import nothing_of_this_name", "Damper", r"line 1: ModuleNotFoundError"),
+        ("class Damper(:", "Damper", r"SyntaxError"),
+        (CONTROLLER.replace('"observation"', '"all"'), "Still", "reads: got 'all'; allowed: obs"),
+    ],
+)
+def test_file_that_gives_no_controller_is_refused_with_the_reason(
+    text, name, message, tmp_path
+) -> None:
+    with pytest.raises(ControllerError, match=message):
+        user_defined(f"{written(tmp_path, text)}:{name}", SCENE)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (LAW.replace("2:3", "2"), r"Damper: got actions of shape \(4,\); allowed: \(4, 1\).*force"),
+        (LAW.replace("-5.0 *", "np.nan *"), "Damper: got actions that are not finite"),
+        (LAW.replace("state[:, 2:3]", "state.velocity"), r"line 13: AttributeError.*'velocity'"),
+        (LAW.replace("-5.0 * state[:, 2:3] / self.limit", "'no'"), "could not convert string"),
+    ],
+)
+def test_law_that_fails_is_refused_with_the_reason(text, message, tmp_path) -> None:
+    _, seen = user_defined(written(tmp_path, text) + ":Damper", SCENE)
+    with pytest.raises(ControllerError, match=message):
+        evaluate(SCENE, seen, episodes=4)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nowhere.py:Law", "nowhere.py: no such file"),
+        ("law.py", "got 'law.py'; allowed: FILE.py:NAME"),
+    ],
+)
+def test_command_says_what_is_wrong_with_its_argument(text, message, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = ["evaluate", "mm_gym/CarriageForce-v0", "--controller", text]
+    monkeypatch.setattr(sys, "argv", arguments)
+    assert message in str(command.main())
+
+
+def test_command_ranks_it_among_the_baselines(tmp_path, monkeypatch, capsys) -> None:
+    still = Feedback(CARRIAGE_FORCE, VelocityFeedback(CARRIAGE_FORCE, 0.1))
+    monkeypatch.setattr(command, "baselines", lambda _: [still])
+    own = written(tmp_path, LAW) + ":Damper"
+    monkeypatch.setattr(
+        sys,
+        "argv",
+        [
+            *("evaluate", "mm_gym/CarriageForce-v0", "--controller", own, "--episodes", "5"),
+            *("--out", str(tmp_path / "out")),
+        ],
+    )
+    assert command.main() is None
+    printed = capsys.readouterr().out
+    assert printed.index("Damper") < printed.index("velocity feedback")
+    assert "full state" in printed
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == {"scores.csv", "episodes.csv", "costs.png", "response.png"}

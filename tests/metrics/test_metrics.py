@@ -1,0 +1,338 @@
+"""Do response and effort equal what quadrature and closed forms give?"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, TASKS
+
+from mm_gym import (
+    DesignError,
+    MovingMassVectorEnv,
+    Scene,
+    SimulationError,
+    compile_scene,
+    metrics,
+    simulate,
+)
+from mm_gym.analysis import frequency_response, spring_stiffness
+from mm_gym.metrics.cubic import Cubic
+
+FINE = 100
+"""Instants a control step at which the motion is looked at for comparison."""
+
+SCENES = {
+    "force": CARRIAGE_FORCE,
+    "cubic spring": TASKS["mm_gym/CarriageForceDuffing-v0"],
+    "friction": CARRIAGE_FORCE_FRICTION,
+    "stretch": PRE_STRETCH.replace(**{"control.steps": 60}),
+    "noise": TASKS["mm_gym/PreStretchNoise-v0"].replace(**{"control.steps": 20}),
+    "both, shaken": HYBRID.replace(**{"control.steps": 40, "sensors.noise": {}}),
+}
+
+
+@cache
+def commands(name):
+    """Forces and stretches that change in every step."""
+    scene = SCENES[name].replace(**{"control.steps": 12})
+    plant = compile_scene(scene)
+    draw = np.random.default_rng(4)
+    columns = {
+        "force": draw.uniform(-1.0, 1.0, plant.steps),
+        "stretch": draw.uniform(1.0, 3.0, plant.steps),
+    }
+    if scene.actuation.force is not None:
+        columns["force"] *= scene.actuation.force.limit
+    return scene, np.column_stack([columns[actuator] for actuator in plant.actuators])
+
+
+@cache
+def fine_motion(name):
+    """The motion within control steps, and what is held in each: (steps, FINE + 1, …)."""
+    scene, action = commands(name)
+    steps, step = len(action), scene.control.time_step
+    inner = np.linspace(0.0, 1.0, FINE + 1)[1:-1]
+    times = step * (np.arange(steps)[:, None] + [[0.0, *inner]]).ravel()
+    motion = simulate(scene, times=[*times, steps * step], action=action, seed=3)
+    starts = np.arange(0, steps * FINE, FINE)[:, None] + np.arange(FINE + 1)
+    return scene, motion, starts
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_peaks_and_root_mean_squares_are_those_of_the_motion_looked_at_closely(name):
+    scene, motion, rows = fine_motion(name)
+    found = metrics.response(motion)
+    step = scene.control.time_step
+    force = motion.applied[rows[:, 0], 0]
+    quantities = {
+        "displacement": motion.state[rows, 0],
+        "stroke": (motion.state[:, 1] - motion.state[:, 0])[rows],
+        "base_force": motion.base_force[rows],
+    }
+    for quantity, values in quantities.items():
+        mean = simpson(values**2, dx=step / FINE).sum() / (len(rows) * step)
+        # Eight pieces a step of at most 0.9 rad of the fastest mode: (0.11)^4 / 384 = 4e-7 of a
+        # smooth vibration; at a kink of the friction the rate of the force on the base jumps.
+        tolerance = 1e-4 if name == "friction" else 1e-5
+        assert getattr(found, f"rms_{quantity}")[0] == pytest.approx(mean**0.5, rel=tolerance)
+        peak = np.abs(values).max()
+        assert getattr(found, f"peak_{quantity}")[0] == pytest.approx(peak, rel=tolerance)
+    velocity = motion.state[rows, 2]
+    assert found.peak_velocity[0] == pytest.approx(np.abs(velocity).max(), rel=1e-4)
+    power = force[:, None] * velocity
+    assert found.peak_power[0] == pytest.approx(np.abs(power).max(), rel=1e-4)
+    # |u v1| has a corner where v1 changes its sign: trapezes of 1/100 of a step.
+    energy = np.trapezoid(np.abs(power), dx=step / FINE).sum()
+    assert found.control_energy[0] == pytest.approx(energy, rel=1e-4)
+    assert found.control_work[0] == pytest.approx(motion.work.control[-1], rel=1e-9, abs=1e-15)
+    assert found.rms_force[0] == pytest.approx(np.sqrt(np.mean(force**2)), rel=1e-12)
+    assert found.peak_force[0] == np.abs(force).max()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_acceleration_is_that_of_newtons_second_law(name):
+    scene, motion, rows = fine_motion(name)
+    found = metrics.response(motion)
+    # Mean accelerations over 1/100 of a step, ground included, where nothing jumps.
+    step = scene.control.time_step / FINE
+    change = np.diff(motion.state[rows, 2], axis=1) / step
+    ground = 0.5 * (motion.excitation[rows[:, :-1], 1] + motion.excitation[rows[:, 1:], 1])
+    absolute = change + ground
+    # A line over a piece: (0.11)^2 / 8 = 1.5e-3 of the vibration; the friction's kinks are steps.
+    tolerance = 0.02 if name == "friction" else 4e-3
+    assert found.peak_acceleration[0] == pytest.approx(np.abs(absolute).max(), rel=tolerance)
+    mean = np.mean(absolute**2)
+    assert found.rms_acceleration[0] == pytest.approx(np.sqrt(mean), rel=tolerance)
+
+
+def test_energy_of_stiffening_is_that_of_the_springs_at_each_change():
+    scene, motion, rows = fine_motion("stretch")
+    found = metrics.response(motion)
+    stretches = np.array([motion.parameters[5], *motion.applied[rows[:, 0], 1]])
+    offset = (motion.state[:, 1] - motion.state[:, 0])[rows[:, 0]]
+    k0 = scene.springs.stiffness
+    jumps = 0.5 * np.diff(spring_stiffness(stretches, k0)) * offset**2
+    assert found.injected[0] == pytest.approx(jumps[jumps > 0.0].sum(), rel=1e-12)
+    assert found.withdrawn[0] == pytest.approx(-jumps[jumps < 0.0].sum(), rel=1e-12)
+    assert found.injected[0] > 0.0
+    assert found.withdrawn[0] > 0.0
+
+
+def shaken(w: float, amplitude: float = 0.7) -> Scene:
+    """A damped sphere on springs under a harmonic force, which begins in its steady motion."""
+    scene = PRE_STRETCH.replace(
+        actuation={},
+        randomization={},
+        initial={},
+        excitation=[{"kind": "harmonic", "amplitude": amplitude, "frequency": w}],
+        **{"springs.stretch": 1.5, "control.time_step": 2.0 * np.pi / w / 20.0},
+    )
+    x1, x2 = (frequency_response(scene, [w]).force[0] * amplitude).tolist()
+    start = {
+        "carriage_displacement": x1.imag,  # the force is the imaginary part of exp(i w t)
+        "sphere_offset": (x2 - x1).imag,
+        "carriage_velocity": (1j * w * x1).imag,
+        "sphere_velocity": (1j * w * x2).imag,
+    }
+    return scene.replace(initial=start)
+
+
+def test_steady_motion_has_the_amplitudes_of_the_frequency_response():
+    w, amplitude = 55.0, 0.7
+    scene = shaken(w, amplitude)
+    periods = 3
+    found = metrics.response(simulate(scene, duration=periods * 2.0 * np.pi / w, seed=0), pieces=16)
+    x1, x2 = np.abs(frequency_response(scene, [w]).force[0] * amplitude)
+    complex1, complex2 = frequency_response(scene, [w]).force[0] * amplitude
+    stroke = abs(complex2 - complex1)
+    base = abs(complex1 * (scene.carriage.stiffness + 1j * w * scene.carriage.damping))
+    expected = {
+        "displacement": x1,
+        "acceleration": w * w * x1,
+        "stroke": stroke,
+        "base_force": base,
+    }
+    assert x2 > 0.0
+    for name, value in expected.items():
+        # 320 pieces a period: lines miss (2 pi / 320)^2 / 8 = 5e-5 of the acceleration.
+        tolerance = 1e-4 if name == "acceleration" else 1e-8
+        assert getattr(found, f"peak_{name}")[0] == pytest.approx(value, rel=tolerance)
+        assert getattr(found, f"rms_{name}")[0] == pytest.approx(value / 2**0.5, rel=tolerance)
+    assert found.peak_velocity[0] == pytest.approx(w * x1, rel=1e-6)
+    assert found.duration[0] == pytest.approx(periods * 2.0 * np.pi / w, rel=1e-12)
+
+
+def test_a_held_force_on_a_spring_gives_and_takes_in_closed_form():
+    scene = Scene(
+        carriage={"mass": 0.1, "stiffness": 400.0, "damping": 0.0},
+        interface={"kind": "none"},
+        actuation={"force": {"limit": 4.0}},
+        control={"time_step": 0.01, "steps": 100},
+    )
+    force, k, w = 1.5, 400.0, (400.0 / 0.1) ** 0.5
+    periods = 2
+    found = metrics.response(simulate(scene, duration=periods * 2.0 * np.pi / w, action=force))
+    # x1 = u / k (1 - cos w t) goes 2 u / k there and back in each period.
+    assert found.control_energy[0] == pytest.approx(force * periods * 4.0 * force / k, rel=1e-6)
+    assert found.control_work[0] == pytest.approx(0.0, abs=1e-12)
+    assert found.peak_power[0] == pytest.approx(force * force / k * w, rel=1e-6)
+    assert found.peak_displacement[0] == pytest.approx(2.0 * force / k, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["force", "cubic spring", "friction", "stretch"])
+def test_lanes_have_the_response_of_the_simulation(name):
+    scene, action = commands(name)
+    seeds = [3, 8]
+    env = MovingMassVectorEnv(scene, 2, autoreset_mode="Disabled")
+    env.reset(seed=seeds)
+    record = metrics.LaneResponse(env)
+    for command in action:
+        env.step(np.tile(action_of(scene, command), (2, 1)))
+        record.add()
+    found = record.response()
+    for lane, seed in enumerate(seeds):
+        expected = metrics.response(simulate(scene, action=action, seed=seed), pieces=1)
+        for field in fields(metrics.Response):
+            one, other = getattr(found, field.name)[lane], getattr(expected, field.name)[0]
+            # The environment takes actions in [-1, 1], which rounds the commands.
+            assert one == pytest.approx(other, rel=1e-9, abs=1e-15)
+
+
+def action_of(scene, command):
+    """The action in [-1, 1] that commands a force [N] and a stretch [-]."""
+    force, stretch = scene.actuation.force, scene.actuation.stretch
+    values = list(command)
+    action = [] if force is None else [values.pop(0) / force.limit]
+    if stretch is not None:
+        low, high = stretch.minimum, stretch.maximum
+        action.append((2.0 * values.pop(0) - low - high) / (high - low))
+    return action
+
+
+def test_indices_of_a_reference_over_itself_are_one():
+    still = metrics.uncontrolled_response(SCENES["stretch"], [1, 2, 3])
+    found = metrics.indices(still, still, sensors=4, controller_states=2)
+    for name in ("j1", "j2", "j3", "j4", "j5", "j6", "stroke", "rms_stroke"):
+        np.testing.assert_array_equal(getattr(found, name), 1.0)
+    for name in ("j11", "j13", "j14", "rms_force", "injected"):
+        np.testing.assert_array_equal(getattr(found, name), 0.0)
+    assert (found.j16, found.j17) == (4, 2)
+
+
+def test_indices_are_those_of_their_definitions():
+    scene = CARRIAGE_FORCE.replace(**{"control.steps": 30})
+    action = np.linspace(-1.0, 1.0, 30)[:, None]
+    pushed = metrics.response(simulate(scene, action=action, seed=2))
+    still = metrics.response(simulate(scene, seed=2))
+    found = metrics.indices(pushed, still)
+    weight = (scene.carriage.mass + scene.sphere.mass) * 9.81
+    furthest = still.peak_displacement[0]
+    expected = {
+        "j1": pushed.peak_displacement[0] / furthest,
+        "j2": pushed.peak_acceleration[0] / still.peak_acceleration[0],
+        "j3": pushed.peak_base_force[0] / still.peak_base_force[0],
+        "j4": pushed.rms_displacement[0] / still.rms_displacement[0],
+        "j5": pushed.rms_acceleration[0] / still.rms_acceleration[0],
+        "j6": pushed.rms_base_force[0] / still.rms_base_force[0],
+        "j11": 1.0 / weight,
+        "j12": pushed.peak_stroke[0] / furthest,
+        "j13": pushed.peak_power[0] / (still.peak_velocity[0] * weight),
+        "j14": pushed.control_energy[0] / (furthest * weight),
+        "rms_force": np.sqrt(np.mean(action**2)) / weight,
+        "stroke": pushed.peak_stroke[0] / still.peak_stroke[0],
+        "rms_stroke": pushed.rms_stroke[0] / still.rms_stroke[0],
+    }
+    for name, value in expected.items():
+        assert getattr(found, name)[0] == pytest.approx(value, rel=1e-12), name
+
+
+def test_one_motion_may_be_the_reference_of_many():
+    many = metrics.uncontrolled_response(SCENES["stretch"], [1, 2, 3])
+    one = metrics.uncontrolled_response(SCENES["stretch"], [2])
+    found = metrics.indices(many, one)
+    assert found.j1[1] == 1.0
+    assert found.j1[0] != 1.0
+
+
+def test_the_passive_reference_has_the_same_episodes():
+    scene = PRE_STRETCH.replace(**{"control.steps": 20})
+    passive, stretch = metrics.passive_scene(scene)
+    assert passive.interface.damping != scene.interface.damping
+    first, second = (MovingMassVectorEnv(one, 3) for one in (scene, passive))
+    for env in (first, second):
+        env.reset(seed=[4, 5, 6])
+    name = "excitation.0.frequency"
+    np.testing.assert_array_equal(first.drawn(name), second.drawn(name))
+    found = metrics.passive_response(scene, [4, 5, 6])
+    low, high = scene.actuation.stretch.minimum, scene.actuation.stretch.maximum
+    second.reset(seed=[4, 5, 6], options={"initial.stretch": stretch})
+    record = metrics.LaneResponse(second)
+    for _ in range(20):
+        second.step(np.full((3, 1), (2.0 * stretch - low - high) / (high - low)))
+        record.add()
+    np.testing.assert_array_equal(record.response().peak_displacement, found.peak_displacement)
+    assert np.all(found.injected == 0.0)
+
+
+def test_a_stretch_that_is_not_drawn_is_set_in_the_passive_scene():
+    scene = PRE_STRETCH.replace(**{"initial.stretch": 2.0, "control.steps": 5})
+    passive, stretch = metrics.passive_scene(scene)
+    assert passive.initial.stretch == stretch != 2.0
+    assert np.all(metrics.passive_response(scene, [1]).injected == 0.0)
+
+
+def test_lanes_that_do_not_count_keep_what_they_have():
+    env = MovingMassVectorEnv(CARRIAGE_FORCE, 2, autoreset_mode="Disabled")
+    env.reset(seed=1)
+    record = metrics.LaneResponse(env)
+    for step in range(6):
+        env.step(np.full((2, 1), 0.5))
+        record.add(np.array([True, step < 3]))
+    found = record.response()
+    assert found.duration[1] == pytest.approx(0.5 * found.duration[0], rel=1e-12)
+    short = simulate(CARRIAGE_FORCE, seed=2, action=2.0, duration=3 * 0.01)
+    expected = metrics.response(short, pieces=1)
+    assert found.rms_displacement[1] == pytest.approx(expected.rms_displacement[0], rel=1e-12)
+    assert found.peak_acceleration[1] == pytest.approx(expected.peak_acceleration[0], rel=1e-12)
+
+
+def test_a_cubic_is_measured_exactly():
+    draw = np.random.default_rng(7)
+    s = np.linspace(0.0, 1.0, 20_001)
+    for coefficients in [*draw.normal(size=(50, 4)), (0, 0, 0, 0), (1, 2, 0, 0), (0, 1, -1, 0)]:
+        cubic = Cubic(*np.array(coefficients, float)[:, None])
+        values = cubic.at(s)
+        # The grid misses a peak by at most (2.5e-5)^2 / 2 of the curvature, which is below 30.
+        assert cubic.peak()[0] == pytest.approx(np.abs(values).max(), abs=1e-8)
+        assert cubic.variation()[0] == pytest.approx(np.abs(np.diff(values)).sum(), abs=1e-7)
+        mean = simpson(values**2, x=s)
+        assert cubic.mean_square()[0] == pytest.approx(mean, rel=1e-9, abs=1e-12)
+
+
+def test_what_cannot_be_measured_is_refused():
+    motion = simulate(CARRIAGE_FORCE, duration=0.05)
+    with pytest.raises(SimulationError, match="pieces: got 0; allowed: at least 1"):
+        metrics.response(motion, pieces=0)
+    with pytest.raises(SimulationError, match="got one instant, t = 0 s"):
+        metrics.response(simulate(CARRIAGE_FORCE, times=[0.0]))
+    massless = CARRIAGE_FORCE.replace(**{"carriage.mass": 0.0})
+    with pytest.raises(SimulationError, match="0 has no finite acceleration"):
+        metrics.response(simulate(massless, duration=0.05))
+    env = MovingMassVectorEnv(CARRIAGE_FORCE, 2)
+    env.reset(seed=0)
+    record = metrics.LaneResponse(env)
+    env.step(np.zeros((2, 1)))
+    with pytest.raises(SimulationError, match=r"got bool of shape \(3,\); allowed: booleans of"):
+        record.add(np.ones(3, np.bool_))
+    three, two = (metrics.uncontrolled_response(CARRIAGE_FORCE, range(n)) for n in (3, 2))
+    with pytest.raises(SimulationError, match="reference: got 2 motions; allowed: 3"):
+        metrics.indices(three, two)
+    rest = CARRIAGE_FORCE.replace(initial={})
+    with pytest.raises(SimulationError, match="a carriage that does not move"):
+        metrics.indices(three, metrics.uncontrolled_response(rest, [1]))
+    with pytest.raises(DesignError, match="dry_friction"):
+        metrics.passive_scene(CARRIAGE_FORCE_FRICTION)

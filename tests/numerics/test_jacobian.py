@@ -1,0 +1,293 @@
+"""Are the Jacobians of a control step those of the motion itself?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Context, Decimal, localcontext
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mm_gym import (
+    ActionError,
+    CompileError,
+    MovingMassVectorEnv,
+    Scene,
+    SceneError,
+    SimulationError,
+    compile_scene,
+    load_scene,
+)
+from mm_gym.kernels import layout as at
+from mm_gym.tasks import ids, path_of
+
+from .decimal_series import DIGITS, ControlStep
+from .test_tolerance import random_scene
+
+STEP = 1e-8
+"""Of the differences, relative: their own error is its square, or 1e-16. The reference's series are
+cut off at 1e-20, which a difference makes 1e-12 of."""
+
+VISCOUS = {"kind": "viscous", "damping": 0.3}
+KINDS = {
+    "linear": (False, False, False),
+    "parametric linear": (False, False, True),
+    "switched linear": (True, False, False),
+    "parametric switched linear": (True, False, True),
+    "smooth nonlinear": (False, True, True),
+    "switched nonlinear": (True, True, True),
+}
+"""Whether there is friction, a nonlinear spring, and an actuated stretch."""
+
+PARAMETERS = (
+    *(f"carriage.{name}" for name in ("mass", "stiffness", "damping", "linear_coefficient")),
+    *("carriage.cubic_coefficient", "sphere.mass", "interface.damping"),
+    *(f"interface.{name}_coefficient" for name in ("static", "kinetic")),
+    *(f"interface.{name}" for name in ("reference_velocity", "slip_damping", "normal_force")),
+    *("springs.stiffness", "springs.rest_length"),
+    *(f"excitation.0.{name}" for name in ("amplitude", "frequency", "phase")),
+)
+
+
+def scene_of(rng: np.random.Generator, kind: str) -> Scene:
+    slips, nonlinear, tuned = KINDS[kind]
+    while True:
+        scene = random_scene(rng)
+        if (scene.interface.kind == "dry_friction") == slips:
+            break
+    changes: dict[str, Any] = {"solver": {}, "actuation.force": {"limit": 4.0}}
+    if slips:
+        changes["interface.normal_force"] = float(rng.uniform(0.1, 1.0))
+    if scene.springs.kind == "finite_stretch" and not nonlinear:
+        changes["springs"] = {"kind": "small_on_large", "stiffness": 35.0, "stretch": 1.5}
+    if not nonlinear:
+        changes["carriage.cubic_coefficient"] = 0.0
+    scene = scene.replace(**changes)
+    if tuned and scene.springs.kind != "none":
+        stretch = scene.springs.stretch
+        limits = {"minimum": stretch, "maximum": stretch + 1.0, "rate_limit": 1e6}
+        scene = scene.replace(**{"actuation.stretch": limits})
+    return scene
+
+
+def start_of(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """Return a random state; with friction, its slip velocity is near the reference velocity."""
+    x1, offset = scene.initial.carriage_displacement, scene.initial.sphere_offset
+    rate = np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
+    v1 = rate * x1 * rng.uniform(-1.0, 1.0)
+    w = rate * x1 * rng.uniform(-1.0, 1.0)
+    if scene.interface.kind == "dry_friction":
+        w = scene.interface.reference_velocity * rng.uniform(-1.5, 1.5)
+    return np.array([x1, x1 + offset, v1, v1 + w])
+
+
+def excess(seed: int, kind: str) -> float:
+    """Return the error of a derivative along a random direction, relative to what is allowed.
+
+    Each column counts as much as the scale of the motion. Allowed is 1e-9, plus round-off where it
+    is amplified: close to where a spring of finite stretch has length 0, a thousand times what
+    rounding the reference's state to doubles does to the motion.
+    """
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    scene = scene_of(rng, kind)
+    start, plant = start_of(scene, rng), compile_scene(scene)
+    names = [n for n in PARAMETERS if n in plant.support.names and _value(scene, n) != 0.0]
+    names = sorted(rng.choice(names, min(3, len(names)), replace=False))
+    action = rng.uniform(-0.9, 0.9, len(plant.actuators))
+    found = plant.jacobian(start, action, parameters=names)
+    force = float(found.end[4])
+    stretch = float(found.end[5]) if len(found.end) > 5 else float(plant.template[at.STRETCH])
+    columns = np.column_stack(
+        [found.state[:4, :4], found.applied, *(found.parameters[n][:4] for n in names)]
+    )
+    step = ControlStep(scene, 0.0, force, stretch)
+    scale = np.maximum(step.end(start)[1], 1e-30)
+    sizes = (np.abs(columns) / scale[:, None]).max(axis=0)
+    direction = 1.0 / np.where(sizes > 0.0, sizes, np.inf)
+    # What has little effect is not changed by more than a millionth of itself.
+    most = [stretch] * (len(direction) - 5 - len(names)) + [abs(_value(scene, n)) for n in names]
+    direction[5:] = np.minimum(direction[5:], 1e-6 / STEP * np.array(most))
+    direction *= rng.choice([-1.0, 1.0], len(sizes))
+    moved = [_moved(scene, step, start, names, sign * STEP * direction) for sign in (1, -1)]
+    with localcontext(Context(prec=DIGITS)):
+        ends = [step.decimal_end(state)[0] for step, state, _ in moved]
+        want = np.array([float((a - b) / Decimal(2.0 * STEP)) for a, b in zip(*ends, strict=True)])
+    direction[len(direction) - len(names) :] = (moved[0][2] - moved[1][2]) / (2.0 * STEP)
+    error = float((np.abs(columns @ direction - want) / scale).max())
+    rounded = replace(step, rounded=True).end(start)[0] - step.end(start)[0]
+    return error / (1e-9 + 1e3 * float((np.abs(rounded) / scale).max()))
+
+
+def _value(scene: Scene, name: str) -> float:
+    part: Any = scene
+    for key in name.split("."):
+        part = part[int(key)] if key.isdigit() else getattr(part, key)
+    return float(part)
+
+
+def _moved(
+    scene: Scene, step: ControlStep, start: np.ndarray, names: list[str], change: np.ndarray
+) -> tuple[ControlStep, list[Decimal], np.ndarray]:
+    """Return the step and its start after a change, and the parameters as doubles."""
+    count = len(change) - len(names)
+    values = [_value(scene, n) + c for n, c in zip(names, change[count:], strict=True)]
+    with localcontext(Context(prec=DIGITS)):
+        state = [Decimal(float(x)) + Decimal(c) for x, c in zip(start, change[:4], strict=True)]
+        force = Decimal(step.force) + Decimal(change[4])
+        stretch = Decimal(step.stretch) + (Decimal(change[5]) if count > 5 else 0)
+    scene = scene.replace(**dict(zip(names, values, strict=True))) if names else scene
+    return ControlStep(scene, 0.0, force, stretch), state, np.array(values)  # type: ignore[arg-type]
+
+
+def violations(seeds: range, kind: str) -> dict[int, float]:
+    found: dict[int, float] = {}
+    for seed in seeds:
+        try:
+            ratio = excess(seed, kind)
+        except (SimulationError, CompileError, SceneError):
+            continue  # a spring of length 0, or friction too stiff for a control step
+        if not ratio <= 1.0:
+            found[seed] = ratio
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_jacobian_agrees_with_differences_in_34_digits(kind: str) -> None:
+    assert violations(range(10), kind) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_jacobian_agrees_with_differences_in_34_digits_in_a_thousand_scenes(kind: str) -> None:
+    assert violations(range(1000), kind) == {}
+
+
+def scene_with(actuation: dict[str, Any], **changes: Any) -> Scene:
+    springs = {"kind": "small_on_large", "stiffness": 35.0, "stretch": 1.5}
+    return Scene(interface=VISCOUS, springs=springs, actuation=actuation).replace(**changes)
+
+
+FORCE = {"force": {"limit": 4.0, "rate_limit": 100.0, "lag": 0.02}}
+STRETCH = {"stretch": {"minimum": 1.0, "maximum": 3.0, "rate_limit": 100.0, "lag": 0.02}}
+BY_RATE = {"stretch": {"minimum": 1.0, "maximum": 3.0, "rate_limit": 4.0, "command": "rate"}}
+LATE = {"stretch": {**BY_RATE["stretch"], "lag": 0.02}}
+
+
+@pytest.mark.parametrize(
+    "actuation", [FORCE, STRETCH, BY_RATE, LATE, FORCE | STRETCH, FORCE | LATE]
+)
+def test_jacobian_follows_actuators_with_rate_limit_and_lag(actuation: dict[str, Any]) -> None:
+    scene = scene_with(actuation)
+    env = MovingMassVectorEnv(scene, 8)
+    env.reset(seed=1)
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        env.step(rng.uniform(-1.0, 1.0, env.action_space.shape))
+    start, action = env.get_state(), rng.uniform(-0.9, 0.9, env.action_space.shape)
+    found = env.plant.jacobian(None, action, at=start)
+    rows = {"force": at.FORCE, "stretch": at.STRETCH, "stretch_asked": at.STRETCH_ASKED}
+    rows = [rows.get(name, k) for k, name in enumerate(found.names)]
+    together = actuation is BY_RATE  # what is asked for is what is applied
+
+    def end_of(values: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        env.set_state({**start, "values": values})
+        env.step(actions)
+        return env.get_state()["values"][rows].T
+
+    # A difference over 2 h of a map of order 1 to 100 is wrong by round-off / h and h**2: 1e-8.
+    for k, row in enumerate(rows):
+        ends = []
+        for sign in (1.0, -1.0):
+            values = start["values"].copy()
+            values[row] += sign * 1e-6
+            values[at.STRETCH_ASKED] += sign * 1e-6 * (together and row == at.STRETCH)
+            ends.append(end_of(values, action))
+        np.testing.assert_allclose(found.state[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-6)
+    for k in range(action.shape[1]):
+        change = 1e-6 * np.eye(action.shape[1])[k]
+        ends = [end_of(start["values"], action + sign * change) for sign in (1.0, -1.0)]
+        np.testing.assert_allclose(found.action[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.1])
+def test_jacobian_of_a_linear_plant_is_its_transition_matrix(mass: float) -> None:
+    plant = compile_scene(
+        load_scene(path_of("mm_gym/CarriageForce-v0")).replace(**{"carriage.mass": mass})
+    )
+    found = plant.jacobian([0.01, 0.0, 0.0, 0.0], [0.5])
+    state, force = plant.discrete()
+    np.testing.assert_array_equal(found.state[:4, :4], state)
+    np.testing.assert_array_equal(found.applied, force)
+    np.testing.assert_array_equal(found.action[:4], 4.0 * force)
+
+
+@pytest.mark.parametrize("task", ids())
+def test_jacobian_ends_where_the_environment_does(task: str) -> None:
+    env = MovingMassVectorEnv(load_scene(path_of(task)), 40)
+    env.reset(seed=3)
+    rng = np.random.default_rng(4)
+    for _ in range(30):
+        start, action = env.get_state(), rng.uniform(-1.0, 1.0, env.action_space.shape)
+        found = env.plant.jacobian(None, action, at=start)
+        *_, info = env.step(action)
+        # The tolerance of the nonlinear task is 1e-9 in each step.
+        scale = np.abs(info["state"]).max(axis=0)
+        assert (np.abs(found.end[:, :4] - info["state"]) / scale).max() < 1e-9
+
+
+def test_impulses_within_a_step_change_the_stretch_derivative() -> None:
+    scene = scene_with(STRETCH, excitation=[{"kind": "impulse", "size": 0.04, "time": 0.004}])
+    plant, action = compile_scene(scene), [0.1]
+    found = plant.jacobian([0.0] * 4, action, at={"initial.stretch": 1.5})
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = plant.jacobian([0.0] * 4, action, at={"initial.stretch": 1.5 + sign * 1e-5})
+        ends.append(moved.end)
+    # The differences' own error is 1e-10 relative; there is no derivative without the impulse.
+    np.testing.assert_allclose(found.state[:4, 4], (ends[0] - ends[1])[:4] / 2e-5, rtol=1e-6)
+    assert np.abs(found.state[:4, 4]).max() > 1e-6
+
+
+def test_mass_derivative_includes_impulses_on_the_carriage() -> None:
+    changes = {"excitation": [{"kind": "impulse", "size": 0.04, "time": t} for t in (0.0, 0.004)]}
+    scene = scene_with(FORCE, **changes)
+    found = compile_scene(scene).jacobian([0.0] * 4, [0.1], parameters=["carriage.mass"])
+    ends = [
+        compile_scene(scene.replace(**{"carriage.mass": 0.1 + h})).jacobian([0.0] * 4, [0.1]).end
+        for h in (1e-6, -1e-6)
+    ]
+    want = (ends[0] - ends[1]) / 2e-6
+    np.testing.assert_allclose(found.parameters["carriage.mass"][:4], want[:4], rtol=1e-6)
+
+
+def test_lanes_have_the_jacobians_that_each_has_alone() -> None:
+    plant = compile_scene(load_scene(path_of("mm_gym/CarriageForceFriction-v0")))
+    states = np.random.default_rng(0).normal(size=(5, 4)) * [0.01, 0.01, 0.3, 0.3]
+    together = plant.jacobian(states, [0.2])
+    for lane, state in enumerate(states):
+        alone = plant.jacobian(state, [0.2])
+        np.testing.assert_array_equal(together.state[lane], alone.state)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parameters", "error", "text"),
+    [
+        (([0.0] * 3, [0.0]), (), SceneError, r"state: got shape \(3,\)"),
+        (([0.0] * 4, [0.0, 0.0]), (), ActionError, r"action: got shape \(2,\)"),
+        (([0.0] * 4, [np.nan]), (), ActionError, "finite"),
+        ((np.zeros((2, 4)), np.zeros((3, 1))), (), SceneError, r"\[2, 3\] lanes"),
+        (([0.0] * 4, [0.0]), ("carriage.mas",), SceneError, "carriage.mass"),
+        (([0.0] * 4, [0.0]), ("initial.sphere_offset",), SceneError, "neither actuated"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, parameters, error, text) -> None:
+    plant = compile_scene(load_scene(path_of("mm_gym/CarriageForce-v0")))
+    with pytest.raises(error, match=text):
+        plant.jacobian(*arguments, parameters=parameters)
+
+
+def test_parameters_of_a_carriage_without_mass_are_refused() -> None:
+    scene = load_scene(path_of("mm_gym/CarriageForce-v0")).replace(**{"carriage.mass": 0.0})
+    with pytest.raises(CompileError, match="without mass"):
+        compile_scene(scene).jacobian([0.0] * 4, [0.0], parameters=["sphere.mass"])
