@@ -26,7 +26,10 @@ def main() -> str | int | None:
     """Run anew, beside earlier demos, or continue an interrupted one."""
     trained = numbered(read_settings(SETTINGS, TrainSettings))
     evolved = EvolveSettings(
-        task=trained.task, name=f"{trained.name}-evolved", generations=GENERATIONS
+        task=trained.task,
+        name=f"{trained.name}-evolved",
+        generations=GENERATIONS,
+        time_budget=30.0,
     )
     status = evolve_and_score(evolved)
     if status is not None:

@@ -86,8 +86,19 @@ class Arguments:
 
     @property
     def compares(self) -> bool:
-        """Whether several are compared."""
-        return len(self.subjects) > 1 or bool(self.tasks) or self.subjects[0] == BASELINES
+        """Whether this is a comparison, and not the report of one run or of --controller."""
+        studies = (
+            self.tasks,
+            self.seeds is not None,
+            self.robustness,
+            self.records,
+            self.frequency,
+        )
+        if len(self.subjects) > 1 or self.effort or any(studies):
+            return True
+        (only,) = self.subjects
+        named = "*" in only or not ("/" in only or Path(only).is_dir())
+        return named and self.controller is None and self.policy is None
 
 
 def report_run(
@@ -184,6 +195,8 @@ def compare_several(arguments: Arguments) -> None:
 def main() -> str | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.subjects:
+        return f"error: got nothing to evaluate; allowed: the folder of a run, or {BASELINES}"
     episodes = arguments.episodes or SINGLE
     try:
         if arguments.compares:

@@ -14,10 +14,20 @@ from agents.controllers.learned import Learned
 from agents.evaluation.episodes import evaluate
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.policies import load_policy
+from agents.policies import PolicyError, load_policy
 from agents.training.config import settings_from_command_line
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, DesignError, SceneError
+
+ERRORS = (
+    SceneError,
+    CompileError,
+    DesignError,
+    RunError,
+    PolicyError,
+    DependencyNotInstalled,
+    OSError,  # a full disk
+)
 
 EPISODES = 100
 """Held-out episodes of the cost that is printed."""
@@ -39,7 +49,7 @@ def evolve_and_score(settings: EvolveSettings) -> str | int | None:
         evolve(settings, run)
         learned = Learned(load_policy(run.policy), "evolved")
         cost = evaluate(settings.load_scene(), learned, episodes=EPISODES).cost
-    except (SceneError, CompileError, DesignError, RunError, DependencyNotInstalled) as error:
+    except ERRORS as error:
         return f"error: {error}"
     except KeyboardInterrupt:
         print(run.advice, file=sys.stderr)

@@ -16,6 +16,7 @@ from mm_gym.files import write_text
 SECTIONS = {
     "single": "stepping",
     "vector": "stepping",
+    "threads": "stepping",
     "learner": "learner",
     "lanes": "lanes",
     "precision": "precision",

@@ -168,6 +168,8 @@ def _settings(scene: Scene) -> list[tuple[str, Scene]]:
         elif support.is_nonlinear or method.name != "taylor":
             name, values = method.option
             for value in values:
+                if value < LEAST:
+                    continue
                 solver = {"method": method.name, name: value}
                 found[f"{method.name}, {name} {value:.0e}"] = scene.replace(solver=solver)
     return list(found.items())
@@ -186,14 +188,18 @@ def _tightest(scene: Scene) -> dict[str, object]:
 def _levels(found: list[Measured]) -> str:
     """Return the table of the fastest setting of each family at each level, and who is ahead."""
     families = list(dict.fromkeys(one.family for one in found))
-    rows, ahead = [], []
+    rows: list[tuple[str, ...]] = []
+    ahead: dict[str, list[str]] = {}
     for level in LEVELS:
         best = {name: _best(found, name, level) for name in families}
         others = [f"{best[name]:.3g} ({best[OURS] / best[name]:.2f})" for name in families[1:]]
         cells = [x.replace("nan (nan)", "-") for x in others]
         rows.append((f"{level:.0e}", f"{best[OURS]:.3g}", *cells))
-        ahead += [f"{name} at {level:.0e}" for name in families[1:] if best[name] > best[OURS]]
-    text = f"Faster than mm_gym: {', '.join(ahead)}." if ahead else "Nothing is faster than mm_gym."
+        for name in families[1:]:
+            if best[name] > best[OURS]:
+                ahead.setdefault(name, []).append(f"{level:.0e}")
+    faster = "; ".join(f"{name} at {', '.join(levels)}" for name, levels in ahead.items())
+    text = f"Faster than mm_gym: {faster}." if faster else "Nothing is faster than mm_gym."
     return f"{table(('error at most', *families), rows)}\n\n{text}"
 
 
@@ -309,23 +315,26 @@ def _speeds(candidates: list[Candidate]) -> list[float]:
     return [float(speed) for speed in 1e-6 * counts / fastest.mean(axis=1)]
 
 
+def _undominated(found: list[Measured], family: str) -> list[Measured]:
+    """Return a family's settings than which no more exact one is as fast, coarse ones first."""
+    own = sorted((one for one in found if one.family == family), key=lambda one: one.error)
+    best = [one for k, one in enumerate(own) if all(one.speed > other.speed for other in own[:k])]
+    return [one for one in best[::-1] if one.error < 1.0]
+
+
 def _draw(found: dict[str, list[Measured]]) -> None:
     """Draw speed over error, one panel per task."""
     with style():
         figure, axes = panels(7.0, 4, 2, sharex="all", sharey="all")
         for panel, (name, measured) in zip(axes, found.items(), strict=False):
             for family, look in LOOKS.items():
-                own = [one for one in measured if one.family == family and one.error < np.inf]
-                own.sort(key=lambda one: one.error)
-                errors, speeds = [one.error for one in own], [one.speed for one in own]
+                own = _undominated(measured, family)
+                # What is more exact than asked for is as fast.
+                errors = [1.0, *(one.error for one in own)]
+                speeds = [own[0].speed if own else np.nan, *(one.speed for one in own)]
                 label = "mm_gym, public step" if family == OURS else family
-                linestyle = "" if family == TAYLOR else "-"
-                panel.plot(
-                    errors,
-                    speeds,
-                    label=label,
-                    **{"markersize": 4.0, "linestyle": linestyle} | look,
-                )
+                options = {"markersize": 4.0, "markevery": slice(1, None)} | look
+                panel.plot(errors, speeds, label=label, **options)
             title = name.removesuffix("-v0")
             panel.set(xscale="log", yscale="log", xlim=(1.0, 0.5 * LEAST), title=title)
         for panel in axes[-2:]:

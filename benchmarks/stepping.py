@@ -100,7 +100,7 @@ def vector() -> str:
     rows = [
         (
             name,
-            f"{1e-6 / timing.median:.3g} ± {timing.spread * 100:.0f} %",
+            f"{_three_digits(1e-6 / timing.median)} ± {timing.spread * 100:.0f} %",
             f"{timing.times_faster_than(bare) * 100:.1f} %",
             f"{timing.times_faster_than(pole):.3g}",
         )
@@ -113,7 +113,13 @@ def vector() -> str:
         "times faster than CartPole vector",
     )
     missing = f"Not measured: {'; '.join(absent)}.\n\n" if absent else ""
-    return f"## Many lanes\n\n{EPISODES}\n{table(header, rows)}\n\n{missing}{threads()}"
+    return f"## Many lanes\n\n{EPISODES}\n{table(header, rows)}\n\n{missing}"
+
+
+def _three_digits(number: float) -> str:
+    """Return a number with three digits, and those before the point."""
+    text = f"{number:.3g}"
+    return f"{number:,.0f}" if "e" in text else text
 
 
 def threads() -> str:
@@ -143,7 +149,7 @@ def threads() -> str:
         "independent arithmetic, in the same rounds",
         "undisturbed",
     )
-    return f"{UNDISTURBED}\n{table(header, rows)}\n"
+    return f"## Two threads\n\n{UNDISTURBED}\n{table(header, rows)}\n"
 
 
 def _step_of_one(scene: Scene) -> Callable[[], object]:

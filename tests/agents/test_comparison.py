@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import tyro
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents import evaluate as command
@@ -271,6 +272,31 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
     )
     monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", "lgr", "--tasks", FORCE])
     assert "did you mean 'lqr'" in str(command.main())
+
+
+@pytest.mark.parametrize(
+    ("words", "compares"),
+    [
+        (["runs/first"], False),
+        (["runs/first", "lqr"], True),
+        (["runs/first", "--robustness"], True),
+        (["runs/first", "--seeds", "0"], True),
+        (["runs/ppo-*"], True),
+        (["lqr"], True),
+        (["baselines"], True),
+        (["baselines", "--policy", "x.npz"], False),
+        (["mm_gym/CarriageForce-v0", "--controller", "mine.py:Law"], False),
+    ],
+)
+def test_one_run_is_reported_and_all_else_compared(words, compares) -> None:
+    assert tyro.cli(command.Arguments, args=words).compares == compares
+
+
+def test_nothing_is_refused(monkeypatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["evaluate"])
+    assert command.main() == (
+        "error: got nothing to evaluate; allowed: the folder of a run, or baselines"
+    )
 
 
 def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:

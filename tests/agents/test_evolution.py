@@ -277,6 +277,15 @@ class TestCommand:
         (tmp_path / "runs").write_text("a file in the folder's place")
         assert "runs/CarriageForce: cannot be" in self.call(monkeypatch, "CarriageForce")
 
+    def test_full_disk_is_named(self, tmp_path, monkeypatch):
+        def refuse(*_):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("agents.evolution.search.save_checkpoint", refuse)
+        error = self.call(monkeypatch, "CarriageForce", "--generations", "1", "--candidates", "4")
+        assert "No space left on device" in error
+
     def test_missing_extra_is_named(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setitem(sys.modules, "cma", None)

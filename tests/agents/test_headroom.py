@@ -11,7 +11,7 @@ from agents.controllers.constant import constant_stretch, no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import evaluate
-from agents.evaluation.headroom import SCORES, headroom
+from agents.evaluation.headroom import LEARNED, SCORES, headroom, least_cost
 from agents.evaluation.planner import SEARCH, Planner
 from agents.evaluation.statistics import interval
 
@@ -28,7 +28,7 @@ def test_scores_are_of_the_present_scene(name) -> None:
 def test_something_known_gains_a_fifth_on_the_best_constant(name) -> None:
     rows = COMMITTED[name]["rows"]
     constant = next(row["cost"] for row in rows if row["role"] == "constant")
-    assert min(row["cost"] for row in rows) <= 0.8 * constant
+    assert least_cost(rows) <= 0.8 * constant
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -41,7 +41,8 @@ def test_no_fixed_action_beats_the_best_constant(name) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_scores_come_out_again(name) -> None:
-    for again, row in zip(headroom(TASKS[name]), COMMITTED[name]["rows"], strict=True):
+    committed = [row for row in COMMITTED[name]["rows"] if row["role"] != LEARNED]
+    for again, row in zip(headroom(TASKS[name]), committed, strict=True):
         assert again["role"] == row["role"]
         assert row["low"] <= again["cost"] <= row["high"]
 
