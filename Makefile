@@ -6,7 +6,7 @@ RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BENCH := .venv-bench
 PINS ?= constraints.txt
-CLIENTS := rl_zoo3 rllib skrl tianshou torchrl
+CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
 .PHONY: demo test test-slow test-clients $(CLIENTS) check bench tasks clean
 .DELETE_ON_ERROR:

@@ -25,13 +25,13 @@ from agents.comparison.command import compare
 from agents.comparison.contestants import BASELINES, read_field
 from agents.comparison.entries import Episodes
 from agents.comparison.measure import Studies
-from agents.controllers.learned import Learned
 from agents.controllers.user_defined import ControllerError, user_defined
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
+from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, Scene, SceneError, load_scene
 
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from agents.controllers.controller import Controller
+    from agents.evaluation.episodes import Rewards
 
 SINGLE = 200
 """Held-out episodes of a single run."""
@@ -75,7 +76,8 @@ class Arguments:
     """a policy to score instead of the run's own: a .npz file, or a .zip archive of
     Stable-Baselines3 with --trust"""
     trust: bool = False
-    """open an archive of Stable-Baselines3, although that can run code in it"""
+    """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
+    run any code"""
     controller: str | None = None
     """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
     out: Path | None = None
@@ -106,6 +108,7 @@ def report_run(
     policy: Policy | None = None,
     name: str = "learned",
     beside: Sequence[Controller] = (),
+    trust: bool = False,
 ) -> list[Evaluation]:
     """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
 
@@ -123,17 +126,23 @@ def report_run(
         raise RunError(msg)
     folder = run.folder if policy is None else run.folder / name
     scene = Scene(**record["scene"])
-    learned = Learned(policy or load_policy(run.policy), name)
-    return report([*beside, learned], scene, episodes, folder)
+    parts = recorded_parts(scene, record["settings"], trust=trust)
+    learned = parts.controller(policy or load_policy(run.policy), name)
+    return report([*beside, learned], scene, episodes, folder, parts.rewards_of)
 
 
 def report(
-    controllers: Sequence[Controller], scene: Scene, episodes: int, folder: Path | None
+    controllers: Sequence[Controller],
+    scene: Scene,
+    episodes: int,
+    folder: Path | None,
+    rewards_of: Rewards | None = None,
 ) -> list[Evaluation]:
-    """Evaluate controllers, then the baselines; print the ranking, and write it to a folder."""
-    own = [evaluate(scene, controller, episodes=episodes) for controller in controllers]
-    others = [evaluate(scene, controller, episodes=episodes) for controller in baselines(scene)]
-    results = [*others, *own]
+    """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
+    results = [
+        evaluate(scene, controller, episodes=episodes, rewards_of=rewards_of)
+        for controller in (*baselines(scene), *controllers)
+    ]
     print_ranking(results, scene)
     if folder is not None:
         write_scores(results, folder / "scores.csv")
@@ -205,10 +214,10 @@ def main() -> str | None:
         run = Run(subject.name, subject.parent)
         path = arguments.policy
         if path is None:
-            report_run(run, episodes)
+            report_run(run, episodes, trust=arguments.trust)
         else:
             policy = read_policy(path, trust=arguments.trust)
-            report_run(run, episodes, policy=policy, name=path.stem)
+            report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
     except (
         ControllerError,
         DesignError,

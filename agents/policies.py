@@ -3,6 +3,7 @@
 A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
 the bias of each layer, ``direct``, ``pairs`` and ``units`` where there are any, and
 ``description``, a JSON text of the rest. It takes NumPy alone to act.
+A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``.
 """
 
 from __future__ import annotations
@@ -53,6 +54,10 @@ def _relu(values: Values) -> Values:
     return np.maximum(values, 0.0)
 
 
+def _sigmoid(values: Values) -> Values:
+    return 0.5 + 0.5 * np.tanh(0.5 * values)
+
+
 def _rational(values: Values) -> Values:
     values = np.clip(values, -3.0, 3.0)
     return values * (27.0 + values**2) / (27.0 + 9.0 * values**2)
@@ -92,6 +97,13 @@ class Policy:
     Without memory it is a switching function, +1 where a = b and -1 where a = -b, however small the
     motion; with memory, of one signal at two instants, the cosine of its phase between them.
 
+    A recurrent one has a long short-term memory cell before the layers (Hochreiter and Schmidhuber,
+    1997), of gates i, f, g and o::
+
+        i, f, g, o = cell[0] @ observation + cell[1] @ output + cell[2]
+        state = sigmoid(f) * state + sigmoid(i) * tanh(g)
+        output = sigmoid(o) * tanh(state)
+
     Attributes
     ----------
     weights, biases
@@ -104,6 +116,10 @@ class Policy:
         (k, n + r) weights from the inputs to the action, past the layers; (0, 0) for none.
     pairs, units
         (r, 2, n); (r, 4) the numbers named in `UNIT`.
+    squashed
+        Whether a tanh follows the last layer.
+    cell
+        Empty, or (4 h, n), (4 h, h) and (4 h,), the gates one after the other.
     """
 
     weights: tuple[NDArray[np.float32], ...]
@@ -114,11 +130,16 @@ class Policy:
     direct: NDArray[np.float32] = field(default_factory=_empty(0, 0))
     pairs: NDArray[np.float32] = field(default_factory=_empty(0, 2, 0))
     units: NDArray[np.float32] = field(default_factory=_empty(0, len(UNIT)))
+    squashed: bool = False
+    cell: tuple[NDArray[np.float32], ...] = ()
 
     @property
     def sizes(self) -> list[int]:
         """Numbers of an observation, of the units of each hidden layer, and of an action."""
-        observed = self.weights[0].shape[1] - len(self.units)
+        if self.cell:
+            observed = self.cell[0].shape[1]
+        else:
+            observed = self.weights[0].shape[1] - len(self.units)
         return [observed, *(len(bias) for bias in self.biases)]
 
     def check(self, observation: int, action: int) -> None:
@@ -132,7 +153,12 @@ class Policy:
             raise PolicyError(msg)
 
     def begin(self, lanes: int) -> Values:
-        """Return the sums (r, 2, lanes) with which an episode begins."""
+        """Return the sums (r, 2, lanes) with which an episode begins.
+
+        Of a recurrent policy they are the cell's state and output (2, lanes, h).
+        """
+        if self.cell:
+            return np.zeros((2, lanes, self.cell[1].shape[1]))
         return np.zeros((len(self.units), 2, lanes))
 
     def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
@@ -143,20 +169,31 @@ class Policy:
         observation
             (lanes, n).
         sums
-            What `begin` returned at the episode's start; moved on by a step. A policy without
-            correlation units needs none; without, an episode begins.
+            What `begin` returned at the episode's start; moved on by a step. A policy
+            without memory needs none; without, an episode begins.
         """
         inputs = np.asarray(observation, np.float64)
         if self.units.size:
             sums = self.begin(len(inputs)) if sums is None else sums
             inputs = np.hstack([inputs, self._correlations(inputs, sums)])
+        if self.cell:
+            inputs = self._remember(inputs, self.begin(len(inputs)) if sums is None else sums)
         values = inputs
         activate = ACTIVATIONS[self.activation]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             values = (values if layer == 0 else activate(values)) @ weight.T + bias
         if self.direct.size:
             values = values + inputs @ self.direct.T
-        return np.clip(values, self.low, self.high)
+        return np.clip(np.tanh(values) if self.squashed else values, self.low, self.high)
+
+    def _remember(self, values: Values, memory: Values) -> Values:
+        """Move the cell's memory on by a step, and return its output (lanes, h)."""
+        state, output = memory
+        gates = values @ self.cell[0].T + output @ self.cell[1].T + self.cell[2]
+        enter, keep, new, leave = np.split(gates, 4, axis=1)
+        state[:] = _sigmoid(keep) * state + _sigmoid(enter) * np.tanh(new)
+        output[:] = _sigmoid(leave) * np.tanh(state)
+        return output
 
     def _correlations(self, values: Values, sums: Values) -> Values:
         """Return the correlation units (lanes, r), and move their sums on."""
@@ -169,20 +206,26 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write the policy whole: a kill leaves the old file or the new one."""
+        write_bytes(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """Return the content of the policy's file."""
         description = {
             "format": FORMATS[-1],
             "activation": self.activation,
             "sizes": self.sizes,
             "low": self.low.tolist(),
             "high": self.high.tolist(),
+            "squashed": self.squashed,
         }
         arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
         arrays |= {name: getattr(self, name) for name in OPTIONAL if getattr(self, name).size}
+        arrays |= {f"cell_{i}": array for i, array in enumerate(self.cell)}
         content = io.BytesIO()
         np.savez(content, **arrays)
-        write_bytes(path, content.getvalue())
+        return content.getvalue()
 
 
 OPTIONAL = ("direct", "pairs", "units")
@@ -230,7 +273,9 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
         msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
         raise ValueError(msg)
     layers, r = range(len(sizes) - 1), len(arrays.get("units", ()))
-    inputs = [sizes[0] + r, *sizes[1:]]
+    memory = arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
+    cell = [(4 * memory, sizes[0]), (4 * memory, memory), (4 * memory,)] if memory else []
+    inputs = [memory or sizes[0] + r, *sizes[1:]]
     shapes = {
         "direct": (sizes[-1], inputs[0]),
         "pairs": (r, 2, sizes[0]),
@@ -243,6 +288,8 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
         activation=description["activation"],
         low=_array(description, "low", (sizes[-1],)),
         high=_array(description, "high", (sizes[-1],)),
+        squashed=bool(description.get("squashed")),
+        cell=tuple(_array(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
         **{name: _array(arrays, name, shapes[name]) for name in given},
     )
 

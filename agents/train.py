@@ -1,9 +1,9 @@
-"""Train a PPO agent.
+"""Train an agent.
 
 For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
 
-An interrupted run continues from its last checkpoint when the same command is given again; the best
-policy of the validations is kept.
+An interrupted run continues from its last checkpoint when the same command is given again, and a
+finished one goes on with more ``--steps``; the best policy of the validations is kept.
 """
 
 from __future__ import annotations
@@ -11,10 +11,12 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
+from gymnasium.error import DependencyNotInstalled
+
 from agents.evaluate import report_run
 from agents.policies import PolicyError
 from agents.training.config import TrainSettings, settings_from_command_line
-from agents.training.ppo import train
+from agents.training.reinforcement import train
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
 
@@ -40,9 +42,12 @@ def train_and_report(
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run, beside=beside)
-    except (SceneError, CompileError, RunError, PolicyError) as error:
+        report_run(run, beside=beside, trust=True)
+    except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
+    except OSError as error:  # a full disk, a folder that cannot be written to
+        kept = "its last checkpoint is whole: give the same command again when there is room"
+        return f"error: {error}\n{run.folder}: {kept}"
     except KeyboardInterrupt:
         print(run.advice, file=sys.stderr)
         return INTERRUPTED

@@ -11,7 +11,7 @@ from agents import train as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.training.config import RunSettings, TrainSettings
-from agents.training.ppo import train
+from agents.training.reinforcement import train
 from agents.training.runs import Run
 
 FORKING = multiprocessing.get_context("forkserver")

@@ -318,4 +318,10 @@ class LQG:
         estimate = self.estimate + (seen - self.estimate @ design.system.C.T) @ gain.T
         force = np.clip(-estimate @ design.gain, -self.limit, self.limit)
         self.estimate = estimate @ design.system.A.T + force[:, None] * design.system.B[:, 0]
+        self.corrected = estimate
         return force[:, None] / self.limit
+
+    def send(self, action: Array) -> None:
+        """Take note that another action (lanes, 1) is applied in this step than was returned."""
+        system = self.design.system
+        self.estimate = self.corrected @ system.A.T + self.limit * action * system.B[:, 0]

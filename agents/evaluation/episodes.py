@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +13,14 @@ from agents.evaluation.injected import SpringWork
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller, Reads
     from mm_gym import Scene
+
+    Rewards = Callable[[NDArray[np.float32], dict[str, Any]], NDArray[np.float64]]
 
 HELD_OUT_SEED = 1_000_000
 """Seed of the first lane of the final evaluation; training lanes have seeds of another range."""
@@ -109,10 +113,12 @@ def evaluate(
     seed: int = HELD_OUT_SEED,
     episodes: int = 200,
     blocks: int = 1,
+    rewards_of: Rewards | None = None,
 ) -> Evaluation:
     """Run a controller through one episode a lane.
 
-    An unknown frequency is spread evenly over its band, in each block of the episodes anew.
+    An unknown frequency is spread evenly over its band, in each block of the episodes anew. Rewards
+    by `rewards_of` take the place of the scene's, and their largest -reward that of L.
 
     The penalty of an episode is the mean of -reward over its horizon of N steps. One that
     terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
@@ -145,6 +151,8 @@ def evaluate(
         observation, reward, terminated, truncated, info = env.step(
             controller.act(observation, known)
         )
+        if rewards_of is not None:
+            reward = rewards_of(observation, info)
         displacement[step, alive] = info["state"][alive, 0]
         rewards[step, alive] = reward[alive]
         applied[step, alive] = info["applied"][alive]
@@ -158,7 +166,8 @@ def evaluate(
             break
         if ended.any():
             env.reset(options={"reset_mask": ended})
-    limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
+    least = limit_penalty(scene) if rewards_of is None else -np.inf
+    limit = np.maximum(least, (-rewards).max(axis=0))
     return Evaluation(
         name=controller.name,
         reads=controller.reads,

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.policies import PolicyError
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -26,12 +28,22 @@ ACTIVATIONS = {
 
 
 def c_source(policy: Policy) -> str:
-    """Return the source of a policy: `policy_begin`, then `policy_act` in each control step."""
+    """Return the source of a policy: `policy_begin`, then `policy_act` in each control step.
+
+    Raises
+    ------
+    PolicyError
+        If the policy is a recurrent one.
+    """
+    if policy.cell:
+        msg = "policy: a recurrent one; allowed: dense layers, with correlation units or without"
+        raise PolicyError(msg)
     observed, r = policy.sizes[0], len(policy.units)
     *hidden, k = (len(bias) for bias in policy.biases)
     arrays = {f"weight_{i}": weight for i, weight in enumerate(policy.weights)}
     arrays |= {f"bias_{i}": bias for i, bias in enumerate(policy.biases)}
     arrays |= {name: getattr(policy, name) for name in ("low", "high", *_present(policy))}
+    last = "(REAL)tanh((double)next[i])" if policy.squashed else "next[i]"
     parts = [
         _head(policy),
         *(_array(name, values) for name, values in arrays.items()),
@@ -46,7 +58,7 @@ def c_source(policy: Policy) -> str:
         f"    for (int i = 0; i < {observed}; i++) input[i] = observation[i];",
         _UNITS.format(r=r, n=observed) if r else "    (void)state;",
         *_layers(policy),
-        f"    for (int i = 0; i < {k}; i++) action[i] = clip(next[i], low[i], high[i]);",
+        f"    for (int i = 0; i < {k}; i++) action[i] = clip({last}, low[i], high[i]);",
         "}",
     ]
     return "\n".join(part for part in parts if part) + "\n"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from stable_baselines3 import PPO
@@ -15,38 +15,101 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+    from stable_baselines3.common.base_class import BaseAlgorithm
     from torch import Tensor
+
+    Values = NDArray[np.float64]
 
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu"}
 
 
-def policy_of(model: PPO) -> Policy:
-    """Return the mean action of a model as a policy.
+def policy_of(model: BaseAlgorithm) -> Policy:
+    """Return the mean action of a model as a policy, which takes observations as they are.
+
+    The observations' normalisation, and that of the layers of CrossQ, are linear and become part of
+    the weights.
 
     Raises
     ------
     PolicyError
-        If the model's policy is more than dense layers of one activation, tanh or ReLU.
+        If the model's policy is more than dense layers of one activation, tanh or ReLU, after an
+        LSTM cell or none.
     """
-    policy = model.policy
-    modules = [*policy.mlp_extractor.policy_net, policy.action_net]
-    dense, between = modules[::2], {type(module) for module in modules[1::2]}
-    plain = isinstance(policy.features_extractor, FlattenExtractor) and not policy.squash_output
-    if not (
-        plain
-        and all(isinstance(module, nn.Linear) for module in dense)
-        and len(between) <= 1
-        and between <= set(ACTIVATIONS)
-    ):
+    modules, extractor = _modules(model)
+    layers, activations = _layers(modules)
+    squashed = bool(model.policy.squash_output)
+    plain = isinstance(extractor, FlattenExtractor) and len(set(activations)) <= 1
+    if not (plain and len(activations) == len(layers) - 1 and set(activations) <= set(ACTIVATIONS)):
         msg = "policy: only dense layers with tanh or ReLU between them can be scored"
         raise PolicyError(msg)
+    first, *others = layers
+    cell = _cell(model)
+    zero, unit = _normalisation(model)
+    if cell:
+        cell[0], cell[2] = cell[0] / unit, cell[2] - cell[0] @ (zero / unit)
+    else:
+        first = first[0] / unit, first[1] - first[0] @ (zero / unit)
+    layers = [first, *others]
     return Policy(
-        weights=tuple(_array(module.weight) for module in dense),
-        biases=tuple(_array(module.bias) for module in dense),
-        activation=ACTIVATIONS[between.pop()] if between else "tanh",
+        weights=tuple(weight.astype(np.float32) for weight, _ in layers),
+        biases=tuple(bias.astype(np.float32) for _, bias in layers),
+        activation=ACTIVATIONS[activations[0]] if activations else "tanh",
         low=np.asarray(model.action_space.low, np.float32),
         high=np.asarray(model.action_space.high, np.float32),
+        squashed=squashed,
+        cell=tuple(array.astype(np.float32) for array in cell),
     )
+
+
+def _modules(model: BaseAlgorithm) -> tuple[list[nn.Module], nn.Module]:
+    """Return what makes the mean action, in order but for a last tanh, and what is before it."""
+    policy = model.policy
+    if hasattr(policy, "action_net"):
+        return [*policy.mlp_extractor.policy_net, policy.action_net], policy.features_extractor
+    actor = policy.actor
+    if hasattr(actor, "latent_pi"):
+        return [*actor.latent_pi, actor.mu], actor.features_extractor
+    *modules, _ = actor.mu
+    return modules, actor.features_extractor
+
+
+def _layers(modules: list[nn.Module]) -> tuple[list[tuple[Values, Values]], list[type[nn.Module]]]:
+    """Return the weights and biases of the dense layers, and what is between them."""
+    layers: list[tuple[Values, Values]] = []
+    activations: list[type[nn.Module]] = []
+    unit, zero = np.ones(1), np.zeros(1)  # of the normalisation before a layer
+    for module in modules:
+        if isinstance(module, nn.Linear):
+            weight, bias = _array(module.weight), _array(module.bias)
+            layers.append((weight * unit, bias + (weight * zero).sum(axis=1)))
+            unit, zero = np.ones(1), np.zeros(1)
+        elif hasattr(module, "ra_mean"):  # sb3-contrib's batch renormalisation
+            unit = _array(module.scale) / np.sqrt(_array(module.ra_var) + module.eps)
+            zero = _array(module.bias) - unit * _array(module.ra_mean)
+        else:
+            activations.append(type(module))
+    return layers, activations
+
+
+def _cell(model: BaseAlgorithm) -> list[Values]:
+    """Return the weights of the LSTM cell, or none."""
+    if not hasattr(model.policy, "lstm_actor"):
+        return []
+    lstm = model.policy.lstm_actor
+    return [
+        _array(lstm.weight_ih_l0),
+        _array(lstm.weight_hh_l0),
+        _array(lstm.bias_ih_l0) + _array(lstm.bias_hh_l0),
+    ]
+
+
+def _normalisation(model: BaseAlgorithm) -> tuple[Values, Values]:
+    """Return the mean and the spread of the observations, if they are normalised."""
+    statistics = model.get_vec_normalize_env()
+    if statistics is None or not statistics.norm_obs:
+        observed = model.observation_space.shape[0]
+        return np.zeros(observed), np.ones(observed)
+    return statistics.obs_rms.mean, np.sqrt(statistics.obs_rms.var + statistics.epsilon)
 
 
 def open_trusted(path: Path) -> Policy:
@@ -61,5 +124,5 @@ def open_trusted(path: Path) -> Policy:
         raise PolicyError(msg) from error
 
 
-def _array(tensor: Tensor) -> NDArray[np.float32]:
-    return tensor.detach().cpu().numpy().copy()
+def _array(tensor: Tensor | Any) -> Values:  # noqa: ANN401 - modules have undeclared tensors
+    return tensor.detach().cpu().numpy().astype(np.float64)

@@ -1,98 +1,151 @@
-"""The arrays from which a training of PPO continues.
+"""The arrays from which a training of Stable-Baselines3's algorithms continues.
 
-They hold the policy, the optimiser, the random numbers' generators, the lanes with their streams,
-the best policy so far and the validations. On the same machine and versions a continued training
-ends as one that was never interrupted, bitwise. What differs: times, the progress bar, and
-tensorboard's log, which shows steps twice that a killed process made after its last checkpoint.
+They hold networks and optimisers, the replay buffer, the random numbers' generators, the lanes with
+their streams, the normalisation, the best policy so far and the validations. On the same machine
+and versions a continued training ends as one that was never interrupted, bitwise. What differs:
+times, the progress bar, and tensorboard's log, which shows steps twice that a killed process made
+after its last checkpoint.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+import json
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import torch
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.save_util import recursive_getattr
 
 from agents.training.arrays import part_of
 
 if TYPE_CHECKING:
-    from stable_baselines3 import PPO
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.buffers import ReplayBuffer
 
     from agents.training.arrays import Arrays
     from agents.training.lanes import TrainingLanes
 
+REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+"""Arrays of a replay buffer, (steps, lanes, ...)."""
 
-def state_of(model: PPO) -> Arrays:
+KEPT = ("_last_obs", "_last_original_obs", "_last_episode_starts")
+"""What a model keeps of the last step, where it does."""
+
+
+def state_of(model: BaseAlgorithm) -> Arrays:
     """Return copies of all that the next steps depend on, between two rollouts."""
-    optimiser = model.policy.optimizer.state_dict()["state"]
-    moments = {
-        f"{i}/{name}": tensor.numpy(force=True).copy()
-        for i, tensors in optimiser.items()
-        for name, tensor in tensors.items()
-    }
     parts = {
-        "policy": parameters_of(model),
-        "optimiser": moments,
+        **_networks(model),
         "lanes": _lanes(model).get_state(),
-        "model": {
-            "steps": np.asarray(model.num_timesteps),
-            "updates": np.asarray(model._n_updates),  # noqa: SLF001 - SB3 keeps them to itself
-            "observations": np.array(model._last_obs),  # noqa: SLF001
-            "starts": np.array(model._last_episode_starts),  # noqa: SLF001
-        },
-        "random": _generators(),
+        "model": _own(model),
+        "random": _generators(model),
+        "normalisation": _normalisation(model),
+        "replay": _replayed(model),
     }
     return {f"{part}/{name}": array for part in parts for name, array in parts[part].items()}
 
 
-def restore(model: PPO, arrays: Arrays) -> None:
+def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
     """Restore what `state_of` returned."""
-    restore_parameters(model, part_of(arrays, "policy"))
-    moments: dict[int, dict[str, torch.Tensor]] = {}
-    for key, array in part_of(arrays, "optimiser").items():
-        number, name = key.split("/")
-        moments.setdefault(int(number), {})[name] = torch.from_numpy(array.copy())
-    optimiser = model.policy.optimizer
-    optimiser.load_state_dict(optimiser.state_dict() | {"state": moments})
+    _restore_networks(model, arrays)
     _lanes(model).set_state(part_of(arrays, "lanes"))
     own = part_of(arrays, "model")
     model.num_timesteps = int(own["steps"])
-    model._n_updates = int(own["updates"])  # noqa: SLF001
-    model._last_obs = own["observations"]  # noqa: SLF001
-    model._last_episode_starts = own["starts"]  # noqa: SLF001
-    _restore_generators(part_of(arrays, "random"))
+    model._n_updates = int(own["updates"])  # noqa: SLF001 - SB3 keeps them to itself
+    for name in KEPT:
+        if name in own:
+            setattr(model, name, own[name])
+    if "memory" in own:
+        _restore_memory(model, own["memory"])
+    _restore_generators(model, part_of(arrays, "random"))
+    _restore_normalisation(model, part_of(arrays, "normalisation"))
+    _restore_replayed(model, part_of(arrays, "replay"))
 
 
-def parameters_of(model: PPO) -> Arrays:
-    """Return copies of the policy's parameters."""
-    parameters = model.policy.state_dict()
-    return {name: tensor.numpy(force=True).copy() for name, tensor in parameters.items()}
+def _lanes(model: BaseAlgorithm) -> TrainingLanes:
+    env = model.get_env()
+    return cast("TrainingLanes", getattr(env, "venv", env))
 
 
-def restore_parameters(model: PPO, parameters: Arrays) -> None:
-    """Restore what `parameters_of` returned."""
-    model.policy.load_state_dict(
-        {name: torch.from_numpy(array.copy()) for name, array in parameters.items()}
-    )
+def _networks(model: BaseAlgorithm) -> dict[str, Arrays]:
+    """Return the parameters of networks and optimisers, and tensors that are learned besides."""
+    named, tensors = model._get_torch_save_params()  # noqa: SLF001
+    parts: dict[str, Arrays] = {}
+    for name in named:
+        state = recursive_getattr(model, name).state_dict()
+        if "param_groups" in state:
+            state = {
+                f"{i}/{key}": tensor
+                for i, moments in state["state"].items()
+                for key, tensor in moments.items()
+            }
+        parts[name] = {key: _copy(tensor) for key, tensor in state.items()}
+    parts["tensors"] = {name: _copy(recursive_getattr(model, name)) for name in tensors}
+    return parts
 
 
-def _lanes(model: PPO) -> TrainingLanes:
-    return cast("TrainingLanes", model.get_env())
+def _copy(tensor: torch.Tensor) -> Any:  # noqa: ANN401 - an array of the tensor's type
+    return tensor.numpy(force=True).copy()
 
 
-def _generators() -> Arrays:
-    """Return the states of the generators from which PPO draws actions and batches."""
+def _restore_networks(model: BaseAlgorithm, arrays: Arrays) -> None:
+    named, tensors = model._get_torch_save_params()  # noqa: SLF001
+    for name in named:
+        target = recursive_getattr(model, name)
+        state = {key: _tensor(array) for key, array in part_of(arrays, name).items()}
+        if isinstance(target, torch.optim.Optimizer):
+            moments: dict[int, dict[str, torch.Tensor]] = {}
+            for key, tensor in state.items():
+                number, moment = key.split("/")
+                moments.setdefault(int(number), {})[moment] = tensor
+            target.load_state_dict(target.state_dict() | {"state": moments})
+        else:
+            target.load_state_dict(state)
+    for name in tensors:
+        recursive_getattr(model, name).data = _tensor(arrays[f"tensors/{name}"])
+
+
+def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array
+    return torch.from_numpy(np.array(array))
+
+
+def _own(model: BaseAlgorithm) -> Arrays:
+    kept = {name: np.array(getattr(model, name)) for name in KEPT if _has(model, name)}
+    if _has(model, "_last_lstm_states"):
+        cells = model._last_lstm_states  # noqa: SLF001
+        kept["memory"] = np.stack([_copy(tensor) for pair in cells for tensor in pair])
+    return kept | {
+        "steps": np.asarray(model.num_timesteps),
+        "updates": np.asarray(model._n_updates),  # noqa: SLF001
+    }
+
+
+def _has(model: BaseAlgorithm, name: str) -> bool:
+    return getattr(model, name, None) is not None
+
+
+def _restore_memory(model: BaseAlgorithm, memory: Any) -> None:  # noqa: ANN401 - an array
+    cells = type(model._last_lstm_states)  # noqa: SLF001
+    state, output, *others = (_tensor(array) for array in memory)
+    model._last_lstm_states = cells((state, output), tuple(others))  # noqa: SLF001
+
+
+def _generators(model: BaseAlgorithm) -> Arrays:
+    """Return the states of the generators from which actions and batches are drawn."""
     state = np.random.get_state(legacy=False)  # noqa: NPY002 - the generator that SB3 uses
+    sampler = model.action_space.np_random.bit_generator.state
     return {
         "torch": torch.get_rng_state().numpy().copy(),
         "numpy": state["state"]["key"].copy(),
         "position": np.asarray(state["state"]["pos"]),
         "has_normal": np.asarray(state["has_gauss"]),
         "normal": np.asarray(state["gauss"]),
+        "first_actions": np.asarray(json.dumps(sampler)),
     }
 
 
-def _restore_generators(arrays: Arrays) -> None:
+def _restore_generators(model: BaseAlgorithm, arrays: Arrays) -> None:
     torch.set_rng_state(torch.from_numpy(arrays["torch"].copy()))
     np.random.set_state(  # noqa: NPY002
         {
@@ -102,3 +155,52 @@ def _restore_generators(arrays: Arrays) -> None:
             "gauss": float(arrays["normal"]),
         }
     )
+    model.action_space.np_random.bit_generator.state = json.loads(str(arrays["first_actions"]))
+
+
+def _normalisation(model: BaseAlgorithm) -> Arrays:
+    """Return the running moments of observations and returns, if there are any."""
+    statistics = model.get_vec_normalize_env()
+    if statistics is None:
+        return {}
+    arrays: Arrays = {"returns": statistics.returns.copy(), "seen": statistics.old_obs.copy()}
+    for name in ("obs_rms", "ret_rms"):
+        moments = getattr(statistics, name, None)
+        if moments is not None:
+            arrays |= {
+                f"{name}.{part}": np.array(getattr(moments, part))
+                for part in ("mean", "var", "count")
+            }
+    return arrays
+
+
+def _restore_normalisation(model: BaseAlgorithm, arrays: Arrays) -> None:
+    statistics = model.get_vec_normalize_env()
+    if statistics is None:
+        return
+    statistics.returns, statistics.old_obs = arrays["returns"], arrays["seen"]
+    for key, array in arrays.items():
+        name, _, part = key.partition(".")
+        if part:
+            setattr(getattr(statistics, name), part, array if array.ndim else array.item())
+
+
+def _replay_buffer(model: BaseAlgorithm) -> ReplayBuffer | None:
+    return model.replay_buffer if isinstance(model, OffPolicyAlgorithm) else None
+
+
+def _replayed(model: BaseAlgorithm) -> Arrays:
+    buffer = _replay_buffer(model)
+    if buffer is None:
+        return {}
+    filled = buffer.buffer_size if buffer.full else buffer.pos
+    arrays: Arrays = {name: getattr(buffer, name)[:filled].copy() for name in REPLAYED}
+    return arrays | {"position": np.asarray(buffer.pos), "full": np.asarray(buffer.full)}
+
+
+def _restore_replayed(model: BaseAlgorithm, arrays: Arrays) -> None:
+    buffer = _replay_buffer(model)
+    if buffer is not None:
+        buffer.pos, buffer.full = int(arrays["position"]), bool(arrays["full"])
+        for name in REPLAYED:
+            getattr(buffer, name)[: len(arrays[name])] = arrays[name]

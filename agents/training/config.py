@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING, Annotated, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self, TypeVar
 
-from pydantic import Field, JsonValue, Strict, model_validator
+from pydantic import Field, JsonValue, model_validator
 from tyro import cli
 from tyro.constructors import PrimitiveConstructorSpec
 
+from agents.training.algorithm_settings import (
+    Algorithm,
+    AlgorithmSettings,
+    Count,
+    CrossQSettings,
+    Positive,
+    PPOSettings,
+    RecurrentPPOSettings,
+    SACSettings,
+    TD3Settings,
+    TQCSettings,
+)
+from agents.training.user_code import is_path, source, split
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import read_toml
@@ -19,8 +32,6 @@ from mm_gym.tasks import ids, path_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-Positive = Annotated[float, Field(gt=0)]
-Count = Annotated[int, Field(ge=1)]
 Changes = Annotated[
     dict[str, JsonValue],
     PrimitiveConstructorSpec(
@@ -40,30 +51,7 @@ LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
 
-Settings = TypeVar("Settings", bound="RunSettings")
-
-
-class PPOSettings(Part):
-    """Proximal policy optimisation (Schulman et al., 2017), in Stable-Baselines3's terms."""
-
-    learning_rate: Positive = 1e-3
-    """at the start; it falls linearly to zero"""
-    rollout: Count = 100
-    """control steps per lane between updates"""
-    batch_size: Annotated[int, Field(ge=2)] = 3200
-    """samples of one gradient step"""
-    epochs: Count = 8
-    """passes over each rollout"""
-    discount: Annotated[float, Field(gt=0, le=1)] = 0.97
-    """gamma"""
-    gae_lambda: Annotated[float, Field(ge=0, le=1)] = 0.95
-    """trade of bias for variance in the advantage"""
-    hidden: Annotated[tuple[Count, ...], Strict(False)] = (64, 64)
-    """units of the hidden layers, of policy and value alike"""
-    initial_log_std: float = -0.5
-    """logarithm of the initial exploration noise"""
-    reward_scale: Positive = 0.05
-    """factor on the reward, so that the value function is of order one"""
+Settings = TypeVar("Settings", bound="Part")
 
 
 class RunSettings(Part):
@@ -79,6 +67,13 @@ class RunSettings(Part):
     """folder under `runs`"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
     """of the training; no two seeds have an episode in common, nor one with the evaluations"""
+
+    growing: ClassVar[tuple[str, ...]] = ()
+    """Settings of which a finished run can be given more to go on."""
+
+    def code(self) -> dict[str, str]:
+        """Return the texts of the user's files that the settings name, by path."""
+        return {}
 
     @model_validator(mode="after")
     def _can_be_found(self) -> Self:
@@ -104,6 +99,14 @@ class RunSettings(Part):
 class TrainSettings(RunSettings):
     """What is trained, for how long, and where it is written."""
 
+    algorithm: Algorithm = "ppo"
+    """its settings are those of the table of its name"""
+    base: str | None = None
+    """controller that the agent is added to: a name, or "file.py:Law"; see docs/training.md"""
+    authority: Annotated[float, Field(gt=0, le=2)] = 0.5
+    """most that an agent adds to its base's action, whose range is -1 to 1"""
+    reward: str | None = None
+    """"file.py:function" of a cost to use instead of the scene's; see docs/training.md"""
     lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
     """environments side by side"""
     steps: Count = 1_000_000
@@ -114,13 +117,41 @@ class TrainSettings(RunSettings):
     """validations during training; the best model is kept"""
     threads: Count = 1
     """of the gradient computation; more hardly help networks of this size"""
+    normalise_observations: bool = False
+    """subtract their running mean and divide by their spread"""
+    normalise_rewards: bool = False
+    """divide by the spread of the discounted return"""
     ppo: PPOSettings = PPOSettings()
+    sac: SACSettings = SACSettings()
+    td3: TD3Settings = TD3Settings()
+    tqc: TQCSettings = TQCSettings()
+    crossq: CrossQSettings = CrossQSettings()
+    recurrent_ppo: RecurrentPPOSettings = RecurrentPPOSettings()
+
+    growing: ClassVar[tuple[str, ...]] = ("steps", "time_budget")
+
+    def code(self) -> dict[str, str]:
+        """Return the texts of the files of base and reward, by path."""
+        named = {"base": self.base, "reward": self.reward}
+        paths = {w: split(text, w)[0] for w, text in named.items() if text and is_path(text)}
+        return {str(path): source(path, what) for what, path in paths.items()}
+
+    @property
+    def chosen(self) -> AlgorithmSettings:
+        """The settings of the algorithm."""
+        return getattr(self, self.algorithm)
 
     @model_validator(mode="after")
     def _has_samples(self) -> Self:
-        if self.lanes * self.ppo.rollout == 1:
-            msg = "lanes: got 1 with ppo.rollout = 1; allowed: two samples between updates, or more"
-            raise ValueError(msg)
+        if self.reward is not None:
+            split(self.reward, "reward")
+        for name in ("ppo", "recurrent_ppo"):
+            if self.algorithm == name and self.lanes * getattr(self, name).rollout == 1:
+                msg = (
+                    f"lanes: got 1 with {name}.rollout = 1; allowed: two samples between updates, "
+                    "or more"
+                )
+                raise ValueError(msg)
         return self
 
 
@@ -161,21 +192,22 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
         default = read_settings(arguments.pop(0), kind)
     elif arguments and not arguments[0].startswith("-"):
         task = _task_called(arguments.pop(0))
-        default = kind.of({"task": task, "name": _short(task)})
+        default = kind.of({"task": task, "name": short_name(task)})
     return cli(kind, default=default, args=arguments, description=description)
 
 
-def _short(task: str) -> str:
+def short_name(task: str) -> str:
+    """Return a task's id without what all have in common."""
     return task.removeprefix("mm_gym/").removesuffix("-v0")
 
 
 def _task_called(name: str) -> str:
     """Return the id of a task by its whole name or a short one."""
-    tasks = {_short(task): task for task in ids()}
-    if _short(name) not in tasks:
+    tasks = {short_name(task): task for task in ids()}
+    if short_name(name) not in tasks:
         msg = (
-            f"task or settings file: got {name!r}{suggest(_short(name), tasks)}; allowed: "
+            f"task or settings file: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
             f"{', '.join(tasks)}, or a path that ends in .toml, before the flags"
         )
         raise SceneError(msg)
-    return tasks[_short(name)]
+    return tasks[short_name(name)]

@@ -11,7 +11,7 @@ import sys
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mm_gym.files import write_text
 
@@ -31,6 +31,7 @@ PACKAGES = (
     "pydantic",
     "control",
     "stable-baselines3",
+    "sb3-contrib",
     "torch",
     "cma",
 )
@@ -118,17 +119,27 @@ class Run:
                 partial.unlink()
 
     def open(self, settings: RunSettings) -> None:
-        """Begin the run, or continue an interrupted one of the same settings.
+        """Begin the run, or continue one of the same settings.
 
-        Raise `RunError` if the folder holds a run of other settings or another scene.
+        A run that is given more steps or time goes on: its policy so far is kept beside, under a
+        name with the steps. Raise `RunError` if the folder holds a run of other settings or another
+        scene.
         """
         if not self.fits(settings):
             msg = f"{self.folder}: holds a run with other settings; choose another name with --name"
             raise RunError(msg)
+        earlier: list[object] = []
         if self.record.exists():
-            return
+            record = self.read()
+            if record["settings"] == _identity(settings)["settings"]:
+                return
+            stage = {name: record["settings"][name] for name in settings.growing}
+            earlier = [*record.get("earlier", []), {**stage, "command": record["command"]}]
+            if self.policy.exists():
+                self.policy.rename(self.folder / f"policy-{record['settings']['steps']}.npz")
         contents = {
             **_identity(settings),
+            **({"earlier": earlier} if earlier else {}),
             "scene": json.loads(settings.load_scene().model_dump_json()),
             "versions": _versions(),
             "python": platform.python_version(),
@@ -142,13 +153,18 @@ class Run:
         if not self.record.exists():
             return True
         record, identity = self.read(), _identity(settings)
-        return all(record.get(key) == identity[key] for key in identity)
+        before, now = record.get("settings", {}), identity.pop("settings")
+        same = before.keys() == now.keys() and all(
+            before[key] <= now[key] if key in settings.growing else before[key] == now[key]
+            for key in now
+        )
+        return same and all(record.get(key) == identity[key] for key in identity)
 
     def takes(self, settings: RunSettings) -> bool:
         """Tell whether training with these settings can begin or continue in the folder."""
         return not self.finished and self.fits(settings)
 
-    def read(self) -> dict[str, object]:
+    def read(self) -> dict[str, Any]:
         """Return the record; raise `RunError` if there is none."""
         if not self.record.exists():
             msg = f"{self.folder}: no run.json here; train first: python -m agents.train"
@@ -170,6 +186,7 @@ def _identity(settings: RunSettings) -> dict[str, object]:
     return {
         "settings": json.loads(settings.model_dump_json()),
         "scene_digest": settings.load_scene().digest,
+        "code": settings.code(),
     }
 
 

@@ -4,6 +4,7 @@ import ctypes
 import itertools
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from agents import export as command
 from agents.exports.c_source import c_source, constants
-from agents.policies import Policy, load_policy
+from agents.policies import Policy, PolicyError, load_policy
 
 
 def policy_of(sizes, activation, r=0, seed=0):
@@ -42,7 +43,14 @@ POLICIES = {
     "deep": policy_of([12, 64, 64, 1], "tanh"),
     "relu": policy_of([5, 32, 2], "relu"),
     "linear": policy_of([4, 1], "tanh"),
+    "squashed": replace(policy_of([5, 16, 2], "relu"), squashed=True),
 }
+
+
+def test_recurrent_policy_is_refused():
+    recurrent = replace(POLICIES["linear"], cell=(np.zeros((4, 4)), np.zeros((4, 1)), np.zeros(4)))
+    with pytest.raises(PolicyError, match="policy: a recurrent one; allowed: dense layers"):
+        c_source(recurrent)
 
 
 def compiled(policy, folder, real):

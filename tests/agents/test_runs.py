@@ -17,7 +17,8 @@ from agents.policies import load_policy
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes
-from agents.training.ppo import Validation, train
+from agents.training.parts import Parts
+from agents.training.reinforcement import Validation, train
 from agents.training.runs import Run, RunError, numbered
 from agents.training.seeds import training_seeds
 from mm_gym import MovingMassVectorEnv, SceneError
@@ -226,7 +227,7 @@ class TestNames:
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
         shown = []
-        monkeypatch.setattr(command, "report_run", lambda _, beside: shown.extend(beside))
+        monkeypatch.setattr(command, "report_run", lambda *_, beside, **__: shown.extend(beside))
         monkeypatch.setattr(demo, "GENERATIONS", 1)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
@@ -265,7 +266,7 @@ class TestStreams:
         scene = changed(task="mm_gym/PreStretch-v0").load_scene()
         keys = []
         for seed in self.SEEDS:
-            lanes = make_lanes(changed(task="mm_gym/PreStretch-v0", lanes=128), scene)
+            lanes = make_lanes(changed(task="mm_gym/PreStretch-v0", lanes=128), Parts(scene))
             lanes.seed(seed)
             lanes.reset()
             keys += list(lanes.get_state()["streams"][0])

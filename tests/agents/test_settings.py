@@ -129,13 +129,20 @@ def test_command_line_refuses_without_a_folder(tmp_path, flags, words):
 
 
 @pytest.mark.parametrize("path", ["agent.tom", "configs", ""])
-def test_settings_file_of_another_ending_is_refused_by_name(path, monkeypatch):
+def test_first_argument_that_is_neither_file_nor_task_is_refused_by_name(path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["train", path, "--seed", "1"])
     with pytest.raises(SceneError) as caught:
         settings_from_command_line(TrainSettings, "")
     message = str(caught.value)
     assert message.startswith(f"task or settings file: got {path!r}; allowed: CarriageForce, ")
     assert message.endswith("or a path that ends in .toml, before the flags")
+
+
+def test_task_is_named_without_its_prefix_and_version(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["train", "Hybrid", "--algorithm", "sac"])
+    settings = settings_from_command_line(TrainSettings, "")
+    assert (settings.task, settings.name) == ("mm_gym/Hybrid-v0", "Hybrid")
+    assert settings.chosen == settings.sac
 
 
 def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(

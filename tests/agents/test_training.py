@@ -17,7 +17,7 @@ from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty
 from agents.policies import load_policy
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
-from agents.training.ppo import train
+from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError
 
@@ -110,7 +110,7 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
         return next(calls)(*arguments, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.training.ppo.evaluate", next_evaluate)
+        patch.setattr("agents.training.reinforcement.evaluate", next_evaluate)
         with pytest.raises(Killed):
             train(settings, run)
     drawing = [t for t in threading.enumerate() if type(t).__module__.startswith("rich")]

@@ -11,6 +11,7 @@ NEEDED = {
     "test_rl_zoo3.py": "rl_zoo3",
     "test_rllib.py": "ray",
     "test_skrl.py": "skrl",
+    "test_sweep.py": "ray",
     "test_stable_baselines3.py": "stable_baselines3",
     "test_tianshou.py": "tianshou",
     "test_torchrl.py": "torchrl",

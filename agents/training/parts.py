@@ -1,0 +1,82 @@
+"""The scene, the base and the cost of a run, made from its settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from agents.controllers.learned import Learned
+from agents.controllers.residual import Residual
+from agents.policies import PolicyError
+from agents.training.bases import base_controller
+from agents.training.own_cost import OwnCost
+from agents.training.user_code import is_path
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from agents.controllers.controller import Controller
+    from agents.evaluation.episodes import Rewards
+    from agents.policies import Policy
+    from agents.training.config import TrainSettings
+    from mm_gym import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The scene, the controller that the agent is added to, and the cost, the last two if any."""
+
+    scene: Scene
+    base: Controller | None = None
+    cost: OwnCost | None = None
+    authority: float = 0.0
+
+    @property
+    def rewards_of(self) -> Rewards | None:
+        """What rewards the episodes of `evaluate`, where it is not the scene."""
+        return None if self.cost is None else self.cost.rewards
+
+    def controller(self, policy: Policy, name: str = "learned") -> Controller:
+        """Return a policy as a controller, added to the base if there is one."""
+        if self.base is None:
+            return Learned(policy, name)
+        return Residual(self.base, policy, self.authority, name)
+
+
+def make_parts(settings: TrainSettings) -> Parts:
+    """Return the parts of a training; files that its settings name are run.
+
+    Raises
+    ------
+    SceneError
+        If a part cannot be made.
+    """
+    return _parts(settings.load_scene(), settings.base, settings.reward, settings.authority)
+
+
+def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool) -> Parts:
+    """Return the parts of a run, from the scene and the settings in its record.
+
+    Raises
+    ------
+    PolicyError
+        If they are in a file of the user's, which would be run, and it is not trusted.
+    SceneError
+        If a part cannot be made.
+    """
+    base, reward = (settings.get(name) for name in ("base", "reward"))
+    authority = settings.get("authority", 0.0)
+    code = [text for text in (base, reward) if isinstance(text, str) and is_path(text)]
+    if code and not trust:
+        msg = f"{', '.join(code)}: the run's own code, which scoring runs; --trust allows it"
+        raise PolicyError(msg)
+    return _parts(scene, base, reward, authority)  # pyright: ignore[reportArgumentType] - of the record
+
+
+def _parts(scene: Scene, base: str | None, reward: str | None, authority: float) -> Parts:
+    return Parts(
+        scene,
+        None if base is None else base_controller(scene, base),
+        None if reward is None else OwnCost(scene, reward),
+        authority,
+    )

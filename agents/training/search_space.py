@@ -1,0 +1,89 @@
+"""The settings that tuning searches, and the file that it writes."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from agents.training.algorithm_settings import OffPolicySettings, PPOSettings
+from agents.training.config import TrainSettings
+
+if TYPE_CHECKING:
+    from optuna import Trial
+
+LAYERS = {"32 x 32": (32, 32), "64 x 64": (64, 64), "128 x 128": (128, 128), "256": (256,)}
+
+RUN = ("name", "seed", "threads")
+"""Settings that a file of settings leaves out: they are a run's own."""
+
+
+def suggested(trial: Trial, settings: TrainSettings, name: str) -> TrainSettings:
+    """Return the settings that a trial tries, under the name of its run."""
+    chosen = settings.chosen
+    own: dict[str, Any] = {
+        "learning_rate": trial.suggest_float("learning_rate", 1e-4, 1e-2, log=True),
+        "discount": 1.0 - trial.suggest_float("1 - discount", 5e-3, 0.2, log=True),
+        "hidden": LAYERS[trial.suggest_categorical("hidden", list(LAYERS))],
+        "reward_scale": chosen.reward_scale * trial.suggest_float("reward", 0.1, 10.0, log=True),
+    }
+    if isinstance(chosen, PPOSettings):
+        own |= {
+            "rollout": trial.suggest_categorical("rollout", [25, 50, 100, 200]),
+            "epochs": trial.suggest_int("epochs", 3, 12),
+            "gae_lambda": trial.suggest_float("gae_lambda", 0.9, 0.99),
+            "initial_log_std": trial.suggest_float("initial_log_std", -2.0, 0.0),
+        }
+        parts = trial.suggest_categorical("batches", [2, 4, 8, 16])
+        own["batch_size"] = max(2, settings.lanes * own["rollout"] // parts)
+    if isinstance(chosen, OffPolicySettings):
+        own |= {
+            "gradient_steps": trial.suggest_int("gradient_steps", 1, 16, log=True),
+            "batch_size": trial.suggest_categorical("batch_size", [128, 256, 512]),
+        }
+    if "tau" in type(chosen).model_fields:
+        own["tau"] = trial.suggest_float("tau", 2e-3, 5e-2, log=True)
+    data = plain(settings)
+    data[settings.algorithm] |= own
+    if settings.base is not None:
+        data["authority"] = trial.suggest_float("authority", 0.1, 1.0)
+    return TrainSettings.of(data | {"name": name})
+
+
+def plain(settings: TrainSettings) -> dict[str, Any]:
+    """Return the settings of a training alone, whatever a subclass adds, as data."""
+    return {name: value for name, value in settings.model_dump().items() if name in _FIELDS}
+
+
+_FIELDS = TrainSettings.model_fields
+
+
+def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
+    """Return a file like those of `configs/agents`: what differs from the defaults.
+
+    Parameters
+    ----------
+    comment
+        Its first line.
+    name
+        The name of its runs.
+    """
+    default, data = TrainSettings().model_dump(), plain(settings)
+    lines, tables = [f"# {comment}", f'task = "{settings.task}"', f"name = {json.dumps(name)}"], []
+    for key, value in data.items():
+        if key == "task" or key in RUN or value == default[key]:
+            continue
+        if not isinstance(value, dict):
+            lines.append(f"{key} = {_written(value)}")
+        elif key in ("changes", settings.algorithm):
+            own = {k: v for k, v in value.items() if v != default[key].get(k)}
+            tables += [
+                "",
+                f"[{key}]",
+                *(f"{json.dumps(k)} = {_written(v)}" for k, v in own.items()),
+            ]
+    return "\n".join([*lines, *tables]) + "\n"
+
+
+def _written(value: object) -> str:
+    """Return a number, text, truth value or list of them, which TOML writes as JSON does."""
+    return json.dumps(value)

@@ -1,0 +1,171 @@
+"""Search the settings of an algorithm with Optuna.
+
+For example ``python -m agents.tune PreStretch --trials 50 --steps 500000 --name tuned``. All flags
+of agents.train say what every trial has in common.
+
+The study is ``runs/NAME/study.db``, and each trial's training a run folder beside it; ``best.toml``
+there is the best so far, a file like those of ``configs/agents``. The same command goes on after a
+kill or Ctrl-C, from the checkpoint of the trial that was running; more processes of it share the
+trials.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from agents.policies import PolicyError
+from agents.training.algorithm_settings import Count  # noqa: TC001 - pydantic reads it
+from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.reinforcement import train
+from agents.training.runs import INTERRUPTED, Run, RunError
+from agents.training.search_space import as_toml, suggested
+from mm_gym import CompileError, SceneError
+from mm_gym.files import write_text
+
+try:
+    import optuna
+    from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
+    from optuna.trial import TrialState
+except ImportError as error:
+    msg = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
+    raise SystemExit(msg) from error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from optuna import Study, Trial
+
+HEARTBEAT, GRACE = 15, 60
+"""Seconds between two signs of life of a trial, and without one after which it is repeated."""
+
+MOST_RETRIES = 20
+OVER = (TrialState.COMPLETE, TrialState.PRUNED)
+
+
+class TuneSettings(TrainSettings):
+    """What every trial has in common, and how many there are."""
+
+    trials: Count = 50
+    """that end or are pruned, over all processes and starts"""
+
+
+def main() -> str | int | None:
+    """Tune from the command line."""
+    try:
+        settings = settings_from_command_line(TuneSettings, __doc__ or "")
+        path = tune(settings)
+    except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
+        return f"error: {error}"
+    except (OSError, optuna.exceptions.StorageInternalError) as error:
+        return f"error: {error}\nthe same command goes on when that is mended"
+    except KeyboardInterrupt:
+        print("interrupted: give the same command again to continue", file=sys.stderr)
+        return INTERRUPTED
+    print(f"written: {path}")
+    return None
+
+
+def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
+    """Try settings until there are enough trials; return the path of the best ones' file.
+
+    Raises
+    ------
+    SceneError, CompileError
+        If there is nothing to train on. No folder is made.
+    RunError
+        If the folder holds a study of other settings.
+    """
+    settings.load_scene()
+    folder = root / settings.name
+    folder.mkdir(parents=True, exist_ok=True)
+    study = _study(settings, folder)
+    left = settings.trials - len(study.get_trials(deepcopy=False, states=OVER))
+
+    def cost(trial: Trial) -> float:
+        return _tried(trial, settings, folder)
+
+    def note(*_: object) -> None:
+        _write_best(study, settings, folder)
+
+    if left > 0:
+        enough = optuna.study.MaxTrialsCallback(settings.trials, states=OVER)
+        study.optimize(cost, callbacks=[note, enough], show_progress_bar=False)
+    return _write_best(study, settings, folder)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Keep Optuna from calling heartbeats experimental, as it does since its version 2.8."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        yield
+
+
+def _study(settings: TuneSettings, folder: Path) -> Study:
+    """Open the study, or begin it."""
+    with _without_warnings():
+        repeat = RetryHeartbeatStaleTrialCallback(MOST_RETRIES)
+        storage = RDBStorage(
+            f"sqlite:///{(folder / 'study.db').resolve()}",
+            heartbeat_interval=HEARTBEAT,
+            grace_period=GRACE,
+            heartbeat_stale_trial_callback=repeat,
+        )
+    study = optuna.create_study(
+        study_name=settings.name,
+        storage=storage,
+        load_if_exists=True,
+        sampler=optuna.samplers.TPESampler(seed=settings.seed),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+    )
+    own = settings.model_dump_json(exclude={"trials"})
+    if study.user_attrs.setdefault("settings", own) != own:
+        msg = f"{folder}: holds a study of other settings; choose another name with --name"
+        raise RunError(msg)
+    study.set_user_attr("settings", own)
+    return study
+
+
+def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
+    """Return the least validation cost of a trial's training; it is pruned if it falls behind."""
+    frozen = trial.study.get_trials(deepcopy=False)[trial.number]
+    with _without_warnings():
+        first = RetryHeartbeatStaleTrialCallback.retried_trial_number(frozen)
+    own = suggested(trial, settings, f"trial-{trial.number if first is None else first}")
+    run = Run(own.name, folder)
+
+    def report(steps: int, cost: float) -> None:
+        trial.report(cost, steps)
+        if trial.should_prune():
+            raise optuna.TrialPruned
+
+    try:
+        train(own, run, bar=False, report=report)
+    except KeyboardInterrupt:  # Optuna calls the trial failed, and would not repeat it
+        with _without_warnings():
+            repeat = RetryHeartbeatStaleTrialCallback()
+        repeat(trial.study, trial.study.get_trials(deepcopy=False)[trial.number])
+        raise
+    return float(np.loadtxt(run.metrics, delimiter=",", skiprows=1, ndmin=2)[:, 1].min())
+
+
+def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
+    """Write the file of the best settings, if any trial has ended."""
+    path = folder / "best.toml"
+    if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+        best = study.best_trial
+        own = suggested(optuna.trial.FixedTrial(best.params), settings, "best")  # pyright: ignore[reportArgumentType]
+        comment = f"Validation cost {study.best_value:.4f}, the best of {len(study.trials)} trials."
+        write_text(path, as_toml(own, comment, settings.name))
+    return path
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""Do all algorithms train, continue bitwise, and leave policies that act as their models?"""
+
+import json
+import signal
+
+import kills
+import numpy as np
+import pytest
+import torch
+
+from agents.evaluation.episodes import evaluate
+from agents.policies import PolicyError, load_policy
+from agents.training import reinforcement
+from agents.training.algorithms import CLASSES, make_model
+from agents.training.archive import policy_of
+from agents.training.config import TrainSettings
+from agents.training.lanes import make_lanes
+from agents.training.parts import make_parts
+from agents.training.reinforcement import Validation, learn, train
+from agents.training.runs import Run, RunError
+
+ALGORITHMS = list(CLASSES)
+
+
+def tiny(algorithm, **fields):
+    own = {"hidden": (8,), "batch_size": 40, "reward_scale": 5.0}
+    if "ppo" in algorithm:
+        own |= {"rollout": 10, "epochs": 2}
+    else:
+        own |= {"learning_starts": 100, "buffer_size": 600, "gradient_steps": 1}
+    data = {"task": "mm_gym/CarriageForce-v0", "name": "tiny", "lanes": 8, "steps": 800}
+    data |= {"algorithm": algorithm, "evaluations": 4, "changes": {"control.steps": 40}}
+    return TrainSettings(**(data | {algorithm: own} | fields))
+
+
+def model_of(settings, folder):
+    torch.set_num_threads(1)  # as `train` does
+    lanes = reinforcement._normalised(settings, make_lanes(settings, make_parts(settings)))
+    return make_model(settings, folder / "log", lanes)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_policy_acts_as_the_model_that_it_is_from(algorithm, tmp_path):
+    model = model_of(tiny(algorithm, normalise_observations=True), tmp_path).learn(400)
+    policy_of(model).save(tmp_path / "policy.npz")
+    policy, generator = load_policy(tmp_path / "policy.npz"), np.random.default_rng(0)
+    size, memory, state = model.observation_space.shape[0], None, None
+    starts = np.ones(500, np.bool_)
+    memory = policy.begin(500)
+    for _ in range(20):
+        observed = generator.normal(0.0, 2.0, (500, size)).astype(np.float32)
+        shown = model.get_vec_normalize_env().normalize_obs(observed)
+        want, state = model.predict(shown, state, starts, deterministic=True)
+        starts[:] = False
+        # Single precision: sums of products of order ten round by 1e-6.
+        np.testing.assert_allclose(policy.act(observed, memory), want, rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_agent_begins_as_the_law_that_it_is_added_to(algorithm, tmp_path):
+    settings = tiny(algorithm, base="lqr", normalise_observations=True)
+    parts = make_parts(settings)
+    policy = policy_of(model_of(settings, tmp_path))
+    agent = evaluate(parts.scene, parts.controller(policy), episodes=20)
+    law = evaluate(parts.scene, parts.base, episodes=20)
+    np.testing.assert_array_equal(agent.penalties, law.penalties)
+
+
+def outcome(run):
+    policy = load_policy(run.policy)
+    metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1)
+    return [metrics, *policy.weights, *policy.biases, *policy.cell]
+
+
+def assert_same_outcome(run, other):
+    for own, others in zip(outcome(run), outcome(other), strict=True):
+        np.testing.assert_array_equal(own, others)
+
+
+class Killed(Exception):  # noqa: N818 - not an error
+    pass
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_killed_training_continues_bitwise(algorithm, tmp_path, monkeypatch):
+    # Episodes end early and apart, so that copies of the base begin at different steps.
+    changes = {"control.steps": 40, "objective.displacement_limit": 0.003}
+    settings = tiny(
+        algorithm, base="lqg", changes=changes, normalise_observations=True, normalise_rewards=True
+    )
+    whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+    train(settings, whole, bar=False)
+    validate = Validation._validate
+
+    def die(validation):
+        if validation.num_timesteps >= 600:
+            raise Killed
+        validate(validation)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Validation, "_validate", die)
+        with pytest.raises(Killed):
+            train(settings, broken, bar=False)
+    assert not broken.finished
+    train(settings, broken, bar=False)
+    assert_same_outcome(broken, whole)
+
+
+@pytest.mark.parametrize("wanted", [2, pytest.param(10, marks=pytest.mark.slow)])
+def test_off_policy_runs_killed_at_random_instants_end_as_if_uninterrupted(wanted, tmp_path):
+    settings = tiny("sac", base="lqr", evaluations=8)
+    whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+    train(settings, whole, bar=False)
+    draw, killed = np.random.default_rng(wanted), 0
+    while not broken.finished:
+        # Just before a file is touched, where most could go wrong.
+        touches = int(draw.integers(8, 30)) if killed < wanted else None
+        process = kills.begin_training(settings, tmp_path / "broken", touches)
+        process.join()
+        assert process.exitcode in {0, -signal.SIGKILL}
+        killed += process.exitcode == -signal.SIGKILL
+    assert killed == wanted
+    assert_same_outcome(broken, whole)
+
+
+def test_ctrl_c_of_an_off_policy_training_waits_for_the_step_and_loses_nothing(tmp_path):
+    settings = tiny("sac", steps=600)
+    whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+    train(settings, whole, bar=False)
+    step, left = Validation._on_step, 37
+
+    def interrupt(validation):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            signal.raise_signal(signal.SIGINT)
+        return step(validation)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Validation, "_on_step", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train(settings, broken, bar=False)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    train(settings, broken, bar=False)
+    assert_same_outcome(broken, whole)
+
+
+def test_finished_run_goes_on_with_more_steps_and_keeps_its_first_policy(tmp_path):
+    run, first = Run("tiny", tmp_path), tiny("sac", steps=400, evaluations=2)
+    train(first, run, bar=False)
+    policy, rows = run.policy.read_bytes(), run.metrics.read_text()
+    train(first.model_copy(update={"steps": 800}), run, bar=False)
+    assert run.finished
+    assert run.metrics.read_text().startswith(rows)
+    assert float(run.metrics.read_text().splitlines()[-1].split(",")[0]) == 800.0
+    assert (run.folder / "policy-400.npz").read_bytes() == policy
+    record = json.loads(run.record.read_text())
+    assert record["settings"]["steps"] == 800
+    assert [stage["steps"] for stage in record["earlier"]] == [400]
+    with pytest.raises(RunError, match="other settings"):
+        train(first, run, bar=False)  # fewer steps than it has
+
+
+def test_policy_of_a_base_is_refused_without_it(tmp_path):
+    settings = tiny("ppo", base="lqr")
+    policy = policy_of(model_of(settings, tmp_path))
+    parts = make_parts(settings.model_copy(update={"base": None}))
+    with pytest.raises(PolicyError, match="got 5 observed numbers and 1 actions; the scene has 4"):
+        evaluate(parts.scene, parts.controller(policy), episodes=2)
+
+
+def test_training_around_a_law_does_not_lose_it(tmp_path):
+    settings = tiny("ppo", base="velocity_feedback", changes={}, steps=1600, evaluations=2)
+    run = Run("tiny", tmp_path)
+    train(settings, run, bar=False)
+    parts = make_parts(settings)
+    learned = evaluate(parts.scene, parts.controller(load_policy(run.policy)), episodes=50)
+    still = evaluate(parts.scene, make_parts(tiny("ppo", base="no_control")).base, episodes=50)
+    # The law's cost is half of that without control; an agent of 1,600 steps stays close to it.
+    assert learned.cost < 0.7 * still.cost
+
+
+def test_learn_without_a_bar_prints_nothing(tmp_path, capsys):
+    settings = tiny("ppo", steps=80, evaluations=1)
+    run = Run("tiny", tmp_path)
+    run.folder.mkdir()
+    model, parts = model_of(settings, tmp_path), make_parts(settings)
+    learn(model, 80, Validation(settings, parts, run), bar=False)
+    assert capsys.readouterr().out == ""

@@ -1,0 +1,163 @@
+"""Is a run's folder usable, and the message clear, whatever the machine does?"""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from agents import train as command
+from agents.training import reinforcement
+from agents.training.arrays import load_checkpoint
+from agents.training.config import TrainSettings
+from agents.training.reinforcement import train
+from agents.training.runs import Run, RunError
+
+ROOT = Path(__file__).parents[2]
+SMALL = TrainSettings(
+    task="mm_gym/CarriageForce-v0",
+    name="small",
+    lanes=8,
+    steps=800,
+    evaluations=8,
+    ppo={"rollout": 10, "batch_size": 40, "hidden": (8,)},
+)
+ARGUMENTS = [
+    *("CarriageForce", "--name", "small", "--lanes", "8", "--steps", "800", "--evaluations", "8"),
+    *("--ppo.rollout", "10", "--ppo.batch-size", "40", "--ppo.hidden", "8"),
+]
+
+
+def whole(folder):
+    run = Run("small", folder)
+    train(SMALL, run, bar=False)
+    return run
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    return whole(tmp_path_factory.mktemp("runs"))
+
+
+def assert_continues(run, other):
+    """The folder is usable: a training goes on in it, and ends as one that had no trouble."""
+    train(SMALL, run, bar=False)
+    assert run.policy.read_bytes() == other.policy.read_bytes()
+    assert run.metrics.read_text() == other.metrics.read_text()
+
+
+def test_full_disk_is_named_and_the_run_continues_when_there_is_room(
+    uninterrupted, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS])
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    largest = len(uninterrupted.checkpoint.read_bytes()) // 2
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, limits[1]))
+    try:
+        error = command.main()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert error.startswith("error: runs/small/checkpoint.npz: cannot be written: File too large")
+    assert "runs/small: its last checkpoint is whole" in error
+    run = Run("small", tmp_path / "runs")
+    assert not list(run.folder.glob(".checkpoint*"))  # no part of a file is left
+    assert_continues(run, uninterrupted)
+
+
+def test_disk_that_fills_up_in_the_middle_keeps_the_last_checkpoint(
+    uninterrupted, tmp_path, monkeypatch
+):
+    run, left = Run("small", tmp_path), 3
+    save = reinforcement.save_checkpoint
+
+    def fill(path, arrays):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise OSError(28, "No space left on device", str(path))
+        save(path, arrays)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(reinforcement, "save_checkpoint", fill)
+        with pytest.raises(OSError, match="No space left"):
+            train(SMALL, run, bar=False)
+    assert int(load_checkpoint(run.checkpoint)["model/steps"]) == 240
+    assert_continues(run, uninterrupted)
+
+
+def test_folder_that_cannot_be_written_to_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("runs").write_text("a file")
+    monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS])
+    assert command.main().startswith("error: runs/small: cannot be the folder of a run:")
+    assert Path("runs").read_text() == "a file"
+
+
+def test_missing_extra_is_named_before_a_folder_is_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS, "--algorithm", "tqc"])
+    assert command.main() == (
+        "error: algorithm 'tqc' needs sb3-contrib, run `pip install \"mm-gym[contrib]\"`"
+    )
+    assert not Path("runs").exists()
+
+
+def test_missing_optuna_is_named():
+    code = "import sys; sys.modules['optuna'] = None; import agents.tune"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr == 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`\n'
+
+
+def test_second_ctrl_c_does_not_wait(tmp_path, monkeypatch):
+    settings = TrainSettings(
+        task=SMALL.task, name="small", lanes=8, steps=800, algorithm="sac", evaluations=1
+    )
+    step, left = reinforcement.Validation._on_step, 3
+
+    def interrupt(validation):
+        nonlocal left
+        left -= 1
+        if left == 0:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            msg = "the second signal was not delivered"
+            raise AssertionError(msg)
+        return step(validation)
+
+    monkeypatch.setattr(reinforcement.Validation, "_on_step", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(settings, Run("small", tmp_path), bar=False)
+
+
+def test_checkpoint_of_another_algorithm_is_refused(uninterrupted, tmp_path):
+    run = Run("small", tmp_path)
+    run.folder.mkdir()
+    run.checkpoint.write_bytes(uninterrupted.checkpoint.read_bytes())
+    other = SMALL.model_copy(update={"algorithm": "sac"})
+    with pytest.raises(RunError, match=r"checkpoint\.npz: does not fit"):
+        train(other, run, bar=False)
+
+
+def test_every_flag_of_an_algorithm_is_typed_and_unknown_ones_are_refused(capsys, monkeypatch):
+    for words, text in (
+        (["--sac.tau", "fast"], "fast"),
+        (["--sac.tao", "0.1"], "--sac.tau"),
+        (["--algorithm", "sak"], "sac"),
+    ):
+        monkeypatch.setattr("sys.argv", ["train", "Hybrid", *words])
+        with pytest.raises(SystemExit) as caught:
+            command.main()
+        assert caught.value.code == 2
+        shown = capsys.readouterr()
+        assert text in shown.err + shown.out

@@ -1,0 +1,82 @@
+"""Is a base told of each lane's own episode, wherever in time it began?"""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from tasks import CARRIAGE_FORCE
+
+from agents.training.bases import BASES, base_controller
+from agents.training.residual_lanes import ResidualLanes
+from mm_gym import SceneError
+
+SHORT = CARRIAGE_FORCE.replace(
+    **{
+        "control.steps": 30,
+        "objective.displacement_limit": 0.003,
+        "sensors.channels": ["carriage_displacement", "sphere_offset"],
+        "sensors.noise": {"carriage_displacement": 1e-4, "sphere_offset": 1e-4},
+        "sensors.delay": 2,
+    }
+)
+
+
+def lanes(count, base, seed):
+    env = gymnasium.make_vec(
+        "mm_gym/CarriageForce-v0",
+        num_envs=count,
+        vectorization_mode="vector_entry_point",
+        scene=SHORT,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    residual = ResidualLanes(env, base, 0.5)
+    return residual, residual.reset(seed=seed)[0]
+
+
+@pytest.mark.parametrize("name", ["lqg", "lqr"])
+def test_base_of_each_lane_acts_as_in_a_lane_alone(name):
+    base, generator = base_controller(SHORT, name), np.random.default_rng(1)
+    many, observation = lanes(5, base, 7)
+    alone = [lanes(1, base, 7 + i) for i in range(5)]
+    actions = generator.uniform(-1.0, 1.0, (90, 5, 1))
+    begun, saved = set(), None
+    for step, action in enumerate(actions):
+        np.testing.assert_allclose(
+            observation, np.concatenate([seen for _, seen in alone]), rtol=0.0, atol=1e-6
+        )
+        observation, _, terminated, _, info = many.step(action)
+        singles = [env.step(action[i : i + 1]) for i, (env, _) in enumerate(alone)]
+        for i in np.flatnonzero(info.get("_final_obs", [])):
+            last = singles[i][4]["final_obs"][0]
+            np.testing.assert_allclose(info["final_obs"][i], last, rtol=0.0, atol=1e-6)
+        alone = [(env, made[0]) for (env, _), made in zip(alone, singles, strict=True)]
+        begun |= {(step, i) for i in np.flatnonzero(terminated)}
+        if step == 60:
+            saved = many.env.unwrapped.get_state(), many.get_state(), observation
+    assert len({step for step, _ in begun}) > 2  # lanes ended apart
+    assert len(many.cohorts) > 1
+    again, _ = lanes(5, base, 0)
+    again.env.unwrapped.set_state(saved[0])
+    again.set_state(saved[1])
+    for action in actions[61:]:
+        seen, *_ = again.step(action)
+    np.testing.assert_array_equal(seen, observation)
+
+
+def test_agent_and_base_add_up_within_the_range_of_the_action():
+    env, observation = lanes(5, base_controller(SHORT, "lqr"), 3)
+    law = env.proposed.copy()
+    np.testing.assert_array_equal(observation[:, -1:], law.astype(np.float32))
+    env.step(np.full((5, 1), 1.0))
+    np.testing.assert_array_equal(env.cohorts[0].sent[0], np.clip(law + 0.5, -1.0, 1.0))
+
+
+def test_unknown_base_is_named_with_the_nearest():
+    with pytest.raises(SceneError, match="base: got 'lqrr'; did you mean 'lqr'") as caught:
+        base_controller(SHORT, "lqrr")
+    assert all(name in str(caught.value) for name in BASES)
+
+
+def test_base_that_does_not_suit_the_scene_says_why():
+    with pytest.raises(SceneError, match=r"base: phase_law cannot be designed .*stretch: missing"):
+        base_controller(SHORT, "phase_law")

@@ -1,0 +1,119 @@
+"""Does a sweep do every training once, whatever happens to its processes?"""
+
+import json
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from agents import sweep as command
+from agents.sweep import sweep
+from agents.training.reinforcement import train
+from agents.training.runs import Run
+from agents.training.sweeps import SweepSettings
+from mm_gym import SceneError
+
+SMALL = {
+    "lanes": 8,
+    "steps": 800,
+    "evaluations": 8,
+    "ppo.rollout": 10,
+    "ppo.batch_size": 40,
+    "ppo.hidden": [8],
+}
+TWO = SweepSettings(
+    name="two",
+    tasks=("CarriageForce",),
+    settings=SMALL,
+    variants={"plain": {}, "bad": {"reward": "absent.py:cost"}},
+    processes=1,
+)
+
+
+def kill_first(folder, killed):
+    for _ in range(6000):
+        time.sleep(0.01)
+        for checkpoint in folder.glob("*/checkpoint.npz"):
+            number = int((checkpoint.parent / ".lock").read_text().split()[1])
+            os.kill(number, signal.SIGKILL)
+            killed.append(checkpoint.parent.name)
+            return
+
+
+def test_killed_process_is_repeated_and_a_training_that_fails_stops_no_other(tmp_path):
+    killed = []
+    killer = threading.Thread(target=kill_first, args=(tmp_path / "two", killed))
+    killer.start()
+    problems = sweep(TWO, tmp_path)
+    killer.join()
+    assert killed == ["CarriageForce-ppo-plain-0"]
+    assert problems.startswith("CarriageForce-ppo-bad-0: SceneError: reward: absent.py")
+    rows = (tmp_path / "two" / "results.csv").read_text().splitlines()
+    assert [row.rpartition(",")[0].rpartition(",")[0] for row in rows[1:]] == [
+        "CarriageForce,ppo,plain,0,800.0"
+    ]
+    alone = Run("CarriageForce-ppo-plain-0", tmp_path / "alone")
+    train(TWO.trials()[0], alone, bar=False)
+    swept = Run(alone.folder.name, tmp_path / "two")
+    assert swept.policy.read_bytes() == alone.policy.read_bytes()
+    assert swept.metrics.read_text() == alone.metrics.read_text()
+    assert (
+        float(rows[1].split(",")[-1])
+        == json.loads((swept.folder / "result.json").read_text())["cost"]
+    )
+
+
+def test_every_combination_is_a_training_of_its_own_name():
+    settings = SweepSettings(
+        tasks=("mm_gym/Hybrid-v0", "PreStretch"),
+        algorithms=("sac", "ppo"),
+        seeds=3,
+        variants={"a": {"sac.hidden": [4]}, "b": {}},
+        settings={"sac.tau": 0.1, "steps": 10},
+    )
+    trials = settings.trials()
+    assert len({trial.name for trial in trials}) == len(trials) == 24
+    assert trials[0].sac.hidden == (4,)
+    assert {trial.sac.tau for trial in trials} == {0.1}
+    assert {trial.steps for trial in trials} == {10}
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"tasks": ("Hybrit",)}, "did you mean 'mm_gym/Hybrid-v0'"),
+        ({"algorithms": ("pqo",)}, "algorithms.0: got 'pqo'; did you mean 'ppo'"),
+        ({"settings": {"stepps": 3}}, "stepps: unknown key; did you mean 'steps'"),
+        ({"variants": {"a": 3}}, "variants.a: got 3; allowed: a table of settings"),
+        ({"settings": {"steps": 3, "steps.x": 4}}, "exclude each other"),
+    ],
+)
+def test_wrong_sweep_is_refused_before_a_folder_is_made(tmp_path, fields, words):
+    with pytest.raises(SceneError) as caught:
+        sweep(SweepSettings(**fields), tmp_path)
+    assert words in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "want"),
+    [
+        (["--ray"], ["--ray", "none"]),
+        (["--ray", "--seeds", "2"], ["--ray", "none", "--seeds", "2"]),
+        (["--ray", "10.0.0.1:6379"], ["--ray", "10.0.0.1:6379"]),
+        (["--seeds", "2"], ["--seeds", "2"]),
+    ],
+)
+def test_ray_takes_an_address_or_none(words, want, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["sweep", *words])
+    command.with_address()
+    assert command.sys.argv[1:] == want
+
+
+def test_missing_ray_is_named_with_its_extra(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(command.sys.modules, "ray", None)
+    monkeypatch.setattr("sys.argv", ["sweep", "--ray"])
+    assert command.main() == 'error: --ray needs Ray, run `pip install "mm-gym[ray]"`'

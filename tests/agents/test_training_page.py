@@ -1,0 +1,186 @@
+"""The page on training runs as it is printed, and what it promises of own files holds."""
+
+import json
+import re
+import shlex
+import subprocess
+from importlib import import_module
+
+import numpy as np
+import pytest
+from pages import ROOT, blocks
+from tasks import CARRIAGE_FORCE
+
+from agents.evaluate import report_run
+from agents.evaluation.episodes import evaluate
+from agents.policies import PolicyError
+from agents.training.bases import BASES, base_controller
+from agents.training.config import TrainSettings, read_settings
+from agents.training.own_cost import OwnCost
+from agents.training.parts import make_parts
+from agents.training.reinforcement import train
+from agents.training.runs import Run, RunError
+from mm_gym import SceneError
+from mm_gym.tasks import ids
+
+LAW = """
+import numpy as np
+
+class Law:
+    def __init__(self, scene):
+        pass
+    def begin(self, lanes):
+        pass
+    def action(self, state, applied):
+        return -0.25 * np.sign(state[:, 2:3])
+"""
+
+
+COMMAND = re.compile(r"python -m (agents\.\w+) (.*)")
+
+
+def run_here(page, folder):
+    """Run the blocks of a page in order, its commands in this process: they import torch."""
+    for text in (text for language, text in blocks(page) if language == "sh"):
+        shown = "\n".join(line for line in text.splitlines() if not COMMAND.fullmatch(line))
+        subprocess.run(["sh", "-ec", shown], cwd=folder, check=True)  # noqa: S607 - as pages.py
+        for module, words in COMMAND.findall(text):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(folder)
+                patch.setattr("sys.argv", [module, *shlex.split(words)])
+                assert import_module(module).main() is None
+
+
+def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
+    # The laws are tuned for a report, which takes longer than all else here.
+    monkeypatch.setattr("agents.evaluate.baselines", lambda s: [base_controller(s, "no_control")])
+    run_here("../training", tmp_path)
+    runs = tmp_path / "runs"
+    assert json.loads((runs / "heavy" / "run.json").read_text())["scene"]["carriage"]["mass"] == 0.2
+    code = json.loads((runs / "comfort" / "run.json").read_text())["code"]
+    assert code == {"comfort.py": (tmp_path / "comfort.py").read_text()}
+    assert "Law" in json.loads((runs / "bang" / "run.json").read_text())["code"]["bang.py"]
+    assert read_settings(runs / "quick" / "best.toml", TrainSettings).steps == 1600
+    rows = (runs / "first_sweep" / "results.csv").read_text().splitlines()
+    assert [row.split(",")[2] for row in rows[1:]] == ["plain", "small"]
+
+
+def test_page_names_every_base_and_algorithm():
+    page = (ROOT / "docs" / "training.md").read_text()
+    assert all(name in page for name in BASES)
+    assert all(f"`{name}`" in page for name in ("ppo", "sac", "td3", "tqc", "crossq"))
+
+
+def test_every_task_has_a_file_of_settings():
+    files = (ROOT / "configs" / "agents").glob("*.toml")
+    assert sorted(read_settings(file, TrainSettings).task for file in files) == sorted(ids())
+
+
+def settings_of(**fields):
+    data = {"task": "mm_gym/CarriageForce-v0", "name": "own", "steps": 160, "evaluations": 1}
+    small = {"rollout": 10, "batch_size": 40, "hidden": (8,)}
+    return TrainSettings(**(data | {"lanes": 8, "ppo": small} | fields))
+
+
+def written(folder, text, name="own.py"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+COST = """
+def cost(carriage_displacement, carriage_velocity, applied_force):
+    return (carriage_displacement / 0.01) ** 2 + 0.1 * (carriage_velocity / {0}) ** 2 + 0.01 * (
+        applied_force / 4.0
+    ) ** 2
+"""
+
+
+@pytest.mark.parametrize("extra", ["", "    import json; json.dumps(1)\n"])
+def test_own_cost_that_is_the_task_s_gives_its_costs(tmp_path, extra, capsys):
+    """The second cannot be compiled, which is said."""
+    scene = CARRIAGE_FORCE
+    text = COST.format(scene.objective.velocity_scale).replace("force):\n", "force):\n" + extra)
+    cost = OwnCost(scene, f"{written(tmp_path, text)}:cost")
+    assert ("cannot be compiled" in capsys.readouterr().err) == bool(extra)
+    law = base_controller(scene, "lqr")
+    own = evaluate(scene, law, episodes=10, rewards_of=cost.rewards)
+    # The same terms, added in another order.
+    np.testing.assert_allclose(own.penalties, evaluate(scene, law, episodes=10).penalties, 1e-12)
+
+
+def test_own_cost_reads_an_observed_acceleration_at_the_end_of_the_step(tmp_path):
+    scene = CARRIAGE_FORCE.replace(
+        **{
+            "sensors.channels": ["carriage_displacement", "carriage_acceleration"],
+            "sensors.history": 2,
+        }
+    )
+    text = "def cost(carriage_acceleration):\n    return carriage_acceleration**2\n"
+    cost = OwnCost(scene, f"{written(tmp_path, text)}:cost")
+    settings = settings_of(reward=f"{tmp_path}/own.py:cost")
+    scale = make_parts(settings.model_copy(update={"reward": None})).scene.objective
+    observation = np.array([[0.0, 9.0, 0.0, 2.0], [0.0, 9.0, 0.0, -1.0]], np.float32)
+    unit = np.sqrt(-cost.rewards(observation, {})[1])
+    np.testing.assert_allclose(cost.rewards(observation, {}), [-4.0 * unit**2, -(unit**2)], 1e-12)
+    assert unit > 0.0
+    assert scale == CARRIAGE_FORCE.objective
+
+
+@pytest.mark.parametrize(
+    ("reward", "text", "words"),
+    [
+        ("own.py", "", "reward: got 'own.py'; allowed: file.py:name"),
+        ("absent.py:cost", "", "reward: absent.py: no such file"),
+        ("own.py:cst", "def cost(stretch): pass", "has no 'cst'; did you mean 'cost'"),
+        ("own.py:cost", "cost = 3", "'cost' of own.py is a int; allowed: what can be called"),
+        ("own.py:cost", "def cost(", "own.py cannot be run: SyntaxError"),
+        (
+            "own.py:cost",
+            "def cost(carriage_velocty): return 0.0",
+            "did you mean 'carriage_velocity'",
+        ),
+        ("own.py:cost", "def cost(): return 0.0", "got the argument ''"),
+        ("own.py:cost", "def cost(carriage_acceleration): return 0.0", "among sensors.channels"),
+        (
+            "own.py:cost",
+            "def cost(slip_velocity): return 0.0 * slip_velocity / 0.0",
+            "failed|finite",
+        ),
+        ("own.py:cost", "def cost(slip_velocity): return float('nan')", "what is not finite"),
+    ],
+)
+def test_wrong_cost_is_named(tmp_path, monkeypatch, reward, text, words):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, text)
+    with pytest.raises(SceneError, match=words):
+        train(settings_of(reward=reward), Run("own", tmp_path), bar=False)
+
+
+@pytest.mark.parametrize(
+    ("base", "text", "words"),
+    [
+        ("absent.py:Law", "", "base: absent.py: no such file"),
+        ("own.py:Law", "class Law: pass", r"base: own.py:Law: TypeError: Law\(\) takes no arg"),
+        ("own.py:Law", "def Law(scene): return 3", "makes a int; allowed: a controller, with `res"),
+        ("own.py:Law", "def Law(scene): raise KeyError(3)", "base: own.py:Law: KeyError: 3"),
+        ("lqr_", "", "base: got 'lqr_'; did you mean 'lqr'"),
+    ],
+)
+def test_wrong_base_is_named_before_a_folder_is_made(tmp_path, monkeypatch, base, text, words):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, text)
+    with pytest.raises(SceneError, match=words):
+        train(settings_of(base=base), Run("own", tmp_path), bar=False)
+    assert not (tmp_path / "own").exists()
+
+
+def test_run_with_own_code_is_scored_if_trusted_and_not_continued_with_other_code(tmp_path):
+    base = f"{written(tmp_path, LAW)}:Law"
+    run, settings = Run("own", tmp_path), settings_of(base=base)
+    train(settings, run, bar=False)
+    with pytest.raises(PolicyError, match=r"own.py:Law: the run's own code, .*--trust allows it"):
+        report_run(run, episodes=2)
+    assert report_run(run, episodes=2, trust=True)[-1].name == "learned"
+    written(tmp_path, LAW.replace("0.25", "0.5"))
+    with pytest.raises(RunError, match="other settings"):
+        train(settings, run, bar=False)
