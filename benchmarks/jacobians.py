@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LANES = 512
-STEPS = 8
+STEPS = 64
 """Control steps of a turn, after which state and random numbers are those at its start again."""
 
 
@@ -32,8 +32,6 @@ def _row(name: str) -> tuple[str, str, str, str]:
     env.reset(seed=0)
     rng = np.random.default_rng(0)
     actions = rng.uniform(-1.0, 1.0, (STEPS, *env.action_space.shape))
-    for action in actions:
-        env.step(action)
     start = env.get_state()
     columns = [np.ascontiguousarray(action.T) for action in actions]
 
