@@ -182,6 +182,9 @@ def compare_several(arguments: Arguments) -> None:
                 f"--{flag}: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
             )
             raise SceneError(msg)
+    if arguments.processes < 1:
+        msg = f"--processes: got {arguments.processes}; allowed: at least 1"
+        raise SceneError(msg)
     compared = read_field(arguments.subjects, arguments.tasks)
     episodes = Episodes.of_field(
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
@@ -215,7 +218,14 @@ def main() -> str | None:
         else:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
-    except (DesignError, SceneError, RunError, PolicyError, ControllerError) as error:
+    except (
+        ControllerError,
+        DesignError,
+        OSError,
+        PolicyError,
+        RunError,
+        SceneError,
+    ) as error:
         return f"error: {error}"
     return None
 

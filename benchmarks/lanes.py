@@ -125,7 +125,7 @@ def lanes() -> str:
 def _measured(scene: Scene) -> list[Measured]:
     """Return every candidate on a scene."""
     candidates = _candidates(scene)
-    errors = [_error(one) for one in candidates]
+    errors = [error_of(one) for one in candidates]
     speeds = _speeds(candidates)
     return [
         Measured(one.family, one.setting, max(error, LEAST), speed)
@@ -143,13 +143,13 @@ def _candidates(scene: Scene) -> list[Candidate]:
     recorded = record(exact, actions)
     for name, kernel in ((RK4, rk4), (EULER, semi_implicit_euler)):
         block = kernel(scene)
-        found += [_by_hand(name, "", block, n, recorded) for n in SUBSTEPS[name]]
+        found += [by_hand(name, "", block, n, recorded) for n in SUBSTEPS[name]]
     physics = Physics.of(scene)
     is_smooth = physics.friction[0] == 0.0
     if is_smooth and physics.k3 > 0.0 and physics.k0 == 0.0:
         for order, counts in SERIES.items():
             block, setting = unrolled_taylor(scene, order), f"of order {order}, "
-            found += [_by_hand(TAYLOR, setting, block, n, recorded) for n in counts]
+            found += [by_hand(TAYLOR, setting, block, n, recorded) for n in counts]
     is_drawn = {part.kind for part in scene.excitation} - {"harmonic"}
     if is_smooth and physics.l0 == 0.0 and not is_drawn and installed("heyoka"):
         found += [_heyoka(scene, 10.0**-k, recorded) for k in (3, 6, 9, 12)]
@@ -223,7 +223,8 @@ def _ours(scene: Scene, setting: str, actions: NDArray[np.float32], truth: Value
     )
 
 
-def _by_hand(family: str, setting: str, block: Block, count: int, recorded: Recorded) -> Candidate:
+def by_hand(family: str, setting: str, block: Block, count: int, recorded: Recorded) -> Candidate:
+    """Return the candidate of a kernel written by hand, with a number of substeps."""
     values, (amplitude, frequency, phase) = recorded.start.copy(), recorded.harmonic
     begun = amplitude * np.cos(phase), amplitude * np.sin(phase)
     cosines, sines = begun[0].copy(), begun[1].copy()
@@ -291,7 +292,7 @@ def _played(candidate: Candidate) -> Values:
     return candidate.state().copy()
 
 
-def _error(candidate: Candidate) -> float:
+def error_of(candidate: Candidate) -> float:
     """Return the largest error of all lanes at the end, relative to position or velocity."""
     known = np.isfinite(candidate.truth).all(axis=0)
     truth = candidate.truth[:, known]

@@ -15,6 +15,7 @@ from agents.report.comparison_figures import (
     draw_intervals,
     draw_robustness,
 )
+from mm_gym.files import check_outputs
 
 if TYPE_CHECKING:
     from agents.comparison.conclusions import Comparison
@@ -31,6 +32,8 @@ def compare(
     processes: int = 1,
 ) -> Comparison:
     """Measure, print the tables, and write them with figures to a folder."""
+    if folder is not None:
+        check_outputs([folder / "comparison.csv"])
     check_records(compared.scenes.values(), studies.records)
     results = measure(compared, episodes, studies, processes)
     comparison = conclude(results, compared.scenes, episodes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from agents.controllers.constant import ConstantAction, constant_stretch, no_control
 from agents.controllers.feedback import Feedback
@@ -26,8 +26,14 @@ from mm_gym.metrics import passive_scene
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from agents.controllers.controller import Controller
+    from agents.evaluation.episodes import Evaluation
     from mm_gym import Scene
+
+    Row = dict[str, Any]
 
 SCORES = Path(__file__).parents[2] / "docs" / "task_scores.json"
 EPISODES = 100
@@ -35,7 +41,7 @@ LEARNED = "learned"
 """Role of a trained agent, which `agents.ranking` adds."""
 
 
-def headroom(scene: Scene) -> list[dict[str, str | float]]:
+def headroom(scene: Scene) -> list[Row]:
     """Score every controller, the planner last, on the same held-out episodes.
 
     Returns
@@ -45,25 +51,27 @@ def headroom(scene: Scene) -> list[dict[str, str | float]]:
         rms of x1 / displacement_scale and, where the stretch is actuated, the mean over the
         episodes of the energy [J] that changing it put in. Roles: "zero", "random", "constant"
         (the best on these very episodes), "passive" (the best passive damper), "law" (tuned on
-        others), "predictive", "informed" (knows what an agent does not), "planner".
+        others), "predictive", "informed" (knows what an agent does not), "planner". The planner
+        starts from what all others but the passive damper applied, and has two entries more: the
+        seed of its search, and of each episode the cost and where the plan is from.
     """
     laws = classical_laws(scene)
-    scores = [scored("law", scene, law) for law in laws]
     best = best_without_memory(scene, laws)
-    return [
-        scored("zero", scene, ConstantAction(scene)),
-        scored("random", scene, RandomActions(scene)),
-        scored("constant", scene, best_constant(scene, HELD_OUT_SEED)),
-        *passive_rows(scene),
-        *scores,
-        *(scored("law", scene, law) for law in [*output_feedback(scene), *further_laws(scene)]),
-        scored("predictive", scene, predictive_control(scene, best)),
-        *(scored("informed", scene, law) for law in informed_laws(scene)),
-        scored("planner", scene, Planner(scene, best)),
+    controllers = [
+        ("zero", ConstantAction(scene)),
+        ("random", RandomActions(scene)),
+        ("constant", best_constant(scene, HELD_OUT_SEED)),
+        *(("law", law) for law in [*laws, *output_feedback(scene), *further_laws(scene)]),
+        ("predictive", predictive_control(scene, best)),
+        *(("informed", law) for law in informed_laws(scene)),
     ]
+    results = [(role, evaluate(scene, it, episodes=EPISODES)) for role, it in controllers]
+    rows = [row_of(role, result) for role, result in results]
+    rows[3:3] = passive_rows(scene)
+    return [*rows, planned(scene, {result.name: result.applied for _, result in results})]
 
 
-def passive_rows(scene: Scene) -> list[dict[str, str | float]]:
+def passive_rows(scene: Scene) -> list[Row]:
     """Score the best passive damper; none where there is no damping to tune.
 
     It has another damping of the interface than the scene, in the same episodes, and goes to its
@@ -85,9 +93,22 @@ def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
     return min(float(row["cost"]) for row in rows if row["role"] != "passive")
 
 
-def scored(role: str, scene: Scene, controller: Controller) -> dict[str, str | float]:
+def planned(scene: Scene, starts: Mapping[str, NDArray[np.float64]]) -> Row:
+    """Return the planner's row, given what others applied (steps, episodes, k)."""
+    planner = Planner(scene, starts)
+    result = evaluate(scene, planner, episodes=EPISODES)
+    pairs = zip(result.episode_costs, planner.origins, strict=True)
+    plans = [{"cost": float(f"{cost:.6g}"), "start": start} for cost, start in pairs]
+    return row_of("planner", result) | {"seed": planner.effort.seed, "plans": plans}
+
+
+def scored(role: str, scene: Scene, controller: Controller) -> Row:
     """Return a row: what one controller does on the held-out episodes."""
-    result = evaluate(scene, controller, episodes=EPISODES)
+    return row_of(role, evaluate(scene, controller, episodes=EPISODES))
+
+
+def row_of(role: str, result: Evaluation) -> Row:
+    """Return the row of what a controller did on the held-out episodes."""
     low, high = interval(result.penalties)
     values = {"cost": result.cost, "low": low, "high": high, "displacement": result.rms}
     if result.injected is not None:

@@ -1,95 +1,191 @@
-"""A planner that knows the whole episode: the cross-entropy method."""
+"""The best known plan of each episode: local optima from many starts, knowing what is to come."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.controllers.cross_entropy import Search
-from mm_gym import MovingMassVectorEnv
+from agents.evaluation.trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Law, Reads
-    from mm_gym import Scene
+    from agents.controllers.controller import Reads
+    from agents.evaluation.trajectories import Trajectory
+    from mm_gym import MovingMassVectorEnv, Scene
 
-    Plans = NDArray[np.float64]
+    Array = NDArray[np.float64]
 
-SEARCH = Search(horizon=40, plans=48, elite=6, rounds=4, kept=1, spread=0.5)
-HOLD = 8
-"""Control steps that are carried out before the next plan."""
+CORRELATIONS = (0.0, 0.6, 0.9)
+"""Correlation of successive controls' noise: white noise hardly moves the carriage."""
+
+SPREADS = (0.3, 1.0, 2.0)
+"""Standard deviations of random plans [-]; those above 1 are mostly at the limits."""
+
+LITTLE, MORE = 0.1, 0.3
+"""Standard deviations of the noise that is added to the best plans."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long plans are searched.
+
+    Attributes
+    ----------
+    random
+        Random plans to start from, besides the given ones and no control at all.
+    kept, first, second
+        The starts of which each episode keeps the best so many, after a first number of steps of
+        Gauss and Newton; they go on for a second number.
+    rounds, steps
+        Rounds in which the best plans are changed at random, or taken from the next episode, and
+        the steps that each such plan has.
+    last
+        Steps of the best plan at the end.
+    seed
+        Of the random numbers.
+    """
+
+    random: int = 9
+    kept: int = 3
+    first: int = 12
+    second: int = 40
+    rounds: int = 6
+    steps: int = 20
+    last: int = 60
+    seed: int = 0
 
 
 class Planner:
-    """Try plans over a window of the episode, from the exact state, and follow the best.
+    """Search the best plan of each episode by itself, and carry it out.
 
-    It knows the disturbance to come, which no agent can, and starts from the own plan of a law
-    without memory. Its cost is reachable if the future is known; better may exist.
+    It knows the disturbance to come, which no agent can. Plans are improved by Gauss-Newton steps
+    on the exact Jacobians, within the actuators' limits; Li and Todorov, *Iterative linear
+    quadratic regulator design*, ICINCO 2004. They are local optima, and the best is the best known:
+    better may exist.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    starts
+        Name -> what was applied (steps, lanes, k) in these very episodes, such as
+        `Evaluation.applied`. No plan is worse than them.
+    effort
+        How long to search.
+
+    Attributes
+    ----------
+    origins
+        Of each lane, the start of its best plan.
     """
 
-    name = "planner (knows the episode)"
+    name = "best known plan (knows the episode)"
     reads: Reads = "episode"
 
-    def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
-        if scene.objective.displacement_limit or scene.objective.rail_half_length:
-            msg = "objective: the planner needs episodes that do not end early"
-            raise ValueError(msg)
-        self.scene, self.law = scene, law
-        self.search = search
-        self.noise = np.random.default_rng(0)
+    def __init__(
+        self, scene: Scene, starts: Mapping[str, Array], effort: Effort | None = None
+    ) -> None:
+        self.scene, self.starts, self.effort = scene, starts, effort or Effort()
+        self.origins: list[str] = []
 
     def reset(self, env: MovingMassVectorEnv) -> None:
-        """Make a copy of the lanes, in which plans are tried."""
-        self.env = env
-        self.trial = MovingMassVectorEnv(
-            self.scene, env.num_envs, autoreset_mode="Disabled", copy=False
-        )
-        self.law.begin(env.num_envs)
+        """Search the plans of the lanes."""
+        self.noise = np.random.default_rng(self.effort.seed)
+        self.problem = Trajectories(self.scene, env.plant, env.get_state())
+        self.cost = np.full(env.num_envs, np.inf)
+        self.origins = [""] * env.num_envs
+        columns = env.single_action_space.shape[0]
+        self.controls = self.actions = np.zeros((self.problem.steps, columns, env.num_envs))
+        self._begin()
+        for k in range(self.effort.rounds):
+            self._vary(k)
+        self._go_on({"": self.controls}, self.effort.last)
         self.step = 0
-        self.plan: Plans = np.empty((0, *env.action_space.shape))
-        self.age = 0
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        """Return the next action of the plan; plan again every `HOLD` steps."""
-        if self.step % HOLD == 0:
-            self.plan = self._improved(self.plan[self.age :], info)
-            self.age = 0
+    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Array:
+        """Return the next actions of the plans."""
         self.step += 1
-        self.age += 1
-        return self.plan[self.age - 1]
+        return self.actions[self.step - 1].T
 
-    def _improved(self, old: Plans, info: dict[str, Any]) -> Plans:
-        state = self.env.get_state()
-        length = min(self.search.horizon, self.scene.control.steps - self.step)
-        first = self._plan_of_law(state, info, length)
-        if len(old):
-            kept = np.concatenate([old[:length], first[len(old) :]])
-            better = self._worth(state, kept) > self._worth(state, first)
-            first = np.where(better[:, None], kept, first)
-        return self.search.best(
-            first[:, :, None], lambda plans: self._worths(state, plans), self.noise
-        )
+    def _begin(self) -> None:
+        """Improve all starts for a while, then the best of each episode."""
+        starts = dict(self._starts())
+        found = self._improved(starts, self.effort.first)
+        costs = found.cost.reshape(len(starts), -1)
+        order = np.argsort(costs, axis=0)[: self.effort.kept]
+        names, rows = list(starts), np.arange(costs.shape[1])
+        shape = (*found.controls.shape[:2], *costs.shape)
+        controls = found.controls.reshape(shape)
+        for place in order:
+            origins = [names[k] for k in place]
+            self._keep(controls[:, :, place, rows], self.effort.second, origins)
 
-    def _plan_of_law(self, state: Mapping[str, Any], info: dict[str, Any], length: int) -> Plans:
-        self.trial.set_state(state)
-        plan = np.empty((length, *self.trial.action_space.shape))
-        for i in range(length):
-            plan[i] = np.clip(self.law.action(info["state"], info["applied"]), -1.0, 1.0)
-            *_, info = self.trial.step(plan[i])
-        return plan
+    def _starts(self) -> Iterator[tuple[str, Array]]:
+        for name, applied in self.starts.items():
+            yield name, self.problem.controls_of(applied)
+        yield "no control", np.zeros(self.controls.shape)
+        for k in range(self.effort.random):
+            correlation = CORRELATIONS[k % len(CORRELATIONS)]
+            spread = SPREADS[k // len(CORRELATIONS) % len(SPREADS)]
+            yield f"random plan {k + 1}", np.clip(spread * self._drawn(correlation), -1.0, 1.0)
 
-    def _worths(self, state: Mapping[str, Any], plans: Plans) -> Plans:
-        """Return each lane's sums of rewards (lanes, plans) of plans (length, lanes, plans, k)."""
-        return np.stack([self._worth(state, plan) for plan in np.moveaxis(plans, 2, 0)], axis=1)
+    def _vary(self, k: int) -> None:
+        """Try changes of the best plans: everywhere, in a part of the episode, of the next lane."""
+        correlation = CORRELATIONS[k % len(CORRELATIONS)]
+        everywhere = self.controls + LITTLE * self._drawn(0.0)
+        part = self.controls + self._window()[:, None] * self._drawn(correlation)
+        other = np.roll(self.controls, k // 2 + 1, axis=2)
+        mixed = other if k % 2 else self.controls + MORE * self._drawn(correlation)
+        plans = {
+            f"changed a little in round {k + 1}": everywhere,
+            f"changed for a while in round {k + 1}": part,
+            f"{'of another episode' if k % 2 else 'changed'} in round {k + 1}": mixed,
+        }
+        self._go_on({n: np.clip(plan, -1.0, 1.0) for n, plan in plans.items()}, self.effort.steps)
 
-    def _worth(self, state: Mapping[str, Any], plan: Plans) -> NDArray[np.float64]:
-        """Return each lane's sum of rewards of a plan (length, lanes, k)."""
-        self.trial.set_state(state)
-        total = np.zeros(self.trial.num_envs)
-        for actions in plan:
-            total += self.trial.step(actions)[1]
-        return total
+    def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
+        """Improve plans, and keep those that are better than the best."""
+        found = self._improved(plans, steps)
+        count = self.controls.shape[2]
+        for k, name in enumerate(plans):
+            own = slice(k * count, (k + 1) * count)
+            origins = [f"{origin}, {name}" if name else origin for origin in self.origins]
+            self._take(found.controls[..., own], found.actions[..., own], found.cost[own], origins)
+
+    def _keep(self, controls: Array, steps: int, origins: list[str]) -> None:
+        found = self.problem.improve(np.arange(controls.shape[2]), controls, steps)
+        self._take(found.controls, found.actions, found.cost, origins)
+
+    def _take(self, controls: Array, actions: Array, cost: Array, origins: list[str]) -> None:
+        """Keep the plans of the lanes in which they are better than the best."""
+        better = cost < self.cost
+        self.controls = np.where(better, controls, self.controls)
+        self.actions = np.where(better, actions, self.actions)
+        self.cost = np.where(better, cost, self.cost)
+        pairs = zip(better, origins, self.origins, strict=True)
+        self.origins = [new if is_better else old for is_better, new, old in pairs]
+
+    def _improved(self, plans: Mapping[str, Array], steps: int) -> Trajectory:
+        together = np.concatenate(list(plans.values()), axis=2)
+        episodes = np.tile(np.arange(self.controls.shape[2]), len(plans))
+        return self.problem.improve(episodes, together, steps)
+
+    def _drawn(self, correlation: float) -> Array:
+        """Return noise like the controls, of unit variance, correlated from step to step."""
+        noise = self.noise.standard_normal(self.controls.shape)
+        for k in range(1, len(noise)):
+            noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
+        return noise
+
+    def _window(self) -> Array:
+        """Return 1 in a random part of each episode, from a twentieth to a third of it, else 0."""
+        steps, lanes = self.controls.shape[0], self.controls.shape[2]
+        length = self.noise.integers(max(1, steps // 20), max(2, steps // 3), lanes)
+        first = (self.noise.random(lanes) * (steps - length)).astype(np.int64)
+        k = np.arange(steps)[:, None]
+        return ((first <= k) & (k < first + length)).astype(np.float64)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,15 +53,13 @@ def evolve(settings: EvolveSettings, run: Run) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    scene = settings.load_scene()
-    search = Search(settings, scene)
-    with run.locked():
+    search = Search(settings, settings.load_scene())
+    with closing(search.population), run.locked():
         run.open(settings)
         if not run.finished:
             if run.checkpoint.exists():
                 search.repeat(run)
             search.to_the_end(run)
-    search.population.close()
 
 
 class Search:

@@ -66,7 +66,9 @@ def draw_aggregates(comparison: Comparison, path: Path) -> None:
         left.grid(visible=False, axis="y")
         left.margins(x=0.05, y=0.1)
         left.set_xlabel("interquartile mean of s, 95 % intervals")
-        right.set(xlabel="score s (0: best constant, 1: best known)", ylabel="part with more")
+        right.set(
+            xlabel="score s (0: best constant, 1: best known)", ylabel="part of all scores above s"
+        )
         right.set_ylim(-0.02, 1.02)
         legend_below(figure, right, 3)
         save(figure, path)

@@ -24,10 +24,6 @@ EXPLAINED: dict[tuple[str, str, str], str] = {
         "The LQR is designed about rest, where the cubic spring is not felt, and does not fit "
         "large motions; a damper takes energy out of the motion on any spring."
     ),
-    ("CarriageForceDuffing", "predictive", "planner"): (
-        "The planner searches by chance and has not converged; predictive control plans anew in "
-        "each step, and nothing unknown disturbs this task."
-    ),
     ("CarriageForceFriction", "LQR", NO_BETTER): (
         "99 % of its cost is the sphere's offset, which it does not see; it stills the carriage in "
         "a way that moves the sphere a little farther out."

@@ -34,9 +34,10 @@ percentiles over episodes. The best constant is the best in hindsight, on these 
 are tuned on others. Controllers read what an agent observes, those marked otherwise also the true
 state, or all of the episode. The best passive damper has another damping in the interface, which no
 actuator can change (`docs/ranking.md`). Predictive control tries plans on a model that does not
-know the disturbance to come. The planner knows the disturbance to come, and improves on the best
-law in each episode by the cross-entropy method. Its cost is reachable if the future is known;
-better may exist.
+know the disturbance to come. The **best known plan** knows the whole episode, its disturbance
+included: see [how it is found](controllers.md#the-best-known-plan). A better plan may exist. Where
+there is no excitation, or only a harmonic that shows after a few steps, an agent can come close.
+Under noise, impulses and earthquakes a part of the distance is the price of not knowing what comes.
 **Headroom** is 1 - cost / cost of the best constant.
 
 **Energy injected**: the work of changing the stretch, added up from the start of an episode, at its
@@ -62,7 +63,7 @@ def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
             "best constant",
             "best law",
             "its headroom",
-            "planner",
+            "best known",
             "its headroom",
         ],
         [_summary(name, scores[name]["rows"]) for name in names],

@@ -224,7 +224,8 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
         for interval in range(int(model[at.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
-            rotate(model, lanes, interval, first, last)
+            if model[at.HARMONIC_COUNT] > 0.0:
+                rotate(model, lanes, interval, first, last)
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
@@ -254,8 +255,7 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
             ):
                 outcome = at.OK
             status = max(status, outcome, ended)
-            if task[at.IS_DERIVED] > 0.0:
-                derive(model, lanes, start, stop)
+            derive(task, model, lanes, start, stop)
             observe(task, lanes, frames, streams, start, stop)
         return status
 

@@ -10,13 +10,12 @@ The kernels take the `clock` of `mm_gym.kernels.excitation`.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.corners import next_corner, write_jets
+from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.excitation import (
     ROW,
     add_records,
@@ -207,6 +206,6 @@ def _turn_phases(lanes, phases, elapsed, i):
     for j in range(phases.shape[1]):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         turn = lanes[harmonic + at.FREQUENCY, i] * elapsed
-        c, s = math.cos(turn), math.sin(turn)
+        c, s = cosine_and_sine(turn)
         lanes[harmonic + at.COSINE, i] = c * phases[0, j] - s * phases[1, j]
         lanes[harmonic + at.SINE, i] = s * phases[0, j] + c * phases[1, j]

@@ -224,7 +224,7 @@ def show_first(model, task, lanes, frames, ends, streams, which, paused, rewards
     own = which[place_of(first, which) : place_of(last, which)]
     if task[at.IS_DERIVED] > 0.0:
         for i in own:
-            derive(model, lanes, i, i + 1)
+            derive(task, model, lanes, i, i + 1)
     fill_history(task, lanes, frames, streams, own)
     if paused:
         set_row(ends, at.TERMINATED, False, own)

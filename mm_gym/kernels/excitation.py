@@ -19,24 +19,24 @@ from __future__ import annotations
 
 import math
 
-from mm_gym.kernels import impulse_process, record
+from mm_gym.kernels import impulse_process, noise, record
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.memory import fill
-from mm_gym.kernels.noise import VALUE, advance_filter, prepare_filter, start_filter
 
 # Slots of the description, at the end of the model array: the number of parts that are not
-# harmonics, whether a record has corners between sample instants, whether there are impulses, SIZE
-# slots for each part, then the times and values of the records.
-CORNERS, IMPULSES, FIRST, SIZE = 1, 2, 3, 6
+# harmonics, whether a record has corners between sample instants, whether there are impulses and
+# records, SIZE slots for each part, then the matrices of filters, and the times and values of
+# records.
+CORNERS, IMPULSES, RECORDS, FIRST, SIZE = 1, 2, 3, 4, 6
 KIND, TARGET, ROW, OWN = 0, 1, 2, 3
 IMPULSE, SWEEP, FILTER, RECORD = 0, 1, 2, 3  # kinds
 FORCE, GROUND = 0, 1  # targets
 
 # Own slots of each kind.
 IS_LOGARITHMIC = OWN
-PASSES_VELOCITY, IS_DRAWN = OWN, OWN + 1  # of a filter; drawn: its matrices differ between lanes
-# Those of impulses and records are in their modules.
+# Those of noise, impulses and records are in their modules.
 
 # Rows of each kind; those of noise, impulses and records are in their modules. Behind a sweep's
 # cosines stand as many sines: scratch of its series.
@@ -85,7 +85,9 @@ def begin_excitation(model, lanes, streams, mask, first, last):
             elif kind == SWEEP:
                 _begin_sweep(model, slot, lanes, i)
             elif kind == FILTER:
-                _begin_noise(model, slot, lanes, streams, i)
+                row, jet = _row_and_jet(model, slot)
+                noise.begin(model, slot + OWN, lanes, row, streams, i)
+                lanes[jet, i] += lanes[row + noise.VALUE, i]
             else:
                 # Its own start is its jet over no time.
                 add_record(model, slot, lanes, 0.0, 0.0, i)
@@ -119,7 +121,8 @@ def excite(model, lanes, streams, interval, first, last):
         if kind == SWEEP:
             _add_sweep(model, slot, lanes, clock, first, last)
         elif kind == FILTER:
-            _add_noise(model, slot, lanes, streams, clock, first, last)
+            row, jet = _row_and_jet(model, slot)
+            noise.add(model, slot + OWN, lanes, row, jet, streams, clock, first, last)
 
 
 @borrowing_kernel
@@ -140,7 +143,9 @@ def intervals_since(clock, began):
 def _begin_sweep(model, slot, lanes, i):
     """Add the sweep's value at the start to its jet."""
     row, jet = _row_and_jet(model, slot)
-    lanes[jet, i] += lanes[row + SWEEP_AMPLITUDE, i] * math.sin(lanes[row + SWEEP_PHASE, i])
+    lanes[jet, i] += (
+        lanes[row + SWEEP_AMPLITUDE, i] * cosine_and_sine(lanes[row + SWEEP_PHASE, i])[1]
+    )
 
 
 @borrowing_kernel
@@ -180,9 +185,8 @@ def _add_sweep(model, slot, lanes, clock, first, last):
         if count >= whole:
             frequency, slope, growth = w1, 0.0, 0.0
         amplitude = lanes[row + SWEEP_AMPLITUDE, i]
-        lanes[row + COSINES, i] = math.cos(phase)
         sines = row + COSINES + SWEEP_TERMS
-        lanes[sines, i] = math.sin(phase)
+        lanes[row + COSINES, i], lanes[sines, i] = cosine_and_sine(phase)
         lanes[jet, i] += amplitude * lanes[sines, i]
         for n in range(1, SWEEP_TERMS):
             cosine = sine = 0.0
@@ -196,45 +200,6 @@ def _add_sweep(model, slot, lanes, clock, first, last):
                     part = slope * step * step if k == 1 else 0.0
             lanes[row + COSINES + n, i], lanes[sines + n, i] = cosine / n, sine / n
             lanes[jet + n, i] += amplitude * lanes[sines + n, i]
-
-
-@borrowing_kernel
-def _begin_noise(model, slot, lanes, streams, i):
-    """Draw the filter's first state; add the noise's value to its jet."""
-    row, jet = _row_and_jet(model, slot)
-    if model[slot + IS_DRAWN] > 0.0:
-        passes_velocity = model[slot + PASSES_VELOCITY] > 0.0
-        prepare_filter(lanes, row, passes_velocity, model[at.SAMPLE_INTERVAL], i)
-    start_filter(lanes, row, streams, i)
-    lanes[jet, i] += lanes[row + VALUE, i]
-
-
-@borrowing_kernel
-def _add_noise(model, slot, lanes, streams, clock, first, last):
-    """Add filtered noise to its jet, linear over the sample interval.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    slot
-        First slot of the part.
-    lanes
-        (rows, lanes) float64; the jet and the filter's state and value are written.
-    streams
-        (2, lanes) uint64, advanced.
-    clock
-        Three numbers, see above.
-    first, last
-        The lanes first .. last - 1.
-    """
-    row, jet = _row_and_jet(model, slot)
-    step = model[at.SAMPLE_INTERVAL]
-    for i in range(first, last):
-        end = (intervals_since(clock, lanes[at.BEGAN, i]) + 1.0) * step
-        before = lanes[row + VALUE, i]
-        advance_filter(lanes, row, streams, end, i)
-        _add_line(lanes, jet, before, lanes[row + VALUE, i], i)
 
 
 @borrowing_kernel
@@ -270,6 +235,8 @@ def is_impulse(model, slot):
 @borrowing_kernel
 def add_records(model, lanes, clock, first, last):
     """Add the records to the jets of a sample interval of the lanes first .. last - 1."""
+    if not model[int(model[at.EXCITATION]) + RECORDS] > 0.0:
+        return
     step = model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
@@ -303,10 +270,3 @@ def add_record(model, slot, lanes, began, duration, i):
     """
     row, jet = _row_and_jet(model, slot)
     record.add(model, slot + OWN, lanes, row, jet, began, duration, i)
-
-
-@borrowing_kernel
-def _add_line(lanes, jet, before, after, i):
-    """Add to a jet the line from one value to another over the sample interval."""
-    lanes[jet, i] += before
-    lanes[jet + 1, i] += after - before

@@ -6,12 +6,11 @@ time the phase is computed anew from the number of sample intervals since the ep
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
+from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import span
 
@@ -92,7 +91,7 @@ def _write_phase(lanes, harmonic, step, count, i):
     rest += (turned - (angle - added)) + (phase - added)  # what the sum lost (Knuth, 1969)
     if not abs(rest) < np.inf:
         return  # beyond the doubles
-    c, s, small_c, small_s = math.cos(angle), math.sin(angle), math.cos(rest), math.sin(rest)
+    (c, s), (small_c, small_s) = cosine_and_sine(angle), cosine_and_sine(rest)
     lanes[harmonic + at.COSINE, i] = c * small_c - s * small_s
     lanes[harmonic + at.SINE, i] = s * small_c + c * small_s
 
@@ -105,8 +104,7 @@ def begin_harmonic(lanes, harmonic, time_step, first, last):
         turn = frequency * time_step
         # What rounding takes off a turn of many radians would add up; less is below round-off.
         rest = fma(frequency, time_step, -turn) if abs(turn) > 1.0 else 0.0
-        c, s, small = math.cos(turn), math.sin(turn), 1.0 - 0.5 * rest * rest
-        lanes[harmonic + at.COSINE, i] = math.cos(phase)
-        lanes[harmonic + at.SINE, i] = math.sin(phase)
+        (c, s), small = cosine_and_sine(turn), 1.0 - 0.5 * rest * rest
+        lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = cosine_and_sine(phase)
         lanes[harmonic + at.ROTATE_COSINE, i] = c * small - s * rest
         lanes[harmonic + at.ROTATE_SINE, i] = s * small + c * rest

@@ -6,9 +6,8 @@ jet of the force [N] stands that of the ground's acceleration [m/s^2]. Harmonics
 
 from __future__ import annotations
 
-import math
-
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 
 
@@ -93,7 +92,7 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
     for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         frequency, scale = lanes[harmonic + at.FREQUENCY, i], lanes[harmonic + at.AMPLITUDE, i]
-        cosine, sine = math.cos(frequency * elapsed), math.sin(frequency * elapsed)
+        cosine, sine = cosine_and_sine(frequency * elapsed)
         value = scale * (
             lanes[harmonic + at.SINE, i] * cosine + lanes[harmonic + at.COSINE, i] * sine
         )

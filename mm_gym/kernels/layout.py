@@ -55,6 +55,7 @@ FORCE_ASKED, STRETCH_ASKED = 7, 8  # what a rate commanded adds up to
 CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 9, 10, 11
 DISTURBANCE, GROUND_ACCELERATION = 12, 13
 DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
+REACTIONS = range(CARRIAGE_ACCELERATION, SPRING_FORCE + 1)
 
 # Rows of the flags that say how a control step ended; MARKED: whether one of a block is set, in its
 # first lane.
@@ -101,9 +102,10 @@ HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
 STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
 WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
 DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
-IS_DERIVED, IS_NOISY = 18, 19  # whether a channel shows what follows from the state; has noise
-CHANNEL_COUNT = 20
-CHANNELS = 21  # then, per channel, CHANNEL_SIZE slots
+# Whether a channel shows what follows from the state; an acceleration or the spring force; noise.
+IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
+CHANNEL_COUNT = 21
+CHANNELS = 22  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

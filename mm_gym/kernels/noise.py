@@ -1,224 +1,299 @@
 """Filtered noise: exact samples of a linear filter driven by white noise, times an envelope.
 
-Tags such as (E8) are equations of docs/excitation.md. The kernels work on lane i, whose filter has
-its rows from `row` on.
+Tags such as (E8) are equations of docs/excitation.md. The filter of a part has its rows from `row`
+on. Its matrices are numbers of the model, or, where they are drawn, rows of each lane. The loops
+run over lanes, without calls or branches, so that the compiler vectorises them.
 """
 
 from __future__ import annotations
 
-import math
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
+from mm_gym.kernels.elementary import exponential
+from mm_gym.kernels.filters import (
+    ORDER,
+    OUTPUT,
+    SPREAD,
+    START_SPREAD,
+    TRANSITION,
+    write_matrices,
+)
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
+from mm_gym.kernels.memory import span
+from mm_gym.kernels.random import count_draws, normals, normals_ahead
 
-import numpy as np
-
-from mm_gym.kernels.jit import borrowing_kernel, kernel
-from mm_gym.kernels.random import normals
-
-# Rows of a filter. Its matrices are packed by rows: the transition in full, the Cholesky factors of
-# the covariances of a sample interval (SPREAD) and of the stationary distribution (START_SPREAD) as
-# lower triangles. OUTPUT: what the states contribute to the noise.
+# Rows of a filter; behind them, if they are drawn, its matrices.
 RMS, LOW_PASS, LOW_PASS_DAMPING, HIGH_PASS, HIGH_PASS_DAMPING, RISE, PLATEAU, DECAY = range(8)
-STATE, VALUE, TRANSITION, SPREAD, START_SPREAD, OUTPUT = 8, 12, 13, 29, 39, 49
-FILTER_ROWS = 53
+STATE, VALUE, ROWS = 8, 12, 13
 FILTER = range(LOW_PASS, HIGH_PASS_DAMPING + 1)  # what its matrices follow from
 
-ORDER = 4
-"""States of a filter: x, x' / w of the low-pass, then y, y' / w of the high-pass."""
-
-SERIES = 14
-"""Terms of the filter's Taylor series over a phase of 2^-4; its remainder is below round-off."""
+# Own slots of a part: whether the low-pass hands on its velocity too, the number of states, and the
+# slot of its matrices, 0 where they are drawn.
+PASSES_VELOCITY, STATES, PLACE = range(3)
 
 
-@borrowing_kernel
+@inlined_kernel
+def _number(m, k, i):
+    """Return number k of the model, or row k of lane i."""
+    return m[k] if m.ndim == 1 else m[k, i]
+
+
+@inlined_kernel
+def _low(m, k, i):
+    """Return transition and spread of the low-pass, whose matrices begin at number k.
+
+    As scalars: an array would be checked for overlap with every row of lanes before a loop.
+    """
+    spread = k + SPREAD
+    return (
+        (_number(m, k, i), _number(m, k + 1, i), _number(m, k + 4, i), _number(m, k + 5, i)),
+        (_number(m, spread, i), _number(m, spread + 1, i), _number(m, spread + 2, i)),
+    )
+
+
+@inlined_kernel
+def _high(m, k, i):
+    """Return the rows of transition and spread of the high-pass."""
+    return (
+        _next_four(m, k + TRANSITION + 8, i),
+        _next_four(m, k + TRANSITION + 12, i),
+        _next_four(m, k + SPREAD + 3, i),  # the last belongs to the next row
+        _next_four(m, k + SPREAD + 6, i),
+    )
+
+
+@inlined_kernel
+def _two(m, k, i):
+    """Return the matrices of a low-pass alone, and what its states contribute to the noise."""
+    return _low(m, k, i), (_number(m, k + OUTPUT, i), _number(m, k + OUTPUT + 1, i))
+
+
+@inlined_kernel
+def _four(m, k, i):
+    """Return those of a low-pass and a high-pass."""
+    return _low(m, k, i), _high(m, k, i), _next_four(m, k + OUTPUT, i)
+
+
+@inlined_kernel
+def _next_four(m, k, i):
+    """Return four numbers from number k on."""
+    return _number(m, k, i), _number(m, k + 1, i), _number(m, k + 2, i), _number(m, k + 3, i)
+
+
+@inlined_kernel
+def _low_pass(m, x, g):
+    """Return the low-pass's states a sample interval later (E12), from normal numbers g."""
+    a, spread = m
+    first = fma(spread[0], g[0], fma(a[0], x[0], a[1] * x[1]))
+    return first, fma(spread[1], g[0], fma(spread[2], g[1], fma(a[2], x[0], a[3] * x[1])))
+
+
+@inlined_kernel
+def _high_pass(m, x, g):
+    """Return the high-pass's states a sample interval later (E12)."""
+    first, second = _product(m[0], x), _product(m[1], x)
+    first = fma(m[2][0], g[0], fma(m[2][1], g[1], fma(m[2][2], g[2], first)))
+    return first, second + _product(m[3], g)
+
+
+@inlined_kernel
+def _product(a, x):
+    """Return a row of four numbers times four others."""
+    return fma(a[0], x[0], fma(a[1], x[1], fma(a[2], x[2], a[3] * x[3])))
+
+
+@inlined_kernel
+def _states(lanes, row, i):
+    """Return the filter's states; without high-pass the first two count."""
+    return _next_four(lanes, row + STATE, i)
+
+
+@inlined_kernel
+def _four_normals(streams, i):
+    """Return the normal numbers of four states, which stay uncounted."""
+    return (*normals_ahead(streams, 0, i), *normals_ahead(streams, 2, i))
+
+
+@inlined_kernel
 def _envelope(lanes, row, time, i):
     """Return the envelope (E8) at a time [s] of the episode."""
     rise = lanes[row + RISE, i]
-    if time < rise:
-        return (time / rise) * (time / rise)
+    rising = time / rise if time < rise else 1.0
     past = time - rise - lanes[row + PLATEAU, i]
-    return math.exp(-lanes[row + DECAY, i] * past) if past > 0.0 else 1.0
+    return rising * rising * (exponential(-lanes[row + DECAY, i] * past) if past > 0.0 else 1.0)
 
 
-@borrowing_kernel
-def _order(lanes, row, i):
-    """Return the number of states: four with a high-pass, two without."""
-    return ORDER if lanes[row + HIGH_PASS, i] > 0.0 else ORDER // 2
+@inlined_kernel
+def _add_line(total, lanes, row, jet, clock, step, i):
+    """Add the line from the last value to the next to a jet; total: for rms and envelope 1."""
+    now, intervals_per_step, interval = clock
+    count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
+    before = lanes[row + VALUE, i]
+    after = lanes[row + RMS, i] * _envelope(lanes, row, (count + 1.0) * step, i) * total
+    lanes[row + VALUE, i] = after
+    lanes[jet, i] += before
+    lanes[jet + 1, i] += after - before
 
 
-@borrowing_kernel
-def _write_value(lanes, row, order, time, i):
-    """Write the noise at a time [s] of the episode from the filter's state."""
-    total = 0.0
-    for k in range(order):
-        total += lanes[row + OUTPUT + k, i] * lanes[row + STATE + k, i]
-    lanes[row + VALUE, i] = lanes[row + RMS, i] * _envelope(lanes, row, time, i) * total
+@inlined_kernel
+def _step_two(matrices, lanes, row, jet, streams, clock, step, i):
+    """Advance a lane's filter without high-pass, and add to its jet."""
+    low, output = matrices
+    x0, x1 = _low_pass(low, _states(lanes, row, i), normals(streams, i))
+    lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
+    _add_line(fma(output[0], x0, output[1] * x1), lanes, row, jet, clock, step, i)
 
 
-@borrowing_kernel
-def _add_normals(lanes, row, spread, order, streams, i):
-    """Add normal numbers with a given covariance to the state.
+@inlined_kernel
+def _step_four(matrices, lanes, row, jet, streams, clock, step, i):
+    """Advance a lane's filter with high-pass, and add to its jet."""
+    low, high, output = matrices
+    x, g = _states(lanes, row, i), _four_normals(streams, i)
+    count_draws(streams, ORDER, i)
+    x0, x1 = _low_pass(low, x, g)
+    x2, x3 = _high_pass(high, x, g)
+    lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
+    lanes[row + STATE + 2, i], lanes[row + STATE + 3, i] = x2, x3
+    _add_line(_product(output, (x0, x1, x2, x3)), lanes, row, jet, clock, step, i)
+
+
+@inlined_kernel
+def add(model, own, lanes, row, jet, streams, clock, first, last):
+    """Advance the filter by a sample interval, exactly in distribution; add the noise to its jet.
 
     Parameters
     ----------
+    model
+        (m,) float64, read.
+    own
+        First of the part's own slots.
     lanes
-        (rows, lanes) float64; the state is written.
+        (rows, lanes) float64; the filter's state and value and the jet are written.
+    row, jet
+        First row of the filter, and of the jet.
+    streams
+        (2, lanes) uint64, advanced.
+    clock
+        Three numbers, see `mm_gym.kernels.excitation`.
+    first, last
+        The lanes first .. last - 1.
+    """
+    step, place, drawn = model[at.SAMPLE_INTERVAL], int(model[own + PLACE]), row + ROWS
+    has_high_pass, k = model[own + STATES] == ORDER, int(model[at.EXCITATION]) + place
+    if last - first > 1:
+        if place == 0:
+            _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last)
+        elif has_high_pass:
+            _add_four(model, k, lanes, row, jet, streams, clock, first, last)
+        else:
+            _add_two(model, k, lanes, row, jet, streams, clock, first, last)
+    # A lone lane does without what loops prepare.
+    elif has_high_pass:
+        if place == 0:
+            _step_four(_four(lanes, drawn, first), lanes, row, jet, streams, clock, step, first)
+        else:
+            _step_four(_four(model, k, 0), lanes, row, jet, streams, clock, step, first)
+    elif place == 0:
+        _step_two(_two(lanes, drawn, first), lanes, row, jet, streams, clock, step, first)
+    else:
+        _step_two(_two(model, k, 0), lanes, row, jet, streams, clock, step, first)
+
+
+@borrowing_kernel
+def _add_two(model, k, lanes, row, jet, streams, clock, first, last):
+    """Do so without high-pass, with matrices from slot k of the model on."""
+    prefer_widest_vectors()
+    matrices, step = _two(model, k, 0), model[at.SAMPLE_INTERVAL]
+    for i in span(first, last):
+        _step_two(matrices, lanes, row, jet, streams, clock, step, i)
+
+
+@borrowing_kernel
+def _add_four(model, k, lanes, row, jet, streams, clock, first, last):
+    """Do so with high-pass."""
+    prefer_widest_vectors()
+    matrices, step = _four(model, k, 0), model[at.SAMPLE_INTERVAL]
+    for i in span(first, last):
+        _step_four(matrices, lanes, row, jet, streams, clock, step, i)
+
+
+@borrowing_kernel
+def _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last):
+    """Do so with each lane's own matrices.
+
+    In several loops, because the compiler refuses to check so many rows for overlap in one.
+    """
+    prefer_widest_vectors()
+    k = row + ROWS
+    if has_high_pass:
+        for i in span(first, last):
+            x, g = _states(lanes, row, i), _four_normals(streams, i)
+            x2, x3 = _high_pass(_high(lanes, k, i), x, g)
+            lanes[row + STATE + 2, i], lanes[row + STATE + 3, i] = x2, x3
+    draws = ORDER if has_high_pass else ORDER // 2
+    for i in span(first, last):
+        g = normals_ahead(streams, 0, i)
+        count_draws(streams, draws, i)
+        x0, x1 = _low_pass(_low(lanes, k, i), _states(lanes, row, i), g)
+        lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
+    if has_high_pass:
+        for i in span(first, last):
+            total = _product(_next_four(lanes, k + OUTPUT, i), _states(lanes, row, i))
+            _add_line(total, lanes, row, jet, clock, step, i)
+    else:
+        for i in span(first, last):
+            x, output = _states(lanes, row, i), k + OUTPUT
+            total = fma(lanes[output, i], x[0], lanes[output + 1, i] * x[1])
+            _add_line(total, lanes, row, jet, clock, step, i)
+
+
+@borrowing_kernel
+def begin(model, own, lanes, row, streams, i):
+    """Draw a filter's state from its stationary distribution, and write the noise's first value.
+
+    Parameters
+    ----------
+    model
+        (m,) float64, read.
+    own
+        First of the part's own slots.
+    lanes
+        (rows, lanes) float64; the filter's state, value and drawn matrices are written.
     row
         First row of the filter.
-    spread
-        Which Cholesky factor, `SPREAD` or `START_SPREAD`.
-    order
-        Number of states.
     streams
         (2, lanes) uint64, advanced.
     i
         The lane.
     """
+    place, order = int(model[own + PLACE]), int(model[own + STATES])
+    if place > 0:
+        _start(model, int(model[at.EXCITATION]) + place, order, lanes, row, streams, i)
+        return
+    write_matrices(
+        lanes,
+        row + ROWS,
+        (lanes[row + LOW_PASS, i], lanes[row + LOW_PASS_DAMPING, i]),
+        (lanes[row + HIGH_PASS, i], lanes[row + HIGH_PASS_DAMPING, i]),
+        model[own + PASSES_VELOCITY] > 0.0,
+        model[at.SAMPLE_INTERVAL],
+        i,
+    )
+    _start(lanes[:, i], row + ROWS, order, lanes, row, streams, i)
+
+
+@borrowing_kernel
+def _start(m, k, order, lanes, row, streams, i):
+    """Draw the state with the matrices from number k on; other arguments as of `begin`."""
+    for j in range(order):
+        lanes[row + STATE + j, i] = 0.0
+    total = 0.0
     for column in range(0, order, 2):
         pair = normals(streams, i)
         for side in range(2):
-            j = column + side
-            for k in range(j, order):
-                lanes[row + STATE + k, i] += (
-                    lanes[row + spread + k * (k + 1) // 2 + j, i] * pair[side]
-                )
-
-
-@borrowing_kernel
-def start_filter(lanes, row, streams, i):
-    """Draw the filter's state from its stationary distribution."""
-    order = _order(lanes, row, i)
-    for k in range(ORDER):
-        lanes[row + STATE + k, i] = 0.0
-    _add_normals(lanes, row, START_SPREAD, order, streams, i)
-    _write_value(lanes, row, order, 0.0, i)
-
-
-@borrowing_kernel
-def advance_filter(lanes, row, streams, time, i):
-    """Advance the filter by one sample interval, exactly in distribution, to a time [s] (E12)."""
-    order = _order(lanes, row, i)
-    x = (
-        lanes[row + STATE, i],
-        lanes[row + STATE + 1, i],
-        lanes[row + STATE + 2, i],
-        lanes[row + STATE + 3, i],
-    )
-    for k in range(order):
-        own = row + TRANSITION + ORDER * k
-        lanes[row + STATE + k, i] = (
-            lanes[own, i] * x[0]
-            + lanes[own + 1, i] * x[1]
-            + lanes[own + 2, i] * x[2]
-            + lanes[own + 3, i] * x[3]
-        )
-    _add_normals(lanes, row, SPREAD, order, streams, i)
-    _write_value(lanes, row, order, time, i)
-
-
-@kernel
-def prepare_filter(lanes, row, passes_velocity, step, i):
-    """Write the matrices of a filter over a sample interval, for an output of variance 1.
-
-    The output is linear between its samples, and its variance is the average over time (E15).
-    The low-pass (E9) drives, if its frequency is not 0, the high-pass (E11). The covariances follow
-    from that of a short time by doubling (E14); after many doublings the covariance is the
-    stationary one, the solution of Lyapunov's equation.
-
-    Parameters
-    ----------
-    lanes
-        (rows, lanes) float64; the frequencies [rad/s] and damping ratios are read, the matrices
-        written.
-    row
-        First row of the filter.
-    passes_velocity
-        Whether the low-pass hands on x + 2 z x' / w (E10), as soil does, instead of x.
-    step
-        Sample interval [s].
-    i
-        The lane.
-    """
-    f, out = np.zeros((ORDER, ORDER)), np.zeros(ORDER)
-    w, damping = lanes[row + LOW_PASS, i], 2.0 * lanes[row + LOW_PASS_DAMPING, i]
-    f[0, 1], f[1, 0], f[1, 1] = w, -w, -damping * w  # (E9)
-    out[0], out[1] = 1.0, damping if passes_velocity else 0.0  # (E10)
-    high, high_damping = lanes[row + HIGH_PASS, i], 2.0 * lanes[row + HIGH_PASS_DAMPING, i]
-    if high > 0.0:
-        f[2, 3] = high  # (E11)
-        f[3, 0], f[3, 1], f[3, 2], f[3, 3] = (
-            high * out[0],
-            high * out[1],
-            -high,
-            -high * high_damping,
-        )
-        out[2], out[3] = -1.0, -high_damping
-    rate = w * (1.0 + damping) + high * (2.0 + damping + high_damping)
-    halvings = max(0, math.ceil(math.log2(rate * step * 16.0)))
-    transition, covariance = _short_step(f, w, step * 0.5**halvings)
-    for _ in range(halvings):
-        transition, covariance = _doubled(transition, covariance)
-    for k in range(ORDER):
-        for j in range(ORDER):
-            lanes[row + TRANSITION + ORDER * k + j, i] = transition[k, j]
-    _write_root(covariance, lanes, row + SPREAD, i)
-    for _ in range(80):  # 2^80 sample intervals: the first state has decayed for any damping
-        transition, covariance = _doubled(transition, covariance)
-    _write_root(covariance, lanes, row + START_SPREAD, i)
-    present = following = 0.0  # covariances of a sample with itself and with the next
-    for k in range(ORDER):
-        for j in range(ORDER):
-            present += out[k] * covariance[k, j] * out[j]
-            for m in range(ORDER):
-                reached = lanes[row + TRANSITION + ORDER * k + m, i]
-                following += out[k] * reached * covariance[m, j] * out[j]
-    variance = (2.0 * present + following) / 3.0  # (E15)
-    for k in range(ORDER):
-        lanes[row + OUTPUT + k, i] = out[k] / math.sqrt(variance)
-
-
-@kernel
-def _short_step(f, w, step):
-    """Return exp(f h) and the state's covariance (E13) after a short h, by their Taylor series."""
-    transition, term = np.eye(ORDER), np.eye(ORDER)
-    covariance, form = np.zeros((ORDER, ORDER)), np.zeros((ORDER, ORDER))
-    form[1, 1] = covariance[1, 1] = w * step
-    for n in range(2, SERIES + 2):
-        term = _product(f, term) * (step / (n - 1.0))
-        transition = transition + term
-        half = _product(f, form)
-        form = (half + half.T) * (step / n)
-        covariance = covariance + form
-    return transition, covariance
-
-
-@kernel
-def _doubled(transition, covariance):
-    """Return transition and covariance over twice the time (E14)."""
-    spread = _product(_product(transition, covariance), transition.T)
-    return _product(transition, transition), covariance + spread
-
-
-@kernel
-def _product(a, b):
-    """Return a b; a library's product would round differently on other machines."""
-    out = np.zeros((ORDER, ORDER))
-    for i in range(ORDER):
-        for j in range(ORDER):
-            for k in range(ORDER):
-                out[i, j] += a[i, k] * b[k, j]
-    return out
-
-
-@kernel
-def _write_root(covariance, lanes, row, i):
-    """Write the Cholesky factor, packed by rows; pivots as small as round-off count as zero."""
-    root = np.zeros((ORDER, ORDER))
-    for k in range(ORDER):
-        for j in range(k + 1):
-            rest = covariance[k, j]
-            for m in range(j):
-                rest -= root[k, m] * root[j, m]
-            if j == k:
-                root[k, k] = math.sqrt(rest) if rest > 1e-15 * covariance[k, k] else 0.0
-            else:
-                root[k, j] = rest / root[j, j] if root[j, j] > 0.0 else 0.0
-            lanes[row + k * (k + 1) // 2 + j, i] = root[k, j]
+            for j in range(column + side, order):
+                root = m[k + START_SPREAD + j * (j + 1) // 2 + column + side]
+                lanes[row + STATE + j, i] += root * pair[side]
+    for j in range(order):
+        total += m[k + OUTPUT + j] * lanes[row + STATE + j, i]
+    lanes[row + VALUE, i] = lanes[row + RMS, i] * _envelope(lanes, row, 0.0, i) * total

@@ -7,41 +7,88 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
-from mm_gym.kernels.memory import copy_as_columns, copy_rows, span
+from mm_gym.kernels.memory import copy_as_columns, copy_row, copy_rows, fill, span
 from mm_gym.kernels.random import normals
 
 
 @borrowing_kernel
-def derive(model, lanes, first, last):
-    """Write the rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION."""
-    for i in range(first, last):
-        x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
-        v1, w = lanes[at.V1, i], lanes[at.V2, i] - lanes[at.V1, i]
-        springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
-        c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
-        inner = interface_force(c, vr, kinetic, lanes[at.CHI, i], w) + springs
-        spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
-        push = excitation(model, lanes, False, i)
-        outer = push + lanes[at.FORCE, i] - lanes[at.D, i] * v1 - spring
-        lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]  # (1)
-        lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
-        lanes[at.SPRING_FORCE, i], lanes[at.DISTURBANCE, i] = springs, push
-        lanes[at.GROUND_ACCELERATION, i] = excitation(model, lanes, True, i)
+def derive(task, model, lanes, first, last):
+    """Write the rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
+
+    Parameters
+    ----------
+    task, model
+        (t,) and (m,), read.
+    lanes
+        (rows, lanes) float64, read, and those rows written: the first three of them only if a
+        channel shows one of the three.
+    first, last
+        The lanes first .. last - 1.
+    """
+    if not task[at.IS_DERIVED] > 0.0:
+        return
+    write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
+    write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
+    if task[at.HAS_REACTIONS] > 0.0:
+        for i in range(first, last):
+            write_reactions(lanes, i)
+
+
+@borrowing_kernel
+def write_reactions(lanes, i):
+    """Write accelerations and spring force of a lane, from its state and the excitation."""
+    x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
+    v1, w = lanes[at.V1, i], lanes[at.V2, i] - lanes[at.V1, i]
+    springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
+    c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
+    inner = interface_force(c, vr, kinetic, lanes[at.CHI, i], w) + springs
+    spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
+    outer = lanes[at.DISTURBANCE, i] + lanes[at.FORCE, i] - lanes[at.D, i] * v1 - spring
+    lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]  # (1)
+    lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
+    lanes[at.SPRING_FORCE, i] = springs
+
+
+@borrowing_kernel
+def write_excitation(model, lanes, row, ground, first, last):
+    """Write into a row the disturbing force [N] or the ground's acceleration [m/s^2].
+
+    They are those at the sample interval's end.
+    """
+    if last - first == 1:  # a lone lane does without what loops prepare
+        lanes[row, first] = excitation(model, lanes, ground, first)
+        return
+    fill(lanes, row, 0.0, first, last)
+    terms = int(model[at.TERMS])
+    jet = int(model[at.JETS]) + (terms if ground else 0)
+    for n in range(terms - 1, -1, -1):
+        for i in span(first, last):
+            lanes[row, i] += lanes[jet + n, i]
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        if is_of(model, j, ground):
+            for i in span(first, last):
+                lanes[row, i] += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+
+
+@borrowing_kernel
+def is_of(model, j, ground):
+    """Tell whether harmonic j shakes the ground, or if not `ground`, pushes the carriage."""
+    return ((int(model[at.GROUND]) >> j) & 1 == 1) == ground
 
 
 @borrowing_kernel
 def excitation(model, lanes, ground, i):
     """Return the disturbing force [N] or the ground's acceleration [m/s^2] at an interval's end."""
-    total = 0.0
+    terms = int(model[at.TERMS])
+    total = jet_value(lanes, int(model[at.JETS]) + (terms if ground else 0), terms, 1.0, i)
     for j in range(int(model[at.HARMONIC_COUNT])):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        if ((int(model[at.GROUND]) >> j) & 1 == 1) == ground:
+        if is_of(model, j, ground):
             total += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
-    terms = int(model[at.TERMS])
-    jet = int(model[at.JETS]) + (terms if ground else 0)
-    return total + jet_value(lanes, jet, terms, 1.0, i)
+    return total
 
 
 BOUND = np.float32(at.OBSERVATION_BOUND)
@@ -69,9 +116,12 @@ def observe(task, lanes, frames, streams, first, last):
     """
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
-    for row in range(newest):
-        for i in span(first, last):
-            frames[row, i] = frames[row + channels, i]
+    if last - first == 1:  # a lone lane does without what loops prepare
+        for row in range(newest):
+            frames[row, first] = frames[row + channels, first]
+    else:
+        for row in range(newest):
+            copy_row(frames, row + channels, row, first, last)
     write_channels(task, lanes, frames, newest, first, last)
     if task[at.IS_NOISY] > 0.0:
         blur(task, frames, newest, streams, first, last)
@@ -125,14 +175,42 @@ def blur(task, frames, newest, streams, first, last):
     first, last
         The lanes first .. last - 1.
     """
-    channels = int(task[at.CHANNEL_COUNT])
-    for i in range(first, last):
-        for k in range(0, channels, 2):
-            pair = normals(streams, i)
-            for side in range(min(2, channels - k)):
-                spread = task[at.CHANNELS + at.CHANNEL_SIZE * (k + side) + at.NOISE]
-                row = newest + k + side
-                frames[row, i] = bounded(np.float32(frames[row, i] + spread * pair[side]))
+    prefer_widest_vectors()
+    channels, k = int(task[at.CHANNEL_COUNT]), next_noisy(task, 0)
+    while k < channels:
+        other = next_noisy(task, k + 1)
+        spreads = noise_of(task, k), noise_of(task, other) if other < channels else 0.0
+        # Of an odd number the last takes the second normal number too, times zero.
+        rows = newest + k, newest + (other if other < channels else k)
+        if last - first == 1:  # a lone lane does without what a loop prepares
+            blur_pair(frames, rows, spreads, streams, first)
+        else:
+            for i in span(first, last):
+                blur_pair(frames, rows, spreads, streams, i)
+        k = next_noisy(task, other + 1)
+
+
+@inlined_kernel
+def blur_pair(frames, rows, spreads, streams, i):
+    """Add noise of two standard deviations to two rows of a lane."""
+    pair = normals(streams, i)
+    for side in range(2):
+        noisy = np.float32(frames[rows[side], i] + spreads[side] * pair[side])
+        frames[rows[side], i] = bounded(noisy)
+
+
+@borrowing_kernel
+def noise_of(task, k):
+    """Return the scaled standard deviation of the noise of channel k."""
+    return task[at.CHANNELS + at.CHANNEL_SIZE * k + at.NOISE]
+
+
+@borrowing_kernel
+def next_noisy(task, k):
+    """Return the first channel from the k-th on that has noise, or the number of channels."""
+    while k < int(task[at.CHANNEL_COUNT]) and noise_of(task, k) == 0.0:
+        k += 1
+    return k
 
 
 @borrowing_kernel

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.elementary import bits_of, double_of, logarithm, on_circle
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 
 KEY, COUNT = 0, 1  # rows of the streams array
 
@@ -71,16 +72,38 @@ def next_episode(streams, i):
     streams[COUNT, i] = episode << np.uint64(EPISODE)
 
 
-@borrowing_kernel
+@inlined_kernel
 def normals(streams, i):
-    """Return two independent numbers of the standard normal law (Marsaglia's polar method).
+    """Return the next two independent numbers of the standard normal law."""
+    pair = normals_ahead(streams, 0, i)
+    count_draws(streams, 2, i)
+    return pair
 
-    The rejection keeps the compiler from vectorising the logarithm, which would then round
-    differently in a lone lane.
+
+@inlined_kernel
+def count_draws(streams, draws, i):
+    """Count draws of lane i."""
+    streams[COUNT, i] += np.uint64(draws)
+
+
+@inlined_kernel
+def normals_ahead(streams, ahead, i):
+    """Return two normal numbers from the draws of lane i after the next `ahead`, not counted."""
+    draw = streams[KEY, i] + (streams[COUNT, i] + np.uint64(ahead + 1)) * _GOLDEN
+    return normal_pair(mix(draw), mix(draw + _GOLDEN))
+
+
+@inlined_kernel
+def normal_pair(first, second):
+    """Return two independent normal numbers from two draws of 64 bits (Box and Muller, 1958).
+
+    The first draw is the radius. The second is the angle within an eighth of a turn on either side
+    of the first axis; the bits that it does not need reflect it to the others. There are no
+    branches, so that the compiler vectorises a loop over lanes.
     """
-    while True:
-        x, y = 2.0 * uniform(streams, i) - 1.0, 2.0 * uniform(streams, i) - 1.0
-        square = x * x + y * y
-        if 0.0 < square < 1.0:
-            scale = math.sqrt(-2.0 * math.log(square) / square)
-            return scale * x, scale * y
+    chance = (np.float64(np.int64(first >> np.uint64(11))) + 1.0) * 2.0**-53  # in (0, 1]
+    radius = math.sqrt(-2.0 * logarithm(chance))
+    c, s = on_circle(np.float64(np.int64(second) >> np.int64(11)) * 2.0**-53)
+    radius = double_of(bits_of(radius) ^ np.int64(second << np.uint64(63)))
+    is_reflected = second & np.uint64(2) != np.uint64(0)
+    return radius * (s if is_reflected else c), radius * (c if is_reflected else s)

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import filters as shaping
 from mm_gym.kernels import impulse_process, interpolation, noise, record
 from mm_gym.kernels import layout as at
+from mm_gym.plant.filters import filter_matrices
 from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
@@ -54,7 +56,9 @@ class Kind(Generic[P]):
     fields
         Numeric field -> its row among those of a part.
     rows
-        Number of rows of a part.
+        Number of rows of a part, but for those of what `drawn_rows` counts.
+    drawn_rows
+        Returns the number of rows of what follows from fields that are drawn.
     code
         Of its branches in `mm_gym.kernels.excitation`; harmonics have none.
     terms
@@ -69,7 +73,8 @@ class Kind(Generic[P]):
     slots
         Returns the kind's own slots of the description.
     prepare
-        Writes the rows of a lane (rows,) that follow from others, given the sample interval [s].
+        Writes what follows from the fields in place of `samples`, given the description (n,) and
+        the sample interval [s].
     """
 
     fields: dict[str, int]
@@ -80,6 +85,7 @@ class Kind(Generic[P]):
     interval: Callable[[Placed[P]], float] = lambda _: inf
     samples: Callable[[P], tuple[Array, float]] = lambda _: (np.empty(0), 0.0)
     slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0)
+    drawn_rows: Callable[[Placed[P]], int] = lambda _: 0
     prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
 
 
@@ -169,17 +175,18 @@ def _record_slots(placed: Placed[Recorded]) -> Slots:
     return placed.data, len(times), spacing if is_even else 0.0
 
 
-def _noise_phase(lane: Array, *, passes_velocity: bool) -> float:
+def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> float:
     """Return the longest sample interval [s] that keeps to `SHORTFALL` and `NOISE_PHASE`.
 
-    The lane (rows, 1) has the rows of one filter, whose highest frequency is 1 rad/s.
+    The filters are (2, 2): frequency and damping ratio of the low-pass and of the high-pass; the
+    highest frequency is 1 rad/s.
     """
 
     def falls_short(interval: float) -> bool:
-        noise.prepare_filter(lane, 0, passes_velocity, interval, 0)
-        root = np.zeros((noise.ORDER, noise.ORDER))
-        root[np.tril_indices(noise.ORDER)] = lane[noise.START_SPREAD : noise.OUTPUT, 0]
-        spread = lane[noise.OUTPUT : noise.FILTER_ROWS, 0] @ root
+        matrices = filter_matrices(filters, interval, passes_velocity=passes_velocity)
+        root = np.zeros((shaping.ORDER, shaping.ORDER))
+        root[np.tril_indices(shaping.ORDER)] = matrices[shaping.START_SPREAD : shaping.OUTPUT]
+        spread = matrices[shaping.OUTPUT :] @ root
         # The covariance of two neighbours is 3 - 2 variance, by (E15).
         variance = spread @ spread
         return bool(0.5 * (3.0 - variance) < (1.0 - SHORTFALL) ** 2 * variance)
@@ -196,31 +203,45 @@ def _noise_phase(lane: Array, *, passes_velocity: bool) -> float:
 def _filtered(
     fields: dict[str, int], *, passes_velocity: bool, constants: dict[int, float] | None = None
 ) -> Kind[FilteredNoise]:
-    """Return a kind of filtered noise, see `mm_gym.kernels.noise.prepare_filter`."""
+    """Return a kind of filtered noise, see `mm_gym.kernels.shaping.write_matrices`."""
     filters = {name: row for name, row in fields.items() if row in noise.FILTER}
     frequencies = {noise.LOW_PASS, noise.HIGH_PASS}
+
+    def rows_of(placed: Placed[FilteredNoise], values: Iterable[float]) -> Array:
+        """Return the filters whose fields have these values, (2, 2)."""
+        rows = np.zeros(noise.HIGH_PASS_DAMPING + 1)
+        for row, value in (
+            placed.kind.constants | dict(zip(filters.values(), values, strict=True))
+        ).items():
+            rows[row] = value
+        return rows[noise.LOW_PASS :].reshape(2, 2)
 
     def interval(placed: Placed[FilteredNoise]) -> float:
         highest = max(placed.highest(name) for name in filters if filters[name] in frequencies)
         shortest = NOISE_PHASE
         for corner in product(*({placed.lowest(name), placed.highest(name)} for name in filters)):
-            lane = np.zeros((noise.FILTER_ROWS, 1))
-            rows = placed.kind.constants | dict(zip(filters.values(), corner, strict=True))
-            for row, value in rows.items():
-                lane[row] = value / highest if row in frequencies else value
-            phase = _noise_phase(lane, passes_velocity=passes_velocity)
-            shortest = min(shortest, phase)
+            scaled = rows_of(placed, corner) / [highest, 1.0]
+            shortest = min(shortest, _noise_phase(scaled, passes_velocity=passes_velocity))
         return shortest / highest
 
     def is_drawn(placed: Placed[FilteredNoise]) -> bool:
         return any(placed.lowest(name) != placed.highest(name) for name in filters)
 
-    def slots(placed: Placed[FilteredNoise]) -> Slots:
-        return passes_velocity, is_drawn(placed), 0.0
+    def states(placed: Placed[FilteredNoise]) -> int:
+        has_high_pass = any(
+            placed.highest(name) > 0.0 for name in filters if filters[name] == noise.HIGH_PASS
+        )
+        return shaping.ORDER if has_high_pass else shaping.ORDER // 2
 
-    def prepare(placed: Placed[FilteredNoise], lane: Array, interval: float) -> None:
-        if not is_drawn(placed):  # else each lane prepares its own
-            noise.prepare_filter(lane[:, None], placed.first, passes_velocity, interval, 0)
+    def slots(placed: Placed[FilteredNoise]) -> Slots:
+        return passes_velocity, states(placed), 0.0 if is_drawn(placed) else placed.data
+
+    def prepare(placed: Placed[FilteredNoise], described: Array, interval: float) -> None:
+        if not is_drawn(placed):  # else each lane has its own
+            own = rows_of(placed, [placed.lowest(name) for name in filters])
+            described[placed.data : placed.data + shaping.MATRICES] = filter_matrices(
+                own, interval, passes_velocity=passes_velocity
+            )
 
     return Kind(
         fields={
@@ -230,12 +251,14 @@ def _filtered(
             "decay": noise.DECAY,
         }
         | fields,
-        rows=noise.FILTER_ROWS,
+        rows=noise.ROWS,
         code=kernels.FILTER,
         terms=2,
         constants=constants or {},
         interval=interval,
+        samples=lambda _: (np.zeros(shaping.MATRICES), 0.0),
         slots=slots,
+        drawn_rows=lambda placed: shaping.MATRICES if is_drawn(placed) else 0,
         prepare=prepare,
     )
 

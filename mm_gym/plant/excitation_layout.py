@@ -103,7 +103,7 @@ def lay_out(scene: Scene, rate: float) -> Layout:
     for k, placed in enumerate(parts):
         is_harmonic = placed.kind.code == HARMONIC
         parts[k] = replace(placed, first=free[is_harmonic])
-        free[is_harmonic] += placed.kind.rows
+        free[is_harmonic] += placed.kind.rows + placed.kind.drawn_rows(placed)
     for placed in parts:
         if placed.part.kind == "record":
             _warn_of_rest(scene, placed)
@@ -154,8 +154,8 @@ def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
 
 def _description(parts: Parts, *, has_corners: bool) -> NDArray[np.float64]:
     described = [placed for placed in parts if placed.kind.code != HARMONIC]
-    has_impulses = any(placed.kind.code == kernels.IMPULSE for placed in described)
-    slots = [float(len(described)), float(has_corners), float(has_impulses)]
+    codes = {placed.kind.code for placed in described}
+    slots = [len(described), has_corners, kernels.IMPULSE in codes, kernels.RECORD in codes]
     for placed in described:
         target = kernels.GROUND if placed.part.target == "ground" else kernels.FORCE
         slots += [placed.kind.code, target, placed.first, *placed.kind.slots(placed)]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.kernels import excitation as kernels
+from mm_gym.kernels import filters as shaping
 from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import noise
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 ROWS = {
     kernels.IMPULSE: process.ROWS,
-    kernels.FILTER: noise.FILTER_ROWS,
+    kernels.FILTER: noise.ROWS,
 }
 
 
@@ -91,6 +92,18 @@ def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
     return found
 
 
+def filter_matrices(filters: Array, interval: float, *, passes_velocity: bool) -> Array:
+    """Return the matrices (`shaping.MATRICES`,) of noise over a sample interval [s].
+
+    The filters are (2, 2): frequency [rad/s] and damping ratio of the low-pass and of the
+    high-pass.
+    """
+    matrices = np.zeros((shaping.MATRICES, 1))
+    low_pass, high_pass = ((float(w), float(damping)) for w, damping in filters)
+    shaping.write_matrices(matrices, 0, low_pass, high_pass, passes_velocity, interval, 0)
+    return matrices[:, 0]
+
+
 def _parts(support: Support, kind: int) -> Iterator[tuple[str, Array, int]]:
     """Yield dotted name, slots and first row of the parts of one kind."""
     described = support.excitation
@@ -105,15 +118,14 @@ def _parts(support: Support, kind: int) -> Iterator[tuple[str, Array, int]]:
 
 
 def _filter(name: str, slots: Array, first: int, interval: float, row: Array) -> ShapingFilter:
-    passes_velocity = slots[kernels.PASSES_VELOCITY] > 0.0
-    lane = row[:, None].copy()
-    noise.prepare_filter(lane, first, passes_velocity, interval, 0)
-    own = lane[first : first + noise.FILTER_ROWS, 0]
-    order = noise.ORDER if own[noise.HIGH_PASS] > 0.0 else noise.ORDER // 2
-    square = noise.ORDER**2
-    transition = own[noise.TRANSITION : noise.TRANSITION + square].reshape(noise.ORDER, -1)
-    output = own[noise.OUTPUT : noise.OUTPUT + order] * own[noise.RMS]
-    stationary = _root(own[noise.START_SPREAD : noise.OUTPUT], order)
+    passes_velocity = bool(slots[kernels.OWN + noise.PASSES_VELOCITY] > 0.0)
+    own = row[first : first + noise.ROWS]
+    filters = own[noise.LOW_PASS : noise.HIGH_PASS_DAMPING + 1].reshape(2, 2)
+    matrices = filter_matrices(filters, interval, passes_velocity=passes_velocity)
+    order = shaping.ORDER if own[noise.HIGH_PASS] > 0.0 else shaping.ORDER // 2
+    transition = matrices[shaping.TRANSITION : shaping.SPREAD].reshape(shaping.ORDER, -1)
+    output = matrices[shaping.OUTPUT : shaping.OUTPUT + order] * own[noise.RMS]
+    stationary = _root(matrices[shaping.START_SPREAD : shaping.OUTPUT], order)
     # In continuous time nothing is lost between samples, so the variance is that at an instant.
     deviation = np.linalg.norm(output @ stationary)
     factor = own[noise.RMS] / deviation if deviation > 0.0 else 0.0
@@ -122,19 +134,19 @@ def _filter(name: str, slots: Array, first: int, interval: float, row: Array) ->
     return ShapingFilter(
         name=name,
         ground=bool(slots[kernels.TARGET] > 0.0),
-        generator=_generator(own, order, passes_velocity=bool(passes_velocity)),
+        generator=_generator(own, order, passes_velocity=passes_velocity),
         intensity=intensity,
         output=output * factor,
         transition=transition[:order, :order].copy(),
-        spread=_root(own[noise.SPREAD : noise.START_SPREAD], order),
+        spread=_root(matrices[shaping.SPREAD : shaping.START_SPREAD], order),
         sampled_output=output,
     )
 
 
 def _root(packed: Array, order: int) -> Array:
     """Return a Cholesky factor that is packed by rows."""
-    root = np.zeros((noise.ORDER, noise.ORDER))
-    root[np.tril_indices(noise.ORDER)] = packed
+    root = np.zeros((shaping.ORDER, shaping.ORDER))
+    root[np.tril_indices(shaping.ORDER)] = packed
     return root[:order, :order]
 
 
@@ -142,7 +154,7 @@ def _generator(own: Array, order: int, *, passes_velocity: bool) -> Array:
     """Return F, (E9) to (E11) of docs/excitation.md."""
     low, damping = own[noise.LOW_PASS], 2.0 * own[noise.LOW_PASS_DAMPING]
     high, high_damping = own[noise.HIGH_PASS], 2.0 * own[noise.HIGH_PASS_DAMPING]
-    generator = np.zeros((noise.ORDER, noise.ORDER))
+    generator = np.zeros((shaping.ORDER, shaping.ORDER))
     generator[0, 1], generator[1, :2] = low, (-low, -damping * low)  # (E9)
     generator[2, 3] = high  # (E11)
     passed = damping if passes_velocity else 0.0  # (E10)

@@ -107,7 +107,7 @@ def _lanes(
     row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]
     lanes = row[:, None]
     if place is None or hasattr(place, "keys"):
-        complete(model, task, lanes, 0, 1)
+        complete(model, task, lanes, np.zeros(1, np.int64))
         if support.sampled:
             begin_excitation(model, lanes, streams, np.ones(1, np.bool_), 0, 1)
     else:

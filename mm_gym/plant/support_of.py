@@ -68,8 +68,7 @@ def support_of(scene: Scene) -> Support:
         low[at.STRETCH] = high[at.STRETCH] = 1.0
     sample_interval = scene.control.time_step / layout.intervals_per_step
     for placed in layout.parts:
-        for lane in (low, high):
-            placed.kind.prepare(placed, lane, sample_interval)
+        placed.kind.prepare(placed, layout.description, sample_interval)
     start_low, start_high = low.copy(), high.copy()
     if scene.actuation.force is not None:
         high[at.FORCE] = scene.actuation.force.limit

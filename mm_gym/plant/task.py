@@ -71,7 +71,9 @@ def task_array(scene: Scene) -> NDArray[np.float64]:
         slots[at.SHOWN], slots[at.SUBTRACTED] = row.row, row.subtracted
         slots[at.SCALE], slots[at.ZERO] = channel.factor, channel.zero
         slots[at.NOISE] = channel.noise * channel.factor
-    task[at.IS_DERIVED] = any(CHANNELS[channel.name].row in at.DERIVED for channel in channels)
+    rows = {CHANNELS[channel.name].row for channel in channels}
+    task[at.IS_DERIVED] = not rows.isdisjoint(at.DERIVED)
+    task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS)
     task[at.IS_NOISY] = any(channel.noise > 0.0 for channel in channels)
     return task
 

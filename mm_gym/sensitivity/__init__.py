@@ -1,1 +1,5 @@
-"""Sensitivities: the exact derivatives of a control step, propagated beside the motion."""
+"""Sensitivities: the exact derivatives of control steps, and what a plan's search makes of them."""
+
+from mm_gym.sensitivity.jacobian import Jacobian as Jacobian
+from mm_gym.sensitivity.jacobian import Sensitivities as Sensitivities
+from mm_gym.sensitivity.sweep_kernel import sweep as sweep

@@ -94,6 +94,11 @@ class Sensitivities:
         self.lanes[at.NOW], self.lanes[at.BEGAN] = 0.0, -age
         self.streams = streams.copy()
 
+    @property
+    def state(self) -> Array:
+        """(4 + actuators, count) x1, x2 [m], v1, v2 [m/s] and what is applied [N, -], copied."""
+        return self.lanes[[*range(4), *(a.row for a in self.actuators)]]
+
     def step(self, actions: Array) -> tuple[int, Array]:
         """Make a control step.
 

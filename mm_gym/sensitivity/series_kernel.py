@@ -286,8 +286,9 @@ def _write_pair(c, p, n):
     k0, l0 = p[of.K0], p[of.L0]
     c[of.LONG + n], c[of.SHORT + n] = c[of.OFFSET + n] / l0, -c[of.OFFSET + n] / l0
     if n == 0:
-        c[of.LONG] += p[of.STRETCH]
-        c[of.SHORT] += p[of.STRETCH]
+        # Rounded once: of a side that is nearly gone no digits cancel.
+        c[of.LONG] = fma(p[of.STRETCH], l0, c[of.OFFSET]) / l0
+        c[of.SHORT] = fma(p[of.STRETCH], l0, -c[of.OFFSET]) / l0
         if not (c[of.LONG] > 0.0 and c[of.SHORT] > 0.0):
             return False
     for side in range(2):

@@ -9,6 +9,7 @@ from mm_gym.kernels.crossing import by_pieces, by_superposition
 from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.random import normals
 from mm_gym.kernels.task import command
 from mm_gym.methods.linear.method import Linear
 from mm_gym.sensitivity import linear_kernel
@@ -51,7 +52,7 @@ def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> C
             Status, of several the largest.
         """
         status = at.OK
-        command(task, lanes, actions, first, last)
+        command(task, lanes, actions, lanes[lanes.shape[0] - 1], first, last)  # no use of rewards
         begin(model, lanes, first, last)
         for interval in range(int(model[at.INTERVALS])):
             if excited(model):
@@ -59,9 +60,19 @@ def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> C
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
         lanes[at.NOW, first] += 1.0
+        if task[at.IS_NOISY] > 0.0:
+            _pass_sensor_noise(task, streams, first, last)
         return status
 
     return step
+
+
+@borrowing_kernel
+def _pass_sensor_noise(task, streams, first, last):
+    """Draw what the sensors' noise takes: the next excitation comes from the same streams."""
+    for i in range(first, last):
+        for _ in range(0, int(task[at.CHANNEL_COUNT]), 2):
+            normals(streams, i)
 
 
 @borrowing_kernel

@@ -15,28 +15,18 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 from agents import evaluate as command
 from agents.comparison.conclusions import CHOSEN, best_known, conclude, scores_of
 from agents.comparison.contestants import Contestant, Field, read_field
-from agents.comparison.effort import efforts
-from agents.comparison.entries import Entry, Episodes
-from agents.comparison.frequency import closed_loop
-from agents.comparison.measure import Studies, TaskResult, measure
-from agents.comparison.robustness import FACTORS, NOMINAL, check_records, outcomes, variants
+from agents.comparison.entries import Episodes
+from agents.comparison.measure import TaskResult, measure
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
-from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.policies import Policy, PolicyError
 from agents.report.comparison import as_data, page, write_comparison
-from agents.report.comparison_figures import (
-    draw_aggregates,
-    draw_closed_loops,
-    draw_intervals,
-    draw_robustness,
-)
+from agents.report.comparison_figures import draw_aggregates, draw_intervals
 from agents.training.runs import RunError
-from mm_gym import SceneError, metrics
-from mm_gym.analysis import frequency_response
+from mm_gym import SceneError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -270,6 +260,11 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
     assert command.main() == (
         "error: --policy: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
     )
+    monkeypatch.setattr(sys, "argv", [*words, "--processes", "0"])
+    assert command.main() == "error: --processes: got 0; allowed: at least 1"
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(sys, "argv", [*words, "--out", str(tmp_path / "file")])
+    assert "cannot be written: Not a directory" in str(command.main())
     monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", "lgr", "--tasks", FORCE])
     assert "did you mean 'lqr'" in str(command.main())
 
@@ -297,124 +292,3 @@ def test_nothing_is_refused(monkeypatch) -> None:
     assert command.main() == (
         "error: got nothing to evaluate; allowed: the folder of a run, or baselines"
     )
-
-
-def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:
-    record = tmp_path / "motion.csv"
-    record.write_text("time [s],acceleration [m/s^2]\n0.0,0.5\n0.1,-0.5\n0.2,0.1\n")
-    found = variants(CARRIAGE_FORCE, [record])
-    assert found[NOMINAL, 1.0] is CARRIAGE_FORCE
-    assert found["carriage.mass", 0.8].carriage.mass == pytest.approx(0.08, rel=1e-14)
-    assert found["carriage.damping", 1.3].carriage.damping == pytest.approx(1.3, rel=1e-14)
-    assert found["delay [steps]", 3.0].sensors.delay == 3
-    noisy = found["noise over scale", 0.1].sensors.noise
-    assert noisy["carriage_displacement"] == pytest.approx(1e-3, rel=1e-12)
-    assert found["record motion.csv", 1.0].excitation[0].kind == "record"
-    assert len(found) == 1 + 3 * len(FACTORS) + 3 + 4 + 1
-    undamped = CARRIAGE_FORCE.replace(**{"carriage.damping": 0.0})
-    assert not any(study == "carriage.damping" for study, _ in variants(undamped))
-    drawn = CARRIAGE_FORCE.replace(randomization={"carriage.mass": (0.1, 0.2)})
-    assert variants(drawn)["carriage.mass", 1.1].randomization["carriage.mass"] == pytest.approx(
-        (0.11, 0.22), rel=1e-14
-    )
-    with pytest.raises(SceneError, match=r"--records: .*no such file"):
-        check_records([CARRIAGE_FORCE], [tmp_path / "none.csv"])
-    check_records([CARRIAGE_FORCE], [record])
-
-
-def test_controllers_are_not_told_of_the_change(tmp_path) -> None:
-    rows = [
-        Entry("lqr", [Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE))]),
-        Entry("still", [Feedback(CARRIAGE_FORCE, no_control(CARRIAGE_FORCE))]),
-    ]
-    found = outcomes(CARRIAGE_FORCE, rows, EPISODES)
-    heavy = next(one for one in found if (one.study, one.level) == ("carriage.mass", 1.3))
-    changed = CARRIAGE_FORCE.replace(**{"carriage.mass": 0.13})
-    law = Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE))
-    assert heavy.cost == evaluate(changed, law, episodes=8).cost
-    nominal = evaluate(CARRIAGE_FORCE, law, episodes=8)
-    assert heavy.ratio == pytest.approx(heavy.cost / nominal.cost, rel=1e-14)
-    late = [one.ratio for one in found if one.label == "lqr" and one.study == "delay [steps]"]
-    assert late[0] == 1.0
-    assert late == sorted(late)  # it does not predict: the later the worse
-    still = [one for one in found if one.label == "still" and "noise" in one.study]
-    assert [one.ratio for one in still] == [1.0, 1.0, 1.0]
-    made = result(FORCE, {"best constant": 1.0, "lqr": 0.5, "still": 1.0})
-    drawn = TaskResult(
-        made.task, ("lqr", "still"), made.reads[:2], made.sample, 0, None, outcomes=found
-    )
-    draw_robustness(drawn, tmp_path / "robustness.png")
-    assert (tmp_path / "robustness.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_closed_loop_of_no_control_is_the_frequency_response(tmp_path) -> None:
-    scene = CARRIAGE_FORCE
-    found = closed_loop(scene, Feedback(scene, no_control(scene)), "still")
-    exact = np.abs(frequency_response(scene, found.frequencies).force[:, 0])
-    # 60 periods of 10 1/s damped by at least 2 % of critical leave exp(-7.5) of the transients; a
-    # free sphere drifts with a time constant m2 / c of 0.04 s.
-    for gain in found.gain:
-        np.testing.assert_allclose(gain, exact * scene.carriage.stiffness, rtol=2e-3)
-    assert found.distortion.max() < 5e-3
-    made = result(FORCE, {"best constant": 1.0})
-    drawn = TaskResult(FORCE, ("still",), made.reads, made.sample, 0, None, loops=[found])
-    draw_closed_loops(drawn, tmp_path / "frequency.png")
-    assert (tmp_path / "frequency.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_velocity_feedback_is_a_damper_at_every_amplitude_within_its_limit() -> None:
-    scene, gain = CARRIAGE_FORCE.replace(**{"control.time_step": 0.001}), 5.0
-    found = closed_loop(scene, Feedback(scene, VelocityFeedback(scene, gain)), "damper")
-    damped = scene.replace(**{"carriage.damping": scene.carriage.damping + gain})
-    exact = np.abs(frequency_response(damped, found.frequencies).force[:, 0])
-    # The force is held over control steps of 1 ms: late by half of one, 0.06 rad at 120 rad/s.
-    np.testing.assert_allclose(found.gain[0], exact * scene.carriage.stiffness, rtol=0.06)
-
-
-def test_effort_is_over_no_control_and_over_the_passive_damper() -> None:
-    scene = CARRIAGE_FORCE
-    rows = [
-        Entry("still", [Feedback(scene, no_control(scene))]),
-        Entry("lqr", [Feedback(scene, LQR(scene))]),
-    ]
-    still, passive, lqr, _ = efforts(scene, rows, EPISODES)
-    assert [one.reference for one in (still, passive)] == ["no control", "best passive damper"]
-    assert still.indices["j1"] == still.indices["j4"] == 1.0
-    assert still.indices["j11"] == 0.0
-    assert still.indices["j16"] == 4.0
-    assert lqr.indices["j4"] < 0.7
-    seeds = range(HELD_OUT_SEED, HELD_OUT_SEED + 8)
-    free, damped = (
-        of(scene, seeds) for of in (metrics.uncontrolled_response, metrics.passive_response)
-    )
-    expected = np.mean(free.rms_displacement / damped.rms_displacement)
-    assert passive.indices["j4"] == pytest.approx(expected, rel=1e-12)
-    friction = TASKS["mm_gym/CarriageForceFriction-v0"]
-    one = efforts(friction, [Entry("still", [Feedback(friction, no_control(friction))])], EPISODES)
-    assert [effort.reference for effort in one] == ["no control"]
-
-
-def test_effort_is_of_the_episodes_of_the_comparison() -> None:
-    scene = PRE_STRETCH.replace(**{"control.steps": 10})
-    (still, _) = efforts(scene, [Entry("still", [Feedback(scene, no_control(scene))])], EPISODES)
-    # The law holds the stretch that it sees in single precision; another frequency would show.
-    assert still.indices["j4"] == pytest.approx(1.0, rel=1e-6)
-
-
-def test_studies_are_written_with_the_comparison(tmp_path) -> None:
-    record = tmp_path / "motion.csv"
-    record.write_text("0.0,0.5\n0.1,-0.5\n0.2,0.1\n")
-    compared = Field({FORCE: CARRIAGE_FORCE}, (), baselines=False)
-    results = measure(compared, EPISODES, Studies(records=(record,), frequency=True, effort=True))
-    write_comparison(conclude(results, TASKS, EPISODES), tmp_path)
-    with (tmp_path / "robustness.csv").open(newline="") as lines:
-        rows = list(csv.DictReader(lines))
-    assert rows[0]["over cost as designed [-]"] == "1.0"
-    assert rows[-1]["changed"] == "record motion.csv"
-    with (tmp_path / "frequency.csv").open(newline="") as lines:
-        assert len(list(csv.DictReader(lines))) == 3 * 48
-    with (tmp_path / "effort.csv").open(newline="") as lines:
-        assert [row["over"] for row in csv.DictReader(lines)] == [
-            "no control",
-            "best passive damper",
-        ]

@@ -31,7 +31,9 @@ SCENES = {
     "friction": CARRIAGE_FORCE_FRICTION,
     "stretch": PRE_STRETCH.replace(**{"control.steps": 60}),
     "noise": TASKS["mm_gym/PreStretchNoise-v0"].replace(**{"control.steps": 20}),
-    "both, shaken": HYBRID.replace(**{"control.steps": 40, "sensors.noise": {}}),
+    "both, shaken": HYBRID.replace(
+        **{"control.steps": 40, "sensors.noise": {}, "carriage.damping": 5.0}
+    ),
 }
 
 

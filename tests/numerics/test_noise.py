@@ -7,8 +7,9 @@ from scipy.integrate import quad
 from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2
 
-from mm_gym import Scene, compile_scene, simulate
-from mm_gym.kernels import noise
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, compile_scene, simulate
+from mm_gym.kernels import excitation, noise
+from mm_gym.kernels import filters as shaping
 
 from .excited import BASE, HIGH_PASSED, NOISE, SOIL
 
@@ -153,23 +154,25 @@ def _filter(part):
 @pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
 def test_law_of_the_samples_is_lyapunovs(part):
     plant = compile_scene(BASE.replace(excitation=[part]))
-    rows, h = plant.template, plant.support.sample_interval
-    first = plant.support.names["excitation.0.rms"]
+    described, h = plant.support.excitation, plant.support.sample_interval
+    own = described[excitation.FIRST + excitation.OWN :]
+    assert own[noise.STATES] == (2 if part["kind"] == "kanai_tajimi" else 4)
+    matrices = described[int(own[noise.PLACE]) :]
     f, g, out = _scaled_filter(part)
     stationary = solve_continuous_lyapunov(f, -g @ g.T)
     transition = expm(f * h)
     order = len(f)
-    own = rows[first + noise.TRANSITION :][:16].reshape(4, 4)[:order, :order]
+    own = matrices[shaping.TRANSITION :][:16].reshape(4, 4)[:order, :order]
     assert np.abs(own - transition).max() < 1e-14
     start, step = (
-        _root(rows[first + slot :][:10])[:order, :order]
-        for slot in (noise.START_SPREAD, noise.SPREAD)
+        _root(matrices[slot:][:10])[:order, :order]
+        for slot in (shaping.START_SPREAD, shaping.SPREAD)
     )
     scale = np.abs(stationary).max()
     assert np.abs(start @ start.T - stationary).max() < 1e-12 * scale
     grown = stationary - transition @ stationary @ transition.T
     assert np.abs(step @ step.T - grown).max() < 1e-12 * scale
-    weights = rows[first + noise.OUTPUT :][:order]
+    weights = matrices[shaping.OUTPUT :][:order]
     average = (2.0 * stationary + transition @ stationary) / 3.0
     assert weights @ average @ weights == pytest.approx(1.0, abs=1e-12)
     assert weights == pytest.approx(out / np.sqrt(out @ average @ out), abs=1e-12)
@@ -215,3 +218,28 @@ def test_seeds_give_different_noise_and_the_same_again():
     one, again, other = (simulate(scene, seed=seed).excitation for seed in (1, 1, 2))
     assert one.tobytes() == again.tobytes()
     assert not np.any(one[1:] == other[1:], axis=0)[0]
+
+
+@pytest.mark.parametrize("drawn", [False, True], ids=["fixed", "drawn"])
+@pytest.mark.parametrize("part", [NOISE, SOIL, HIGH_PASSED], ids=lambda part: part["kind"])
+def test_lanes_have_the_noise_of_a_lone_one(part, drawn):
+    name = "high_frequency" if part["kind"] == "noise" else "ground_frequency"
+    scene = BASE.replace(
+        excitation=[part | {"rise": 0.02, "plateau": 0.01, "decay": 3.0}],
+        actuation={"force": {"limit": 1.0}},
+        sensors={
+            "channels": ["carriage_displacement", "sphere_offset", "ground_acceleration"],
+            "noise": dict.fromkeys(["carriage_displacement", "ground_acceleration"], 0.01),
+        },
+        randomization={f"excitation.0.{name}": [part[name], 1.1 * part[name]]} if drawn else {},
+    )
+    lanes = MovingMassVectorEnv(scene, 19)  # two vectors and some more
+    lone = MovingMassEnv(scene)
+    together, _ = lanes.reset(seed=5)
+    alone, _ = lone.reset(seed=5 + 18)
+    np.testing.assert_array_equal(together[18], alone)
+    for _ in range(8):
+        together, *_ = lanes.step(np.zeros(lanes.action_space.shape, np.float32))
+        alone, *_ = lone.step(np.zeros(lone.action_space.shape, np.float32))
+        np.testing.assert_array_equal(together[18], alone)
+        np.testing.assert_array_equal(lanes.state[18], lone.state)

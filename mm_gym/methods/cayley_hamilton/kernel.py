@@ -3,7 +3,9 @@
 By the theorem of Cayley and Hamilton the exponential of a 4 by 4 generator is a cubic in it. The
 four coefficients are entire functions of the springs' stiffness, so over what the stretch reaches
 each is one polynomial. A harmonic force is not summed up: the steady motion that it causes is taken
-off the state, and put on again at the step's end.
+off the state, and put on again at the step's end. Sampled excitation is a polynomial in time of
+degree n - 1: Taylor's series of the motion is summed up to the derivative n, which nothing drives
+any more, and what remains is a cubic in the generator times that derivative.
 
 Within the kernel the state is x1, the offset, and h times v1 and the slip velocity w: all of one
 unit, so that the generator has none.
@@ -16,6 +18,7 @@ from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.free_motion import ROUND_OFF
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import stiffness
+from mm_gym.kernels.memory import span
 
 COEFFICIENTS = 10
 """Of each polynomial in the stiffness. `method` says why so many."""
@@ -25,25 +28,35 @@ COEFFICIENTS = 10
 # generator.
 K1, D, C, K0, PUSH, MASS_RATIO, MIDDLE, SCALE, IS_PUSHED = (at.MODEL_OWN + i for i in range(9))
 PHASE = IS_PUSHED + 1
-# Four polynomials for the state, four for a held force; the highest coefficient first.
+# Four polynomials for the state, four for a held force, four for what remains of Taylor's series;
+# the highest coefficient first.
 OF_STATE = PHASE + 1
 OF_FORCE = OF_STATE + 4 * COEFFICIENTS
-END = OF_FORCE + 4 * COEFFICIENTS
+OF_REST = OF_FORCE + 4 * COEFFICIENTS
+END = OF_REST + 4 * COEFFICIENTS
+
+LINE = 2
+"""Terms of a jet that is linear in time."""
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    count = int(model[at.HARMONIC_COUNT])
-    if count == 1:
+    count, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    if count == 1 and terms == 0:
         _move_with_harmonic(model, lanes, first, last)
     else:
         for j in range(count):
             _shift(model, lanes, j, False, first, last)
-        _move(model, lanes, first, last)
+        if terms == 0:
+            _move(model, lanes, first, last)
+        elif terms == LINE:
+            _move_along_line(model, lanes, first, last)
+        else:
+            _move_along(model, terms, lanes, first, last)
         for j in range(count):
             _shift(model, lanes, j, True, first, last)
-    if model[IS_PUSHED] > 0.0:
+    if terms == 0 and model[IS_PUSHED] > 0.0:
         _push(model, lanes, first, last)
     return at.OK
 
@@ -62,6 +75,76 @@ def _move(model, lanes, first, last):
         z = x1s[i], x2s[i] - x1s[i], h * v1s[i], h * (v2s[i] - v1s[i])
         x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), z)
         x1s[i], x2s[i], v1s[i], v2s[i] = x1, x1 + offset, by_h * v1, by_h * (v1 + w)
+
+
+@borrowing_kernel
+def _move_along_line(model, lanes, first, last):
+    """Advance the state under the held force and jets that are linear in time."""
+    prefer_widest_vectors()
+    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
+    stiffnesses, push = (model[K0], model[MIDDLE], model[SCALE]), model[PUSH]
+    jets, times = int(model[at.JETS]), (h, 1.0 / h, h * h)
+    if last - first == 1:  # a lone lane does without what a loop prepares
+        _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, first)
+        return
+    for i in span(first, last):
+        _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i)
+
+
+@inlined_kernel
+def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i):
+    """Do so in lane i.
+
+    Parameters
+    ----------
+    generator, cubic
+        Constants of the plant, and the cubic's coefficients.
+    stiffnesses
+        K0, MIDDLE and SCALE.
+    push
+        Acceleration times h^2 per force.
+    times
+        The sample interval h [s], 1 / h and h^2.
+    lanes
+        (rows, lanes) float64; the state is written.
+    jets
+        Row of the first jet.
+    i
+        The lane.
+    """
+    (k0, middle, scale), (h, by_h, square) = stiffnesses, times
+    k2 = stiffness(k0, lanes[at.STRETCH, i])
+    x1, v1, ground = lanes[at.X1, i], lanes[at.V1, i], jets + LINE
+    z = x1, lanes[at.X2, i] - x1, h * v1, h * (lanes[at.V2, i] - v1)
+    force = push * (lanes[at.FORCE, i] + lanes[jets, i])
+    y = _driven(generator, k2, z, force, square * lanes[ground, i], 1.0)
+    force = push * lanes[jets + 1, i]
+    rest = _driven(generator, k2, y, force, square * lanes[ground + 1, i], 0.5)
+    z = z[0] + y[0], z[1] + y[1], z[2] + y[2], z[3] + y[3]
+    x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), rest)
+    x1, v1 = z[0] + x1, z[2] + v1
+    lanes[at.X1, i], lanes[at.X2, i] = x1, x1 + (z[1] + offset)
+    lanes[at.V1, i], lanes[at.V2, i] = by_h * v1, by_h * (v1 + (z[3] + w))
+
+
+@borrowing_kernel
+def _move_along(model, terms, lanes, first, last):
+    """Advance the state under the held force and any jets."""
+    h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
+    by_h, push, square, jets = 1.0 / h, model[PUSH], h * h, int(model[at.JETS])
+    for i in range(first, last):
+        k2 = stiffness(model[K0], lanes[at.STRETCH, i])
+        x1, v1 = lanes[at.X1, i], h * lanes[at.V1, i]
+        y = x1, lanes[at.X2, i] - x1, v1, h * lanes[at.V2, i] - v1
+        z, force = (0.0, 0.0, 0.0, 0.0), lanes[at.FORCE, i]
+        for n in range(terms):
+            z = z[0] + y[0], z[1] + y[1], z[2] + y[2], z[3] + y[3]
+            force, ground = push * (force + lanes[jets + n, i]), lanes[jets + terms + n, i]
+            y, force = _driven(generator, k2, y, force, square * ground, 1.0 / (n + 1.0)), 0.0
+        y = _moved(generator, cubic, k2, model[SCALE] * (k2 - model[MIDDLE]), y)
+        z = z[0] + y[0], z[1] + y[1], by_h * (z[2] + y[2]), by_h * (z[3] + y[3])
+        lanes[at.X1, i], lanes[at.X2, i] = z[0], z[0] + z[1]
+        lanes[at.V1, i], lanes[at.V2, i] = z[2], z[2] + z[3]
 
 
 @borrowing_kernel
@@ -259,6 +342,25 @@ def _next(generator, k2, y, f, z):
         fma(f, z[2], coupling - outer),
         fma(f, z[3], fma(-both, coupling, outer)),
     )
+
+
+@inlined_kernel
+def _driven(generator, k2, y, push, ground, part):
+    """Return the next term of Taylor's series of the motion, from one term.
+
+    Parameters
+    ----------
+    generator, k2
+        Of the plant.
+    y
+        A term: the derivative n of the state over n!.
+    push, ground
+        What force and ground contribute at that order, as accelerations times h^2.
+    part
+        1 / (n + 1).
+    """
+    x1, offset, v1, w = _next(generator, k2, y, 1.0, (0.0, 0.0, push - ground, -push))
+    return part * x1, part * offset, part * v1, part * w
 
 
 @inlined_kernel

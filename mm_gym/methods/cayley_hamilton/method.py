@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from decimal import Context, Decimal, localcontext
+from math import factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,21 +45,22 @@ class CayleyHamilton(ExactMethod):
     title = "a cubic in the generator"
     how = (
         "exponential as a cubic in the generator (Cayley-Hamilton), its coefficients polynomials "
-        "in the springs' stiffness; a harmonic force by its steady motion"
+        "in the springs' stiffness; a harmonic force by its steady motion, sampled excitation as a "
+        "polynomial in time"
     )
     kinds = (PARAMETRIC_LINEAR,)
     entries = build(ch.propagate, respond=ch.respond)
     held = "a held force and stretch"
 
     def limit(self, support: Support) -> str | None:
-        """Return why not, unless only the stretch and harmonic forces vary, within bounds."""
+        """Return why not, unless only the stretch and the excitation vary, within bounds."""
         others = [
             name for name in support.varying if support.names[name] in range(at.M1, at.HARMONICS)
         ]
         if others:
             return f"{others[0]} is randomised"
-        if support.terms or any(support.ground):
-            return "of all excitation it takes only harmonic forces"
+        if any(support.ground):
+            return "a harmonic shakes the ground"
         phase = fastest_rate(support) * support.sample_interval
         if not phase <= LONGEST_STEP:
             return f"fastest rate times sample interval is {phase:.3g}, above {LONGEST_STEP:g}"
@@ -89,13 +91,15 @@ class CayleyHamilton(ExactMethod):
             model[ch.SCALE] = 1 / half if half else 0
             model[ch.PHASE] = fastest_rate(support) * support.sample_interval
             model[ch.IS_PUSHED] = not support.fixed(at.FORCE)
-            cubics = _cubics(p, h, (softest + stiffest) / 2, (stiffest - softest) / 2)
+            half_range = (stiffest - softest) / 2
+            cubics = _cubics(p, h, (softest + stiffest) / 2, half_range, support.terms)
         model[ch.OF_STATE : ch.END] = cubics[:, :, ::-1].astype(np.float64).ravel()
         return model
 
     def cost(self, model: NDArray[np.float64]) -> str:
-        """Return the products of the polynomials and of the harmonics."""
-        return f"{4 * ch.COEFFICIENTS + 28 + 40 * int(model[at.HARMONIC_COUNT])} products"
+        """Return the products of the polynomials and of the excitation."""
+        excitation = 40 * int(model[at.HARMONIC_COUNT]) + 10 * int(model[at.TERMS])
+        return f"{4 * ch.COEFFICIENTS + 28 + excitation} products"
 
 
 def _amplification(support: Support) -> float:
@@ -117,12 +121,15 @@ def _most_stretched(support: Support) -> NDArray[np.float64]:
     return row
 
 
-def _cubics(p: Values, h: Decimal, middle: Decimal, half: Decimal) -> NDArray[np.object_]:
-    """Return (2, 4, COEFFICIENTS) polynomials in (k2 - middle) / half, lowest coefficient first.
+def _cubics(
+    p: Values, h: Decimal, middle: Decimal, half: Decimal, terms: int
+) -> NDArray[np.object_]:
+    """Return (3, 4, COEFFICIENTS) polynomials in (k2 - middle) / half, lowest coefficient first.
 
-    They are the coefficients of I, A h, (A h)^2 and (A h)^3 in exp(A h) and in
-    (exp(A h) - I) / (A h). Powers from the fourth on are reduced by the characteristic polynomial
-    of A, which is linear in k2.
+    They are the coefficients of I, A h, (A h)^2 and (A h)^3 in exp(A h), in (exp(A h) - I) / (A h)
+    and in n! times what the exponential's series leaves from term n on, over (A h)^n, for n terms.
+    Powers from the fourth on are reduced by the characteristic polynomial of A, which is linear in
+    k2.
     """
     characteristic = [
         (_characteristic(p, h, middle + half) + sign * _characteristic(p, h, middle - half)) / 2
@@ -130,12 +137,11 @@ def _cubics(p: Values, h: Decimal, middle: Decimal, half: Decimal) -> NDArray[np
     ]
     powers = np.full((4, ch.COEFFICIENTS), Decimal(0))
     powers[0, 0] = Decimal(1)
-    sums = np.full((2, 4, ch.COEFFICIENTS), Decimal(0))
-    factorial = Decimal(1)
+    sums = np.full((3, 4, ch.COEFFICIENTS), Decimal(0))
+    left_out = (0, 1, terms)
     for n in range(ORDERS):
-        sums[0] += powers / factorial
-        factorial *= n + 1
-        sums[1] += powers / factorial
+        for k, terms_out in enumerate(left_out):
+            sums[k] += powers * factorial(terms_out) / factorial(n + terms_out)
         highest = powers[3]
         powers = np.vstack([np.full(ch.COEFFICIENTS, Decimal(0)), powers[:3]])
         powers -= np.outer(characteristic[0], highest)

@@ -5,12 +5,11 @@ Lanes are taken LANES at a time, side by side through all substeps.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
+from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
@@ -182,9 +181,9 @@ def _excitation_of(model, lanes, elapsed, i):
     ground = jet_value(lanes, int(model[at.JETS]) + terms, terms, part, i)
     for j in range(int(model[at.HARMONIC_COUNT])):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        turn = lanes[harmonic + at.FREQUENCY, i] * elapsed
-        value = lanes[harmonic + at.SINE, i] * math.cos(turn)
-        value += lanes[harmonic + at.COSINE, i] * math.sin(turn)
+        c, s = cosine_and_sine(lanes[harmonic + at.FREQUENCY, i] * elapsed)
+        value = lanes[harmonic + at.SINE, i] * c
+        value += lanes[harmonic + at.COSINE, i] * s
         value *= lanes[harmonic + at.AMPLITUDE, i]
         if (int(model[at.GROUND]) >> j) & 1:
             ground += value

@@ -1,0 +1,180 @@
+"""Plans of whole episodes over many lanes, improved by Gauss-Newton steps on exact Jacobians."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mm_gym.sensitivity import Sensitivities, sweep
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from mm_gym import Plant, Scene
+
+    Array = NDArray[np.float64]
+    Indices = NDArray[np.intp]
+
+EASIER, HARDER = 1.0 / 3.0, 4.0
+"""What the stiffness is multiplied by after a step that is an improvement, and after another."""
+
+GAIN, PATIENCE = 1e-9, 4
+"""A search ends when in so many steps no lane has gained this part of its cost."""
+
+LEAST, MOST = 1e-8, 1e8
+"""Bounds of the stiffness."""
+
+
+class Trajectory(NamedTuple):
+    """What a plan does in each lane.
+
+    Attributes
+    ----------
+    motion
+        (steps, 4, 4 + k, lanes): derivatives of x1, x2, v1, v2 after a step.
+    states
+        (steps + 1, 4 + k, lanes): x1, x2 [m], v1, v2 [m/s] and what is applied [N, -].
+    controls, actions
+        (steps, k, lanes) [-]: see `Trajectories`; and what the environment is given.
+    cost
+        (lanes,) sum of -reward [-].
+    """
+
+    motion: Array
+    states: Array
+    controls: Array
+    actions: Array
+    cost: Array
+
+
+class Trajectories:
+    """Episodes that have begun, with their disturbance to come.
+
+    A control in [-1, 1] is the action, or, for a stretch or force that is commanded with a rate
+    limit, the change of what is applied over the largest change: there most actions ask for more
+    than can be reached, and have no derivative.
+
+    Parameters
+    ----------
+    scene, plant
+        The scene, and what it compiles to.
+    start
+        A snapshot of the episodes at their start, from `MovingMassVectorEnv.get_state`.
+    """
+
+    def __init__(self, scene: Scene, plant: Plant, start: Mapping[str, Any]) -> None:
+        objective = scene.objective
+        if objective.displacement_limit or objective.rail_half_length:
+            msg = "objective: the planner needs episodes that do not end early"
+            raise ValueError(msg)
+        self.scene, self.plant, self.start = scene, plant, start
+        self.count, self.steps = start["values"].shape[1], scene.control.steps
+        self.actuators = self._lanes(np.zeros(1, np.intp)).actuators
+        for actuator in self.actuators:
+            price = objective.effort_weight if not actuator.is_rate else 0.0
+            if actuator.lag_factor < 1.0 or (price > 0.0 and np.isfinite(actuator.rate)):
+                msg = (
+                    f"actuation.{actuator.name}: the planner needs actuators without lag, and no "
+                    "objective.effort_weight beside a rate limit of what is commanded by value"
+                )
+                raise ValueError(msg)
+        low, high, rate = np.array([(a.low, a.high, a.rate) for a in self.actuators]).T
+        at_once = ~np.isfinite(rate)
+        self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
+        kept, step = np.where(at_once, 0.0, 1.0), np.where(at_once, self.half, rate)
+        self._limits = np.stack([low, high, kept, step])
+        self._by_change = ~at_once & np.array([not a.is_rate for a in self.actuators])
+        self.weights = np.array(
+            [
+                objective.displacement_weight / objective.displacement_scale**2,
+                objective.velocity_weight / objective.velocity_scale**2,
+                objective.stroke_weight / objective.stroke_scale**2,
+            ]
+        )
+        self.effort = objective.effort_weight
+
+    def controls_of(self, applied: Array) -> Array:
+        """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
+        values = np.moveaxis(applied, 1, 2)
+        kept, step = self._limits[2:, :, None]
+        first = self._lanes(np.arange(self.count)).state[None, 4:]
+        before = np.concatenate([first, values[:-1]])
+        middle = np.where(kept > 0.0, 0.0, self.middle[:, None])
+        return np.clip((values - kept * before - middle) / step, -1.0, 1.0)
+
+    def follow(
+        self,
+        episodes: Indices,
+        controls: Array,
+        around: Trajectory | None = None,
+        gain: Array | None = None,
+    ) -> Trajectory:
+        """Return what controls (steps, k, lanes) do, lane by lane in one of the episodes.
+
+        With the trajectory that they were made for, the gains correct them for how far the states
+        are from it.
+        """
+        lanes, count, columns = self._lanes(episodes), len(episodes), len(self.actuators)
+        n = 4 + columns
+        found = Trajectory(
+            np.empty((self.steps, 4, n, count)),
+            np.empty((self.steps + 1, n, count)),
+            np.empty((self.steps, columns, count)),
+            np.empty((self.steps, columns, count)),
+            np.zeros(count),
+        )
+        state = found.states[0] = lanes.state
+        for k in range(self.steps):
+            u = controls[k]
+            if around is not None and gain is not None:
+                u = u + np.einsum("kil,il->kl", gain[k], state - around.states[k])
+            u = found.controls[k] = self._bounded(u, state[4:])
+            found.actions[k] = self._action(u, state[4:])
+            found.motion[k] = lanes.step(found.actions[k])[1][:, :n]
+            state = found.states[k + 1] = lanes.state
+            squares = np.stack([state[0], state[2], state[1] - state[0]]) ** 2
+            found.cost[:] += self.weights @ squares + self.effort * (u**2).sum(axis=0)
+        return found
+
+    def improve(
+        self, episodes: Indices, controls: Array, rounds: int, stiffness: float = 1e-2
+    ) -> Trajectory:
+        """Return locally better plans: Gauss-Newton with Levenberg's stiffness, lane by lane."""
+        best = self.follow(episodes, controls)
+        extra = np.full(len(episodes), stiffness)
+        change = np.empty_like(controls)
+        gain = np.empty((*controls.shape[:2], best.states.shape[1], len(episodes)))
+        idle = 0
+        for _ in range(rounds):
+            if idle == PATIENCE:
+                break
+            trajectory = best.motion, best.states, best.controls
+            sweep(trajectory, self._limits, self.weights, self.effort, extra, change, gain)
+            trial = self.follow(episodes, best.controls + change, best, gain)
+            better = trial.cost < best.cost
+            idle = 0 if (trial.cost < (1.0 - GAIN) * best.cost).any() else idle + 1
+            for mine, other in zip(best, trial, strict=True):
+                mine[..., better] = other[..., better]
+            extra = np.clip(np.where(better, EASIER, HARDER) * extra, LEAST, MOST)
+        return best
+
+    def _lanes(self, episodes: Indices) -> Sensitivities:
+        values, streams = (self.start[name][:, episodes] for name in ("values", "streams"))
+        constants = self.plant.model, self.plant.task
+        return Sensitivities(self.plant.support, constants, (values, streams))
+
+    def _bounded(self, controls: Array, applied: Array) -> Array:
+        """Return controls within their bounds, given what is applied before the step."""
+        low, high, kept, step = self._limits[:, :, None]
+        least = np.where(kept > 0.0, np.maximum(-1.0, (low - applied) / step), -1.0)
+        most = np.where(kept > 0.0, np.minimum(1.0, (high - applied) / step), 1.0)
+        return np.clip(controls, least, most)
+
+    def _action(self, controls: Array, applied: Array) -> Array:
+        """Return the actions (k, lanes) of controls."""
+        reached = applied + self._limits[3][:, None] * controls
+        asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
+        return np.where(self._by_change[:, None], asked, controls)

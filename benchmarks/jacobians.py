@@ -1,0 +1,55 @@
+"""Cost of the Jacobians of a control step, beside the step itself, over lanes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.report import table
+from benchmarks.timing import side_by_side
+from mm_gym import MovingMassVectorEnv, load_scene
+from mm_gym.sensitivity import Sensitivities
+from mm_gym.tasks import ids
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LANES = 512
+STEPS = 8
+"""Control steps of a turn, after which state and random numbers are those at its start again."""
+
+
+def jacobians() -> str:
+    """Return the section on the derivatives with respect to state and actuators."""
+    rows = [_row(name) for name in ids()]
+    header = ("task", "step, ns a lane", "with Jacobians, ns a lane", "ratio")
+    return f"## Jacobians of a control step, {LANES} lanes\n\n{table(header, rows)}\n"
+
+
+def _row(name: str) -> tuple[str, str, str, str]:
+    env = MovingMassVectorEnv(load_scene(name), LANES, autoreset_mode="Disabled", copy=False)
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1.0, 1.0, (STEPS, *env.action_space.shape))
+    for action in actions:
+        env.step(action)
+    start = env.get_state()
+    columns = [np.ascontiguousarray(action.T) for action in actions]
+
+    def step() -> None:
+        env.set_state(start)
+        for action in actions:
+            env.step(action)
+
+    def differentiate() -> None:
+        constants = env.plant.model, env.plant.task
+        lanes = Sensitivities(env.plant.support, constants, (start["values"], start["streams"]))
+        for column in columns:
+            lanes.step(column)
+
+    candidates: dict[str, Callable[[], object]] = {"step": step, "with": differentiate}
+    timings = side_by_side(candidates, work=dict.fromkeys(candidates, LANES * STEPS))
+    plain, full = timings["step"], timings["with"]
+    ratio = f"{1.0 / full.times_faster_than(plain):.1f}"
+    return name, f"{plain.median * 1e9:.0f}", f"{full.median * 1e9:.0f}", ratio
