@@ -29,6 +29,7 @@ from agents.evaluation.baselines import (
     resetting_laws,
 )
 from agents.policies import load_policy
+from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError
 from mm_gym.errors import suggest
@@ -109,7 +110,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     RunError
         If the training of the run is not over.
     PolicyError
-        If the policy cannot be read.
+        If the policy cannot be read, or the run has a base or a reward in a file of the user's.
     """
     applicable, path = laws(scene), Path(name)
     if name == RANDOM:
@@ -128,4 +129,5 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     if not run.finished:
         msg = f"{run.folder}: training is not over; continue it: python -m agents.train"
         raise RunError(msg)
-    return Learned(load_policy(run.policy), name)
+    parts = recorded_parts(scene, run.read()["settings"], trust=False)
+    return parts.controller(load_policy(run.policy), name)

@@ -10,6 +10,7 @@ import torch
 
 from agents.evaluation.episodes import evaluate
 from agents.policies import PolicyError, load_policy
+from agents.recording.laws import law_of
 from agents.training import reinforcement
 from agents.training.algorithms import CLASSES, make_model
 from agents.training.archive import policy_of
@@ -175,6 +176,8 @@ def test_training_around_a_law_does_not_lose_it(tmp_path):
     train(settings, run, bar=False)
     parts = make_parts(settings)
     learned = evaluate(parts.scene, parts.controller(load_policy(run.policy)), episodes=50)
+    named = law_of(str(run.folder), parts.scene, np.random.default_rng(0))
+    assert evaluate(parts.scene, named, episodes=50).cost == learned.cost
     still = evaluate(parts.scene, make_parts(tiny("ppo", base="no_control")).base, episodes=50)
     # The law's cost is half of that without control; an agent of 1,600 steps stays close to it.
     assert learned.cost < 0.7 * still.cost
