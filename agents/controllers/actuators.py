@@ -29,6 +29,8 @@ class Actuators:
         (k,) fraction of the way to its command that it goes in a control step [-].
     is_rate
         (k,) whether an action commands a rate.
+    at_once
+        Whether all actuators reach their commands within the step.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -46,6 +48,12 @@ class Actuators:
             [1.0 if part.lag == 0.0 else -np.expm1(-step / part.lag) for part in parts]
         )
         self.is_rate = np.array([part.command == "rate" for part in parts])
+        self.at_once = bool(
+            np.isinf(self.travel).all()
+            and (self.lag_factor == 1.0).all()
+            and not self.is_rate.any()
+        )
+        self.middle, self.half = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
 
     def begin(self, applied: Values) -> None:
         """Begin with what the actuators have (lanes, k) [N, -]."""
@@ -67,11 +75,15 @@ class Actuators:
         applied, asked
             (lanes, k): what they have, and the values commanded so far, which only rates change.
         """
-        actions = np.clip(actions, -1.0, 1.0)
-        middle, half = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
-        with np.errstate(invalid="ignore"):  # no rate, but 0 times infinity
-            rated = np.clip(asked + self.travel * actions, self.low, self.high)
-        wanted = np.where(self.is_rate, rated, middle + half * actions)
+        actions = np.minimum(np.maximum(actions, -1.0), 1.0)
+        commanded = self.middle + self.half * actions
+        if self.at_once:
+            return commanded, commanded
+        wanted = commanded
+        if self.is_rate.any():
+            with np.errstate(invalid="ignore"):  # no rate, but 0 times infinity
+                rated = np.clip(asked + self.travel * actions, self.low, self.high)
+            wanted = np.where(self.is_rate, rated, commanded)
         aim = applied + self.lag_factor * (wanted - applied)
-        aim = np.clip(aim, applied - self.travel, applied + self.travel)
-        return np.clip(aim, self.low, self.high), wanted
+        aim = np.minimum(np.maximum(aim, applied - self.travel), applied + self.travel)
+        return np.minimum(np.maximum(aim, self.low), self.high), wanted

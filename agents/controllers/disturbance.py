@@ -67,16 +67,20 @@ def prediction_weights(scene: Scene) -> Values:
 
     They are fitted by least squares to simulated episodes; see `ForceObserver`.
     """
-    forces = force_of(scene, deviations(scene))
+    forces = force_of(force_column(scene), deviations(scene))
     past = np.stack(
         [forces[ORDER - 1 - i : len(forces) - 1 - i].ravel() for i in range(ORDER)], axis=1
     )
     return np.linalg.lstsq(past, forces[ORDER:].ravel(), rcond=None)[0]
 
 
-def force_of(scene: Scene, deviation: Values) -> Values:
+def force_column(scene: Scene) -> Values:
+    """Return the state (4,) that a force of 1 N on the carriage leads to in a control step."""
+    return compile_scene(scene).discrete()[1][:, 0]
+
+
+def force_of(column: Values, deviation: Values) -> Values:
     """Return the constant force on the carriage [N] that explains a deviation (..., 4) best."""
-    column = compile_scene(scene).discrete()[1][:, 0]
     return deviation @ column / (column @ column)
 
 
@@ -88,7 +92,7 @@ class ForceObserver:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+        self.scene, self.column = scene, force_column(scene)
 
     def begin(self, lanes: int) -> None:
         """Prepare for so many new episodes."""
@@ -101,4 +105,4 @@ class ForceObserver:
         if last is None:
             return None
         self.model.begin(last)
-        return force_of(self.scene, state - self.model.advance(applied)[0])
+        return force_of(self.column, state - self.model.advance(applied)[0])

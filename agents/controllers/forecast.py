@@ -41,10 +41,12 @@ class Forecast:
         if self.silent:
             return forces
         if isinstance(self.observer, LinearPrediction):
-            factor = 2.0 * np.cos(self.observer.frequency(state, applied) * self.step)
+            frequency = self.observer.frequency(state, applied)
+            found = np.isfinite(frequency)  # not where the force has been zero so far
+            factor = 2.0 * np.cos(np.where(found, frequency, 0.0) * self.step)
             if len(self.observer.forces) < 3:  # noqa: PLR2004 - as LinearPrediction
                 return forces
-            _, before, last = self.observer.forces
+            _, before, last = (np.where(found, value, 0.0) for value in self.observer.forces)
             for force in forces:
                 before, last = last, factor * last - before
                 force[:] = last

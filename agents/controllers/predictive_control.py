@@ -86,10 +86,10 @@ class PredictiveControl:
         count = self.search.plans
         applied, asked = (np.repeat(value, count, axis=0) for value in actuators)
         self.many.begin(np.repeat(state, count, axis=0))
-        price, total = self.scene.objective.effort_weight, np.zeros(self.lanes * count)
-        for plan, force in zip(plans, forces, strict=True):
-            actions = plan.reshape(-1, self.columns)
-            applied, asked = self.actuators.reached(actions, applied, asked)
-            total += self.many.advance(applied, np.repeat(force, count))[1]
-            total -= price * (actions**2).sum(axis=1)
+        price, pushed = self.scene.objective.effort_weight, np.repeat(forces, count, axis=1)
+        actions = plans.reshape(len(plans), -1, self.columns)
+        total = -price * (actions**2).sum(axis=(0, 2))
+        for each, force in zip(actions, pushed, strict=True):
+            applied, asked = self.actuators.reached(each, applied, asked)
+            total += self.many.advance(applied, force)[1]
         return total.reshape(self.lanes, count)

@@ -6,6 +6,7 @@ All but the informed ones read what an agent observes.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,7 @@ from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.observed_state import ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
-from agents.controllers.predictive_control import PredictiveControl
+from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.stable_rest import has_stable_rest
 from agents.controllers.velocity_feedback import VelocityFeedback
@@ -58,6 +59,9 @@ DECADES = np.linspace(-2.0, 2.0, 17)
 
 CENTRED = np.linspace(-0.5, 0.5, 17)
 """Forces over the force limit that are tried."""
+
+QUICK, SHORT = 0.005, 20
+"""Control steps [s] up to which predictive control plans fewer steps ahead, to keep up."""
 
 REMEMBER = (
     *(ResettingStiffness, FrequencyTracking, FeedforwardLQR),
@@ -180,8 +184,9 @@ def _remembers(law: Law) -> bool:
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:
-    """Return predictive control around a law without memory."""
-    return Feedback(scene, PredictiveControl(scene, law))
+    """Return predictive control around a law without memory, in real time."""
+    horizon = SHORT if scene.control.time_step <= QUICK else SEARCH.horizon
+    return Feedback(scene, PredictiveControl(scene, law, replace(SEARCH, horizon=horizon)))
 
 
 def regulators(scene: Scene) -> list[Feedback]:
