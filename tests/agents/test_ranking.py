@@ -66,7 +66,7 @@ ORDERED = [
 def test_an_unexpected_order_is_told(name, cost, told):
     assert surprises(FORCE, ORDERED) == []
     changed = [one | {"cost": cost} if one["controller"] == name else one for one in ORDERED]
-    assert (told, None) in surprises(FORCE, changed)
+    assert told in [sentence for sentence, _ in surprises(FORCE, changed)]
 
 
 def test_a_tie_is_no_surprise():
