@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def sources() -> list[Path]:
     """Return the files that compiled code is made from."""
     package = Path(__file__).parents[1]
-    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py")
+    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py", "sensitivity/*layout.py")
     return sorted({file for place in places for file in package.glob(place)})
 
 

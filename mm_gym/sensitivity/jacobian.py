@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.methods.linear.method import Linear
 from mm_gym.methods.support import LINEAR, MASSLESS, PARAMETRIC_LINEAR
 from mm_gym.sensitivity import layout as own
 from mm_gym.sensitivity.actuators import actuators_of, slopes
 from mm_gym.sensitivity.model import BESIDE, control_step, series_models
-from mm_gym.sensitivity.step_kernel import by_linear_series, by_series, by_transition
+from mm_gym.sensitivity.step_kernel import by_linear_series, by_series, step_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.uint64]
 
 STATES = ("x1", "x2", "v1", "v2")
+
+by_transition = step_by(Linear.entries.cross)
 
 
 class Jacobian(NamedTuple):

@@ -9,9 +9,9 @@ from mm_gym.kernels.crossing import by_pieces, by_superposition
 from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
-from mm_gym.kernels.random import normals
+from mm_gym.kernels.outputs import next_noisy
+from mm_gym.kernels.random import count_draws
 from mm_gym.kernels.task import command
-from mm_gym.methods.linear.method import Linear
 from mm_gym.sensitivity import linear_kernel
 from mm_gym.sensitivity.layout import COLUMNS, FIRST_ROW, LAST_V1, LAST_V2, TANGENTS, TIME
 from mm_gym.sensitivity.series_kernel import propagate
@@ -60,8 +60,7 @@ def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> C
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
         lanes[at.NOW, first] += 1.0
-        if task[at.IS_NOISY] > 0.0:
-            _pass_sensor_noise(task, streams, first, last)
+        _pass_sensor_noise(task, streams, first, last)
         return status
 
     return step
@@ -69,10 +68,12 @@ def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> C
 
 @borrowing_kernel
 def _pass_sensor_noise(task, streams, first, last):
-    """Draw what the sensors' noise takes: the next excitation comes from the same streams."""
+    """Count what the sensors' noise draws: the next excitation comes from the same streams."""
+    noisy, k = 0, next_noisy(task, 0)
+    while k < int(task[at.CHANNEL_COUNT]):
+        noisy, k = noisy + 1, next_noisy(task, k + 1)
     for i in range(first, last):
-        for _ in range(0, int(task[at.CHANNEL_COUNT]), 2):
-            normals(streams, i)
+        count_draws(streams, noisy + noisy % 2, i)  # two at a time
 
 
 @borrowing_kernel
@@ -95,4 +96,3 @@ def _begin(model, lanes, first, last):
 
 by_series = step_by(by_pieces(propagate, has_corners), _begin)
 by_linear_series = step_by(by_superposition(linear_kernel.propagate, linear_kernel.respond), _begin)
-by_transition = step_by(Linear.entries.cross)
