@@ -50,6 +50,8 @@ class LaneResponse:
         self._env = env
         self._values = _values_of(env)
         self._totals = Totals(self._values)
+        self._task = env.plant.task.copy()  # of an environment that shows accelerations
+        self._task[[at.IS_DERIVED, at.HAS_REACTIONS]] = 1.0
 
     def add(self, counts: NDArray[np.bool_] | None = None) -> None:
         """Add the control step that was just made, in the lanes of a mask (lanes,), or in all."""
@@ -67,7 +69,7 @@ class LaneResponse:
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model
         for values in (before, after):
-            derive(model, values, 0, env.num_envs)
+            derive(self._task, model, values, 0, env.num_envs)
         duration = np.where(counts, env.scene.control.time_step, 0.0)
         self._totals.add(_end(before), _end(after), after[at.FORCE][:, None], duration[:, None])
         self._totals.add_jumps(jumps[:, None])
