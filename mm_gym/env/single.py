@@ -147,7 +147,7 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
     """
 
     metadata: dict[str, Any] = {"render_modes": SINGLE_MODES}  # noqa: RUF012 - Gymnasium's own declaration
-    _prepared = frozenset({"plant", "_lanes", "_terms", "_advance", "_views", "_renderer"})
+    _prepared = frozenset({"plant", "_lanes", "_terms", "_parts", "_is_plain", "_renderer"})
 
     def __init__(
         self,
@@ -173,22 +173,21 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         self._shape = self.action_space.shape
 
     def _prepare(self) -> None:
-        """Compile the scene, and make the lane and views of its outputs.
+        """Compile the scene, and make the lane and the parts of a step.
 
-        The views are kept because indexing an array takes as long as a control step.
+        The parts are kept together, and bound, because looking one up or indexing an array takes a
+        good part of a control step.
         """
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, 1)
         self._terms = Terms(self.plant)
-        self._advance = lanes.advance_of(FLOAT32)
         self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         column = lanes.values[:, 0]
-        self._views = (
-            lanes.observed[:, 0],
-            lanes.rewards,
-            column[:4],
-            column[lanes.applied_rows],
+        self._parts = (
+            *(lanes.advance_of(FLOAT32), lanes.rewards, lanes.rewards.item),
+            *(lanes.observed[:, 0].copy, column[:4].copy, column[lanes.applied_rows].copy),
         )
+        self._is_plain = self._renderer is None and self._level == "light"
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -245,7 +244,8 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         self._running = True
         if self._renderer is not None:
             self._renderer.note()
-        return self._views[0].copy(), self._info(None)
+        *_, observed, _, _ = self._parts
+        return observed(), self._info(None)
 
     def step(
         self, action: NDArray[np.floating]
@@ -264,14 +264,14 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
-        frame, reward, state, applied = self._views
+        advance, rewards, reward, observed, state, applied = self._parts
         if (
             type(action) is np.ndarray
             and action.dtype is FLOAT32
             and action.shape == self._shape
             and action.flags.carray
         ):  # the common case
-            status = self._advance(action, reward, 0, 1)
+            status = advance(action, rewards, 0, 1)
         else:
             status = self._lanes.advance(checked_actions(action, self._shape))
         terminated = truncated = False
@@ -280,20 +280,19 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
             self._running = status == at.NOT_FINITE  # the action is refused, nothing has changed
             lanes.raise_for(status)
             terminated, truncated = bool(lanes.terminated[0]), bool(lanes.truncated[0])
+        if self._is_plain:  # the common case
+            info = {"state": state(), "applied": applied()}
+            return observed(), reward(), terminated, truncated, info
         if self._renderer is not None:
             self._renderer.note()
-        if self._level == "light":  # the common case
-            info = {"state": state.copy(), "applied": applied.copy()}
-        else:
-            info = self._info(np.asarray(action))
-        return frame.copy(), reward.item(), terminated, truncated, info
+        return observed(), reward(), terminated, truncated, self._info(np.asarray(action))
 
     def _info(self, action: NDArray[np.floating] | None) -> dict[str, Any]:
         """Return the information of a step, or of a reset, which has no action."""
         if self._level == "none":
             return {}
-        *_, state, applied = self._views
-        info: dict[str, Any] = {"state": state.copy(), "applied": applied.copy()}
+        *_, state, applied = self._parts
+        info: dict[str, Any] = {"state": state(), "applied": applied()}
         if self._level == "light":
             return info
         lane = self._lanes.values[:4]
