@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
+from numpy import ndarray
 
 from mm_gym.env.arguments import (
     FLOAT32,
@@ -170,7 +171,6 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         self.metadata = self.metadata | {"render_fps": frames_per_second(self.plant)}
         self.action_space = action_space(self.plant)
         self.observation_space = observation_space(self.plant)
-        self._shape = self.action_space.shape
 
     def _prepare(self) -> None:
         """Compile the scene, and make the lane and the parts of a step.
@@ -184,7 +184,8 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         column = lanes.values[:, 0]
         self._parts = (
-            *(lanes.advance_of(FLOAT32), lanes.rewards, lanes.rewards.item),
+            *((len(self.plant.actuators),), lanes.advance_of(FLOAT32)),
+            *(lanes.rewards, lanes.rewards.item),
             *(lanes.observed[:, 0].copy, column[:4].copy, column[lanes.applied_rows].copy),
         )
         self._is_plain = self._renderer is None and self._level == "light"
@@ -264,16 +265,16 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         if not self._running:
             msg = "the episode is over: call reset() before step()"
             raise ResetNeeded(msg)
-        advance, rewards, reward, observed, state, applied = self._parts
+        shape, advance, rewards, reward, observed, state, applied = self._parts
         if (
-            type(action) is np.ndarray
+            type(action) is ndarray
             and action.dtype is FLOAT32
-            and action.shape == self._shape
+            and action.shape == shape
             and action.flags.carray
         ):  # the common case
             status = advance(action, rewards, 0, 1)
         else:
-            status = self._lanes.advance(checked_actions(action, self._shape))
+            status = self._lanes.advance(checked_actions(action, shape))
         terminated = truncated = False
         if status:
             lanes = self._lanes
