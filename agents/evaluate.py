@@ -25,7 +25,7 @@ from agents.comparison.command import compare
 from agents.comparison.contestants import BASELINES, read_field
 from agents.comparison.entries import Episodes
 from agents.comparison.measure import Studies
-from agents.controllers.user_defined import ControllerError, user_defined
+from agents.controllers.user_defined import user_defined
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
@@ -219,7 +219,6 @@ def main() -> str | None:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
     except (
-        ControllerError,
         DesignError,
         OSError,
         PolicyError,

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.user_defined import user_defined
+from agents.evaluation.laws import laws
 from agents.policies import load_policy
-from agents.recording.laws import law_of, laws
+from agents.recording.laws import law_of
 from agents.training.runs import Run, RunError
+from agents.user_code import is_path
 from mm_gym import SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.tasks import ids
@@ -46,7 +48,7 @@ class Contestant:
         """Return its controllers for a task: one, or one for each seed."""
         made: list[Controller] = []
         for text in self.texts[task]:
-            if _is_own(text):
+            if is_path(text):
                 made.append(user_defined(text, scene)[-1])
             else:
                 made.append(law_of(text, scene, np.random.default_rng(0)))
@@ -116,13 +118,9 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
     return Field(scenes, tuple(found), baselines=BASELINES in texts)
 
 
-def _is_own(text: str) -> bool:
-    return ".py:" in text
-
-
 def _may_be_runs(text: str) -> bool:
     """Tell whether a text is a path of runs, and not a name, a policy or a file of the user's."""
-    if text == BASELINES or _is_own(text) or text.endswith(".npz"):
+    if text == BASELINES or is_path(text) or text.endswith(".npz"):
         return False
     return "*" in text or "/" in text or Path(text).is_dir()
 
@@ -183,7 +181,7 @@ def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
     if text.endswith(".npz"):
         load_policy(text)
         return Contestant(Path(text).stem, dict.fromkeys(scenes, (text,)))
-    if _is_own(text):
+    if is_path(text):
         return Contestant(text.rpartition(":")[2], dict.fromkeys(scenes, (text,)))
     applicable = {task: laws(scene) for task, scene in scenes.items()}
     found = {task: (text,) for task, names in applicable.items() if text in names}

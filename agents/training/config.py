@@ -22,7 +22,7 @@ from agents.training.algorithm_settings import (
     TD3Settings,
     TQCSettings,
 )
-from agents.training.user_code import is_path, source, split
+from agents.user_code import is_path, source, split
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import read_toml
@@ -102,11 +102,11 @@ class TrainSettings(RunSettings):
     algorithm: Algorithm = "ppo"
     """its settings are those of the table of its name"""
     base: str | None = None
-    """controller that the agent is added to: a name, or "file.py:Law"; see docs/training.md"""
+    """controller that the agent is added to: a name, or "FILE.py:NAME"; see docs/training.md"""
     authority: Annotated[float, Field(gt=0, le=2)] = 0.5
     """most that an agent adds to its base's action, whose range is -1 to 1"""
     reward: str | None = None
-    """"file.py:function" of a cost to use instead of the scene's; see docs/training.md"""
+    """"FILE.py:NAME" of a cost to use instead of the scene's; see docs/training.md"""
     lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
     """environments side by side"""
     steps: Count = 1_000_000

@@ -11,7 +11,7 @@ from gymnasium.vector import VectorWrapper
 from numba import vectorize
 
 from agents.controllers.controller import columns
-from agents.training.user_code import load
+from agents.user_code import load
 from mm_gym import SceneError, compile_scene
 from mm_gym.errors import suggest
 

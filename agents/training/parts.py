@@ -10,7 +10,7 @@ from agents.controllers.residual import Residual
 from agents.policies import PolicyError
 from agents.training.bases import base_controller
 from agents.training.own_cost import OwnCost
-from agents.training.user_code import is_path
+from agents.user_code import is_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -171,14 +171,14 @@ def test_policy_of_a_base_is_refused_without_it(tmp_path):
 
 
 def test_training_around_a_law_does_not_lose_it(tmp_path):
-    settings = tiny("ppo", base="velocity_feedback", changes={}, steps=1600, evaluations=2)
+    settings = tiny("ppo", base="velocity-feedback", changes={}, steps=1600, evaluations=2)
     run = Run("tiny", tmp_path)
     train(settings, run, bar=False)
     parts = make_parts(settings)
     learned = evaluate(parts.scene, parts.controller(load_policy(run.policy)), episodes=50)
     named = law_of(str(run.folder), parts.scene, np.random.default_rng(0))
     assert evaluate(parts.scene, named, episodes=50).cost == learned.cost
-    still = evaluate(parts.scene, make_parts(tiny("ppo", base="no_control")).base, episodes=50)
+    still = evaluate(parts.scene, make_parts(tiny("ppo", base="no-control")).base, episodes=50)
     # The law's cost is half of that without control; an agent of 1,600 steps stays close to it.
     assert learned.cost < 0.7 * still.cost
 

@@ -9,11 +9,12 @@ from transitions import CHANGES, SCENE, STEPS, check_transitions
 
 from agents import record as command
 from agents.controllers.random_actions import RandomActions
+from agents.evaluation.laws import laws
 from agents.policies import Policy
 from agents.record import RecordSettings, record
 from agents.recording.dataset import DatasetError, write
 from agents.recording.episodes import Exploration, play
-from agents.recording.laws import law_of, laws
+from agents.recording.laws import law_of
 from agents.training.config import TrainSettings
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError

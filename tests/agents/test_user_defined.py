@@ -2,14 +2,17 @@
 
 import sys
 
+import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE
 
 from agents import evaluate as command
 from agents.controllers.feedback import Feedback
-from agents.controllers.user_defined import ControllerError, user_defined
+from agents.controllers.residual import send
+from agents.controllers.user_defined import user_defined
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import evaluate
+from mm_gym import SceneError
 
 SCENE = CARRIAGE_FORCE.replace(**{"control.steps": 20})
 
@@ -61,6 +64,14 @@ def test_controller_is_scored_as_it_is(tmp_path) -> None:
     (own,) = user_defined(written(tmp_path, CONTROLLER) + ":Still", SCENE)
     assert (own.name, own.reads) == ("my own", "observation")
     assert evaluate(SCENE, own, episodes=4).applied.max() == 0.0
+    send(own, np.zeros((4, 1)))  # it has no `send`, and need not have one
+
+
+def test_controller_is_told_what_is_applied_if_it_has_send(tmp_path) -> None:
+    text = CONTROLLER + "\n    def send(self, action):\n        self.sent = action\n"
+    (own,) = user_defined(written(tmp_path, text) + ":Still", SCENE)
+    send(own, np.full((4, 1), 0.5))
+    np.testing.assert_array_equal(own.inner.sent, np.full((4, 1), 0.5))
 
 
 @pytest.mark.parametrize(
@@ -79,7 +90,7 @@ def test_controller_is_scored_as_it_is(tmp_path) -> None:
 def test_file_that_gives_no_controller_is_refused_with_the_reason(
     text, name, message, tmp_path
 ) -> None:
-    with pytest.raises(ControllerError, match=message):
+    with pytest.raises(SceneError, match=message):
         user_defined(f"{written(tmp_path, text)}:{name}", SCENE)
 
 
@@ -94,7 +105,7 @@ def test_file_that_gives_no_controller_is_refused_with_the_reason(
 )
 def test_law_that_fails_is_refused_with_the_reason(text, message, tmp_path) -> None:
     _, seen = user_defined(written(tmp_path, text) + ":Damper", SCENE)
-    with pytest.raises(ControllerError, match=message):
+    with pytest.raises(SceneError, match=message):
         evaluate(SCENE, seen, episodes=4)
 
 

@@ -1,10 +1,11 @@
-"""Functions and classes of a user's own file, named as "file.py:name"."""
+"""Functions and classes of a user's own file, named as "FILE.py:NAME"."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from mm_gym.errors import suggest
 from mm_gym.files import read_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import ModuleType
 
 
@@ -21,8 +23,8 @@ def is_path(text: str) -> bool:
     return ".py:" in text or text.endswith(".py")
 
 
-def load(text: str, what: str) -> Any:  # noqa: ANN401 - what the user wrote
-    """Return what a text "file.py:name" names; the file is run.
+def load(text: str, what: str) -> Callable[..., Any]:
+    """Return the class or function that a text "FILE.py:NAME" names; the file is run.
 
     Parameters
     ----------
@@ -35,23 +37,20 @@ def load(text: str, what: str) -> Any:  # noqa: ANN401 - what the user wrote
         If there is no such file or name, it cannot be called, or the file raises an error.
     """
     path, name = split(text, what)
-    module = _module(path, what)
-    if not hasattr(module, name):
-        own = [word for word in vars(module) if not word.startswith("_")]
-        msg = f"{what}: {path} has no {name!r}{suggest(name, own)}"
-        raise SceneError(msg)
-    found = getattr(module, name)
+    own = vars(_module(path, what))
+    found = own.get(name)
     if not callable(found):
-        msg = f"{what}: {name!r} of {path} is a {type(found).__name__}; allowed: what can be called"
+        names = [key for key, value in own.items() if callable(value) and key[0] != "_"]
+        msg = f"{what}: {path}: it has no class or function {name!r}{suggest(name, names)}"
         raise SceneError(msg)
     return found
 
 
 def split(text: str, what: str) -> tuple[Path, str]:
-    """Return the path and the name of "file.py:name"; raise `SceneError` for other texts."""
+    """Return the path and the name of "FILE.py:NAME"; raise `SceneError` for other texts."""
     path, _, name = text.rpartition(":")
     if not path.endswith(".py") or not name.isidentifier():
-        msg = f"{what}: got {text!r}; allowed: file.py:name"
+        msg = f"{what}: got {text!r}; allowed: FILE.py:NAME"
         raise SceneError(msg)
     return Path(path), name
 
@@ -65,6 +64,18 @@ def source(path: Path, what: str) -> str:
         raise SceneError(msg) from None
 
 
+def call(what: str, path: Path, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what the user wrote
+    """Call what the user wrote; raise `SceneError` with the line of an exception in it."""
+    try:
+        return function(*arguments)
+    except Exception as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if Path(frame.filename) == path.absolute()]
+        where = f", line {own[-1].lineno}" if own else ""
+        msg = f"{what}: {path}{where}: {type(error).__name__}: {error}"
+        raise SceneError(msg) from error
+
+
 def _module(path: Path, what: str) -> ModuleType:
     source(path, what)  # a file that cannot be read is named by the setting
     name = f"mm_gym_user_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
@@ -73,9 +84,5 @@ def _module(path: Path, what: str) -> ModuleType:
     assert specification.loader is not None  # noqa: S101 - the same
     module = importlib.util.module_from_spec(specification)
     sys.modules[name] = module  # numba's cache and dataclasses look here
-    try:
-        specification.loader.exec_module(module)
-    except Exception as error:
-        msg = f"{what}: {path} cannot be run: {type(error).__name__}: {error}"
-        raise SceneError(msg) from error
+    call(what, path, specification.loader.exec_module, module)
     return module
