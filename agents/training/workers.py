@@ -51,7 +51,8 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     report
         Called with the number of a training that is over, and what went wrong or None.
     """
-    os.environ |= ONE_THREAD
+    before = dict(os.environ)
+    os.environ |= ONE_THREAD  # of the processes, which inherit it
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["agents.training.reinforcement"])
     waiting, kills = list(range(len(trials))), [0] * len(trials)
@@ -79,6 +80,10 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
         for process, _ in running.values():
             process.join()  # it writes its checkpoint
         raise
+    finally:
+        for name in ONE_THREAD:
+            os.environ.pop(name)
+        os.environ |= before
 
 
 def _work(text: str, folder: str, call: Connection) -> None:

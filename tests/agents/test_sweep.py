@@ -43,12 +43,13 @@ def kill_first(folder, killed):
 
 
 def test_killed_process_is_repeated_and_a_training_that_fails_stops_no_other(tmp_path):
-    killed = []
+    killed, environment = [], dict(os.environ)
     killer = threading.Thread(target=kill_first, args=(tmp_path / "two", killed))
     killer.start()
     problems = sweep(TWO, tmp_path)
     killer.join()
     assert killed == ["CarriageForce-ppo-plain-0"]
+    assert dict(os.environ) == environment  # that of the processes is not this one's
     assert problems.startswith("CarriageForce-ppo-bad-0: SceneError: reward: absent.py")
     rows = (tmp_path / "two" / "results.csv").read_text().splitlines()
     assert [row.rpartition(",")[0].rpartition(",")[0] for row in rows[1:]] == [
