@@ -338,7 +338,8 @@ def _draw(found: dict[str, list[Measured]]) -> None:
                 panel.plot(errors, speeds, label=label, **options)
             title = name.removesuffix("-v0")
             panel.set(xscale="log", yscale="log", xlim=(1.0, 0.5 * LEAST), title=title)
-        for panel in axes[-2:]:
+        for panel in axes[len(found) - 2 : len(found)]:  # the lowest of each column
+            panel.tick_params(labelbottom=True)
             panel.set_xlabel("error after 20 control steps, relative [-]")
         for panel in axes[::2]:
             panel.set_ylabel("million steps/s")
