@@ -3,7 +3,8 @@
 A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
 the bias of each layer, ``direct``, ``pairs`` and ``units`` where there are any, and
 ``description``, a JSON text of the rest. It takes NumPy alone to act.
-A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``.
+A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``; one that is
+exported with the law to which it is added has ``base``.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-FORMATS = (1, 2)
-"""Numbers of the formats that can be read; the last is written. Format 1 had layers alone."""
+FORMATS = (1, 2, 3)
+"""Numbers of the formats that can be read. Format 1 had layers alone, format 3 has a base besides;
+a policy without one is written in format 2."""
 
 LARGEST = 64 * 2**20
 """Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
@@ -104,6 +106,11 @@ class Policy:
         state = sigmoid(f) * state + sigmoid(i) * tanh(g)
         output = sigmoid(o) * tanh(state)
 
+    One with a base is added to a linear law, whose action it observes besides::
+
+        proposed = clip(base[:, :-1] @ observation + base[:, -1], -1, 1)
+        action = clip(proposed + authority * action, -1, 1)
+
     Attributes
     ----------
     weights, biases
@@ -120,6 +127,11 @@ class Policy:
         Whether a tanh follows the last layer.
     cell
         Empty, or (4 h, n), (4 h, h) and (4 h,), the gates one after the other.
+    base
+        (k, n + 1) gains of the law and its constants; (0, 0) for none. Then n above counts the k
+        actions of the law too.
+    authority
+        Most that is added to the law's action.
     """
 
     weights: tuple[NDArray[np.float32], ...]
@@ -132,6 +144,8 @@ class Policy:
     units: NDArray[np.float32] = field(default_factory=_empty(0, len(UNIT)))
     squashed: bool = False
     cell: tuple[NDArray[np.float32], ...] = ()
+    base: NDArray[np.float32] = field(default_factory=_empty(0, 0))
+    authority: float = 0.0
 
     @property
     def sizes(self) -> list[int]:
@@ -140,7 +154,7 @@ class Policy:
             observed = self.cell[0].shape[1]
         else:
             observed = self.weights[0].shape[1] - len(self.units)
-        return [observed, *(len(bias) for bias in self.biases)]
+        return [observed - len(self.base), *(len(bias) for bias in self.biases)]
 
     def check(self, observation: int, action: int) -> None:
         """Raise `PolicyError` unless observation and action have so many numbers."""
@@ -173,6 +187,14 @@ class Policy:
             without memory needs none; without, an episode begins.
         """
         inputs = np.asarray(observation, np.float64)
+        if not self.base.size:
+            return self._added(inputs, sums)
+        proposed = np.clip(inputs @ self.base[:, :-1].T + self.base[:, -1], -1.0, 1.0)
+        added = self._added(np.hstack([inputs, proposed]), sums)
+        return np.clip(proposed + self.authority * added, -1.0, 1.0)
+
+    def _added(self, inputs: Values, sums: Values | None) -> Values:
+        """Return the actions without those of the base, which is among the inputs."""
         if self.units.size:
             sums = self.begin(len(inputs)) if sums is None else sums
             inputs = np.hstack([inputs, self._correlations(inputs, sums)])
@@ -211,13 +233,15 @@ class Policy:
     def to_bytes(self) -> bytes:
         """Return the content of the policy's file."""
         description = {
-            "format": FORMATS[-1],
+            "format": 2,
             "activation": self.activation,
             "sizes": self.sizes,
             "low": self.low.tolist(),
             "high": self.high.tolist(),
             "squashed": self.squashed,
         }
+        if self.base.size:
+            description |= {"format": 3, "authority": self.authority}
         arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays |= {f"weight_{layer}": weight, f"bias_{layer}": bias}
@@ -228,7 +252,7 @@ class Policy:
         return content.getvalue()
 
 
-OPTIONAL = ("direct", "pairs", "units")
+OPTIONAL = ("direct", "pairs", "units", "base")
 """Arrays of a policy that a file may leave out."""
 
 
@@ -274,12 +298,14 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
         raise ValueError(msg)
     layers, r = range(len(sizes) - 1), len(arrays.get("units", ()))
     memory = arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
-    cell = [(4 * memory, sizes[0]), (4 * memory, memory), (4 * memory,)] if memory else []
-    inputs = [memory or sizes[0] + r, *sizes[1:]]
+    read = sizes[0] + (sizes[-1] if "base" in arrays else 0)
+    cell = [(4 * memory, read), (4 * memory, memory), (4 * memory,)] if memory else []
+    inputs = [memory or read + r, *sizes[1:]]
     shapes = {
         "direct": (sizes[-1], inputs[0]),
-        "pairs": (r, 2, sizes[0]),
+        "pairs": (r, 2, read),
         "units": (r, len(UNIT)),
+        "base": (sizes[-1], sizes[0] + 1),
     }
     given = [name for name in shapes if name in arrays or (r and name == "pairs")]
     return Policy(
@@ -289,6 +315,7 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
         low=_array(description, "low", (sizes[-1],)),
         high=_array(description, "high", (sizes[-1],)),
         squashed=bool(description.get("squashed")),
+        authority=float(_array(description, "authority", ())) if "base" in arrays else 0.0,
         cell=tuple(_array(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
         **{name: _array(arrays, name, shapes[name]) for name in given},
     )

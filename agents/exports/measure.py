@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.exports.c_source import c_source, constants
+from agents.exports.c_source import c_source, constants, state_of, widths
 
 if TYPE_CHECKING:
     from agents.policies import Policy
@@ -41,8 +41,9 @@ class Expense:
 
     Attributes
     ----------
-    read_only, state
-        Bytes of constants, and those kept from step to step, with float.
+    read_only, state, stack
+        Bytes of constants, those kept from step to step, and those of arrays on the stack, with
+        float.
     products
         Multiplications with weights in a step.
     seconds
@@ -51,17 +52,19 @@ class Expense:
 
     read_only: int
     state: int
+    stack: int
     products: int
     seconds: float | None
 
 
 def expense_of(policy: Policy) -> Expense:
     """Return what a policy needs; its time is measured with `cc`, if there is one."""
-    dense = sum(weight.size for weight in policy.weights)
+    arrays = (*policy.weights, *policy.cell[:2], policy.direct, policy.pairs, policy.base[:, :-1])
     return Expense(
         read_only=4 * constants(policy),
-        state=4 * 2 * max(len(policy.units), 1),
-        products=dense + policy.direct.size + policy.pairs.size,
+        state=4 * state_of(policy),
+        stack=4 * sum(widths(policy)),
+        products=sum(array.size for array in arrays),
         seconds=_seconds(policy),
     )
 

@@ -7,6 +7,7 @@ import kills
 import numpy as np
 import pytest
 import torch
+from exported import in_c, in_numpy, in_onnx
 
 from agents.evaluation.episodes import evaluate
 from agents.policies import PolicyError, load_policy
@@ -41,20 +42,23 @@ def model_of(settings, folder):
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_policy_acts_as_the_model_that_it_is_from(algorithm, tmp_path):
+def test_policy_and_its_exports_act_as_the_model_that_it_is_from(algorithm, tmp_path):
     model = model_of(tiny(algorithm, normalise_observations=True), tmp_path).learn(400)
     policy_of(model).save(tmp_path / "policy.npz")
     policy, generator = load_policy(tmp_path / "policy.npz"), np.random.default_rng(0)
-    size, memory, state = model.observation_space.shape[0], None, None
-    starts = np.ones(500, np.bool_)
-    memory = policy.begin(500)
-    for _ in range(20):
-        observed = generator.normal(0.0, 2.0, (500, size)).astype(np.float32)
+    size, state, starts = model.observation_space.shape[0], None, np.ones(500, np.bool_)
+    episodes, wanted = generator.standard_normal((500, 20, size)).astype(np.float32), []
+    for observed in episodes.swapaxes(0, 1):
         shown = model.get_vec_normalize_env().normalize_obs(observed)
         want, state = model.predict(shown, state, starts, deterministic=True)
         starts[:] = False
-        # Single precision: sums of products of order ten round by 1e-6.
-        np.testing.assert_allclose(policy.act(observed, memory), want, rtol=0.0, atol=1e-5)
+        wanted.append(want)
+    want = np.stack(wanted, axis=1)
+    # The model computes in single precision: sums of products of order one round by 1e-7.
+    for acted in (in_numpy(policy, episodes), in_c(policy, episodes, tmp_path)):
+        np.testing.assert_allclose(acted, want, rtol=0.0, atol=1e-6)
+    pytest.importorskip("onnxruntime")
+    np.testing.assert_allclose(in_onnx(policy, episodes), want, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
