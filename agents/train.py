@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
-from agents.evaluate import report_run
+from agents.evaluate import SINGLE, report_run
 from agents.policies import PolicyError
 from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.reinforcement import train
@@ -36,17 +36,29 @@ def main() -> str | int | None:
 
 
 def train_and_report(
-    settings: TrainSettings, beside: Sequence[Controller] = ()
+    settings: TrainSettings,
+    beside: Sequence[Controller] = (),
+    *,
+    episodes: int = SINGLE,
+    name: str = "learned",
 ) -> str | int | None:
-    """Train and report, beside other controllers too; return what `sys.exit` takes."""
+    """Train and report, beside other controllers too; return what `sys.exit` takes.
+
+    Parameters
+    ----------
+    episodes, name
+        Of the report: how many, and what the agent is called there.
+    """
     run = Run(settings.name)
     try:
         train(settings, run)
-        report_run(run, beside=beside, trust=True)
+        report_run(run, episodes, name=name, beside=beside, trust=True)
     except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
     except OSError as error:  # a full disk, a folder that cannot be written to
         kept = "its last checkpoint is whole: give the same command again when there is room"
+        if run.finished:
+            kept = f"trained; score it when there is room: python -m agents.evaluate {run.folder}"
         return f"error: {error}\n{run.folder}: {kept}"
     except KeyboardInterrupt:
         print(run.advice, file=sys.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,11 +40,12 @@ def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
         figure, (axes,) = panels(4.4, 1, 1)
         for i, result in enumerate(results):
             learned = result is results[-1]
+            drawn, colour = ("-", LEARNED) if learned else look_of(i)
             axes.plot(
                 centres,
                 [np.sqrt(result.penalties[members].mean()) for members in bins],
-                "-" if learned else STYLES[i % len(STYLES)],
-                color=LEARNED if learned else BASELINES[i % len(BASELINES)],
+                drawn,
+                color=colour,
                 linewidth=1.8 if learned else 1.2,
                 label=f"{result.name}: cost {result.cost:.3f}",
             )
@@ -59,6 +61,12 @@ def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
         )
         legend_below(figure, axes, 2)
         save(figure, path)
+
+
+def look_of(i: int) -> tuple[str, str]:
+    """Return the style and the colour of a baseline's line; those of the first 24 differ."""
+    around = i // math.lcm(len(STYLES), len(BASELINES))
+    return STYLES[(i + around) % len(STYLES)], BASELINES[i % len(BASELINES)]
 
 
 def _abscissa(reference: Evaluation, scene: Scene) -> tuple[NDArray[np.float64], str]:

@@ -12,7 +12,7 @@ from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 from agents.controllers.constant import ConstantAction, no_control
 from agents.controllers.feedback import Feedback
 from agents.evaluation.episodes import Evaluation, evaluate
-from agents.report.figures import draw_costs, draw_response
+from agents.report.figures import draw_costs, draw_response, look_of
 from agents.report.tables import percent, print_ranking, write_episodes, write_scores
 
 if TYPE_CHECKING:
@@ -47,6 +47,10 @@ BEST = evaluation("best", 0.1, 0.08)
 def rows_of(file: Path) -> list[dict[str, str]]:
     with file.open(newline="") as lines:
         return list(csv.DictReader(lines, strict=True))
+
+
+def test_lines_of_the_figure_of_costs_differ_in_style_or_colour() -> None:
+    assert len({look_of(i) for i in range(24)}) == 24
 
 
 def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
