@@ -2,3 +2,15 @@
 
 Run from the checkout: ``python -m agents.train``.
 """
+
+import sys
+from importlib.util import find_spec
+
+NEEDED = ("control", "rich", "stable_baselines3", "tensorboard", "torch", "tqdm", "tyro")
+"""What the commands import, of the extra `agents`."""
+
+if sys.argv[:1] == ["-m"]:  # so it is while Python looks for a command of this package
+    MISSING = [name for name in NEEDED if find_spec(name) is None]
+    if MISSING:
+        COMMAND = 'pip install "mm-gym[agents]"'
+        sys.exit(f"error: {', '.join(MISSING)}: not installed; run `{COMMAND}`")

@@ -32,7 +32,7 @@ from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.parts import recorded_parts
-from agents.training.runs import Run, RunError
+from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import DesignError, Scene, SceneError, load_scene
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def compare_several(arguments: Arguments) -> None:
     compare(compared, episodes, studies, arguments.out, arguments.processes)
 
 
-def main() -> str | None:
+def main() -> str | int | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
     if not arguments.subjects:
@@ -226,6 +226,9 @@ def main() -> str | None:
         SceneError,
     ) as error:
         return f"error: {error}"
+    except KeyboardInterrupt:
+        print("interrupted: give the same command again", file=sys.stderr)
+        return INTERRUPTED
     return None
 
 

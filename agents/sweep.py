@@ -79,7 +79,9 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | Non
                     address = None if settings.ray == HERE else settings.ray
                     work_on_ray(work, address, settings.processes, report)
             except KeyboardInterrupt:
-                print(f"interrupted: {folder.folder}: give the same command again to continue")
+                bar.close()
+                advice = "give the same command again to continue"
+                print(f"interrupted: {folder.folder}: {advice}", file=sys.stderr)
                 return INTERRUPTED
             finally:
                 path = write_results(trials, folder.folder)

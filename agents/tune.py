@@ -11,6 +11,7 @@ trials.
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
 from contextlib import contextmanager
@@ -33,6 +34,7 @@ try:
     import optuna
     from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
     from optuna.trial import TrialState
+    from sqlalchemy.exc import SQLAlchemyError
 except ImportError as error:
     msg = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
     raise SystemExit(msg) from error
@@ -47,6 +49,9 @@ HEARTBEAT, GRACE = 15, 60
 
 MOST_RETRIES = 20
 OVER = (TrialState.COMPLETE, TrialState.PRUNED)
+
+# `main` says what ended a trial; Optuna would log it with its traceback besides.
+logging.getLogger("optuna.study._optimize").addFilter(lambda line: line.levelno < logging.WARNING)
 
 
 class TuneSettings(TrainSettings):
@@ -63,13 +68,21 @@ def main() -> str | int | None:
         path = tune(settings)
     except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
-    except (OSError, optuna.exceptions.StorageInternalError) as error:
-        return f"error: {error}\nthe same command goes on when that is mended"
+    except (OSError, optuna.exceptions.StorageInternalError, SQLAlchemyError) as error:
+        return f"error: {_in_one_line(error)}\nthe same command goes on when that is mended"
     except KeyboardInterrupt:
         print("interrupted: give the same command again to continue", file=sys.stderr)
         return INTERRUPTED
     print(f"written: {path}")
     return None
+
+
+def _in_one_line(error: BaseException) -> str:
+    """Return what SQLite said, where it is the cause; its messages have the statement besides."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, SQLAlchemyError):
+        cause = cause.__cause__
+    return str(error) if cause is None else f"study.db: {cause.args[0]}"
 
 
 def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
@@ -80,11 +93,15 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     SceneError, CompileError
         If there is nothing to train on. No folder is made.
     RunError
-        If the folder holds a study of other settings.
+        If the folder cannot be made, or holds a study of other settings.
     """
     settings.load_scene()
     folder = root / settings.name
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"{folder}: cannot be the folder of a study: {error}"
+        raise RunError(msg) from error
     study = _study(settings, folder)
     left = settings.trials - len(study.get_trials(deepcopy=False, states=OVER))
 
@@ -148,7 +165,7 @@ def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
 
     try:
         train(own, run, bar=False, report=report)
-    except KeyboardInterrupt:  # Optuna calls the trial failed, and would not repeat it
+    except (KeyboardInterrupt, OSError):  # Optuna calls the trial failed, and would not repeat it
         with _without_warnings():
             repeat = RetryHeartbeatStaleTrialCallback()
         repeat(trial.study, trial.study.get_trials(deepcopy=False)[trial.number])

@@ -1,0 +1,239 @@
+"""Does every command say what is wrong in a line or two, and leave a folder that can be used?
+
+Each row is a command as a user types it. What goes wrong in the middle of a training is in
+test_bad_conditions.py, kills are in test_runs.py.
+"""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+from pages import ROOT
+
+from agents.policies import Policy
+from agents.training.bases import base_controller
+from agents.training.runs import Run
+from agents.training.workers import _done
+from mm_gym import files
+
+TRAINING = {
+    "lanes": 8,
+    "steps": 160,
+    "evaluations": 2,
+    "ppo.rollout": 10,
+    "ppo.batch_size": 40,
+    "ppo.hidden": [8],
+}
+FLAGS = "--name a --lanes 8 --steps 160 --evaluations 2 --ppo.rollout 10 --ppo.batch-size 40"
+SMALL = "--name a --generations 2 --evaluations 1 --candidates 4 --episodes 2 --threads 1"
+COMMANDS = {
+    "train": ["train", "CarriageForce", *FLAGS.split(), "--ppo.hidden", "8"],
+    "evolve": ["evolve", "CarriageForce", *SMALL.split()],
+    "tune": ["tune", "CarriageForce", "--trials", "1", *FLAGS.split()],
+    "sweep": [
+        *("sweep", "--tasks", "CarriageForce", "--name", "a", "--processes", "1"),
+        *("--settings", json.dumps(TRAINING)),
+    ],
+    "evaluate": [
+        *("evaluate", "mm_gym/CarriageForce-v0", "--controller", "law.py:Law"),
+        *("--episodes", "5", "--out", "runs/a"),
+    ],
+    "export": ["export", "p.npz", "--out", "runs/p.onnx"],
+}
+WRITTEN = dict.fromkeys(("train", "evolve", "tune", "sweep"), "checkpoint.npz")
+WRITTEN |= {"evaluate": "scores.csv", "export": "p.onnx"}
+
+LAW = """
+class Law:
+    def __init__(self, scene):
+        pass
+    def begin(self, lanes):
+        pass
+    def action(self, state, applied):
+        return -state[:, 2:3]
+"""
+
+
+def here(trials, _, report):
+    """Do the trainings of a sweep in this process."""
+    for number, trial in enumerate(trials):
+        report(number, _done(*trial))
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with a policy and a law; no other laws are tuned for reports."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("agents.evaluate.baselines", lambda s: [base_controller(s, "no-control")])
+    monkeypatch.setattr("agents.sweep.work_here", here)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    ends = np.ones(1, np.float32)
+    Policy((np.ones((1, 4), np.float32),), (0.0 * ends,), "tanh", -ends, ends).save("p.npz")
+    Path("law.py").write_text(LAW)
+    return tmp_path
+
+
+def call(monkeypatch, words):
+    """Return the status with which a command exits."""
+    monkeypatch.setattr("sys.argv", words)
+    return import_module(f"agents.{words[0]}").main()
+
+
+BAD = [
+    (["train", "bad.toml"], "bad.toml: stepz: unknown key; did you mean 'steps'?"),
+    (["evolve", "bad.toml"], "bad.toml: stepz: unknown key; allowed: task, scene"),
+    (["tune", "bad.toml"], "bad.toml: stepz: unknown key; did you mean 'steps'?"),
+    (["sweep", "bad.toml"], "bad.toml: stepz: unknown key; allowed: name, tasks"),
+    (["export", "bad.toml"], "bad.toml: not a policy"),
+    (["export", "runs"], "runs: no such file"),
+    (["evaluate", "runs/absent"], "runs/absent: no run.json here; train first"),
+    (["evaluate", "lqr", "lqrr"], "got 'lqrr'; did you mean 'lqr'"),
+    (["train", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
+    (["evolve", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
+    (["tune", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
+    (["sweep", "--tasks", "Hybrit"], "did you mean 'mm_gym/Hybrid-v0'"),
+    (["sweep", "--settings", '{"stepz": 3}'], "stepz: unknown key; did you mean 'steps'?"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), BAD, ids=lambda value: " ".join(value)[:40])
+def test_bad_configuration_is_named_with_the_nearest_and_nothing_is_written(
+    words, message, folder, monkeypatch
+):
+    Path("bad.toml").write_text("stepz = 3\n")
+    before = sorted(path.name for path in folder.iterdir())
+    status = call(monkeypatch, words)
+    assert status.startswith("error: ")
+    assert message in status
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "nearest"),
+    [
+        ("train --stepz", "--steps"),
+        ("evolve --generation", "--generations"),
+        ("tune --trialz", "--trials"),
+        ("sweep --seedz", "--seeds"),
+        ("evaluate lqr --episode", "--episodes"),
+        ("export p.npz --ou", "--out"),
+    ],
+)
+def test_unknown_flag_is_refused_with_the_nearest(words, nearest, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as caught:
+        call(monkeypatch, [*words.split(), "3"])
+    assert caught.value.code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"Unrecognized options: {words.split()[-1]}" in said
+    assert f" {nearest} " in said
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_folder_that_cannot_be_written_to_is_named(command, monkeypatch):
+    Path("runs").write_text("a file")
+    status = call(monkeypatch, COMMANDS[command])
+    assert status.startswith("error: runs/")
+    assert "cannot be" in status
+    assert Path("runs").read_text() == "a file"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_full_disk_is_named_and_the_same_command_works_when_there_is_room(command, monkeypatch):
+    replace = files._replace
+
+    def full(target, content):
+        if target.name == WRITTEN[command]:
+            raise OSError(28, "No space left on device")
+        replace(target, content)
+
+    if command == "export":
+        pytest.importorskip("onnx")
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "_replace", full)
+        status = call(patch, COMMANDS[command])
+    assert f"{WRITTEN[command]}: cannot be written: No space left on device" in status
+    assert len(status.splitlines()) <= 2
+    assert call(monkeypatch, COMMANDS[command]) is None
+    assert list(Path("runs").rglob(WRITTEN[command]))
+
+
+def test_disk_that_is_too_full_for_a_study_is_named_in_one_line(monkeypatch):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        status = call(monkeypatch, COMMANDS["tune"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    first, second = status.splitlines()
+    assert first.startswith("error: study.db: (sqlite3.OperationalError)")
+    assert second == "the same command goes on when that is mended"
+    assert call(monkeypatch, COMMANDS["tune"]) is None
+
+
+INTERRUPTED = {
+    "train": "agents.training.reinforcement.Validation._on_step",
+    "evolve": "agents.evolution.search.Search._advance",
+    "tune": "agents.training.reinforcement.Validation._on_step",
+    "sweep": "agents.sweep.work_here",
+    "evaluate": "agents.evaluate.evaluate",
+}
+
+
+@pytest.mark.parametrize("command", INTERRUPTED)
+def test_ctrl_c_is_one_line_and_the_same_command_goes_on(command, monkeypatch, capsys):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(INTERRUPTED[command], interrupt)
+        assert call(patch, COMMANDS[command]) == 130
+    *_, line = capsys.readouterr().err.splitlines()
+    assert line.startswith("interrupted: ")
+    assert "give the same command again" in line
+    assert call(monkeypatch, COMMANDS[command]) is None
+
+
+@pytest.mark.parametrize("command", ["train", "evolve", "sweep"])
+def test_second_run_of_a_name_is_refused(command, monkeypatch):
+    with Run("a").locked():
+        status = call(monkeypatch, COMMANDS[command])
+    assert status.startswith(f"error: runs/a: process {os.getpid()} on ")
+    assert "wait for its end, or choose another name with --name" in status
+    assert sorted(path.name for path in Path("runs/a").iterdir()) == [".lock"]
+
+
+@pytest.mark.parametrize(
+    ("command", "module", "extra"),
+    [("evolve", "cma", "evolve"), ("export", "onnx", "onnx")],
+)
+def test_missing_extra_is_named_and_nothing_is_written(command, module, extra, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    assert f'pip install "mm-gym[{extra}]"' in call(monkeypatch, COMMANDS[command])
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_without_the_packages_of_agents_says_so_in_one_line(command):
+    # Without site-packages, as where nothing but Python is installed.
+    done = subprocess.run(
+        [sys.executable, "-S", "-m", f"agents.{command}"],
+        env={"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: control, rich, stable_baselines3")
+    assert line.endswith('not installed; run `pip install "mm-gym[agents]"`')
