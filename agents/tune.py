@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import logging
 import sys
-import warnings
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,22 +30,17 @@ from mm_gym.files import write_text
 
 try:
     import optuna
-    from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
     from optuna.trial import TrialState
     from sqlalchemy.exc import SQLAlchemyError
+
+    from agents.training.studies import begin, frozen, open_study, repeat_later
 except ImportError as error:
     msg = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
     raise SystemExit(msg) from error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from optuna import Study, Trial
 
-HEARTBEAT, GRACE = 15, 60
-"""Seconds between two signs of life of a trial, and without one after which it is repeated."""
-
-MOST_RETRIES = 20
 OVER = (TrialState.COMPLETE, TrialState.PRUNED)
 
 # `main` says what ended a trial; Optuna would log it with its traceback besides.
@@ -117,31 +110,9 @@ def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     return _write_best(study, settings, folder)
 
 
-@contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Keep Optuna from calling heartbeats experimental, as it does since its version 2.8."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        yield
-
-
 def _study(settings: TuneSettings, folder: Path) -> Study:
     """Open the study, or begin it."""
-    with _without_warnings():
-        repeat = RetryHeartbeatStaleTrialCallback(MOST_RETRIES)
-        storage = RDBStorage(
-            f"sqlite:///{(folder / 'study.db').resolve()}",
-            heartbeat_interval=HEARTBEAT,
-            grace_period=GRACE,
-            heartbeat_stale_trial_callback=repeat,
-        )
-    study = optuna.create_study(
-        study_name=settings.name,
-        storage=storage,
-        load_if_exists=True,
-        sampler=optuna.samplers.TPESampler(seed=settings.seed),
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
-    )
+    study = open_study(settings.name, folder, settings.seed)
     own = settings.model_dump_json(exclude={"trials"})
     if study.user_attrs.setdefault("settings", own) != own:
         msg = f"{folder}: holds a study of other settings; choose another name with --name"
@@ -152,23 +123,19 @@ def _study(settings: TuneSettings, folder: Path) -> Study:
 
 def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
     """Return the least validation cost of a trial's training; it is pruned if it falls behind."""
-    frozen = trial.study.get_trials(deepcopy=False)[trial.number]
-    with _without_warnings():
-        first = RetryHeartbeatStaleTrialCallback.retried_trial_number(frozen)
-    own = suggested(trial, settings, f"trial-{trial.number if first is None else first}")
+    own = suggested(trial, settings, f"trial-{begin(trial)}")
     run = Run(own.name, folder)
 
     def report(steps: int, cost: float) -> None:
-        trial.report(cost, steps)
+        if steps not in frozen(trial).intermediate_values:  # as after a kill
+            trial.report(cost, steps)
         if trial.should_prune():
             raise optuna.TrialPruned
 
     try:
         train(own, run, bar=False, report=report)
     except (KeyboardInterrupt, OSError):  # Optuna calls the trial failed, and would not repeat it
-        with _without_warnings():
-            repeat = RetryHeartbeatStaleTrialCallback()
-        repeat(trial.study, trial.study.get_trials(deepcopy=False)[trial.number])
+        repeat_later(trial)
         raise
     return float(np.loadtxt(run.metrics, delimiter=",", skiprows=1, ndmin=2)[:, 1].min())
 
@@ -179,7 +146,8 @@ def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
     if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
         best = study.best_trial
         own = suggested(optuna.trial.FixedTrial(best.params), settings, "best")  # pyright: ignore[reportArgumentType]
-        comment = f"Validation cost {study.best_value:.4f}, the best of {len(study.trials)} trials."
+        over = study.get_trials(deepcopy=False, states=OVER)
+        comment = f"Validation cost {study.best_value:.4f}, the best of {len(over)} trials."
         write_text(path, as_toml(own, comment, settings.name))
     return path
 

@@ -13,6 +13,7 @@ from agents.evolution.settings import EvolveSettings
 from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
+from agents.tune import TuneSettings, tune
 
 FORKING = multiprocessing.get_context("forkserver")
 """Processes fork from one that has imported torch already, which takes seconds."""
@@ -28,9 +29,14 @@ def begin_training(settings: TrainSettings, root: Path, touches: int | None = No
     return _begin(_run, train, settings, Run(settings.name, root), touches)
 
 
-def begin_evolution(settings: EvolveSettings, root: Path, touches: int):
+def begin_evolution(settings: EvolveSettings, root: Path, touches: int | None = None):
     """Evolve in a new process, as `begin_training` does."""
     return _begin(_run, evolve, settings, Run(settings.name, root), touches)
+
+
+def begin_tuning(settings: TuneSettings, root: Path, touches: int | None = None):
+    """Tune in a new process, as `begin_training` does."""
+    return _begin(_run, _tune, settings, Run(settings.name, root), touches)
 
 
 def begin_command(arguments: list[str], folder: Path):
@@ -59,6 +65,10 @@ def _run(work, settings: RunSettings, run: Run, touches: int | None) -> None:
 
     sys.addaudithook(count)
     work(settings, run)
+
+
+def _tune(settings: TuneSettings, run: Run) -> None:
+    tune(settings, run.folder.parent)
 
 
 def _command(arguments: list[str], folder: Path) -> None:

@@ -11,15 +11,7 @@ from gymnasium.error import DependencyNotInstalled
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 
-from agents.training.algorithm_settings import (
-    CrossQSettings,
-    OffPolicySettings,
-    PPOSettings,
-    RecurrentPPOSettings,
-    SACSettings,
-    TD3Settings,
-    TQCSettings,
-)
+from agents.training import algorithm_settings as kinds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,11 +59,11 @@ def make_model(settings: TrainSettings, log: Path, lanes: VecEnv) -> BaseAlgorit
     chosen = settings.chosen
     policy: dict[str, Any] = {"net_arch": list(chosen.hidden)}
     batch = chosen.batch_size
-    if isinstance(chosen, PPOSettings):
+    if isinstance(chosen, kinds.PPOSettings):
         batch = min(batch, chosen.rollout * settings.lanes)
-    special = _on_policy if isinstance(chosen, PPOSettings) else _off_policy
+    special = _on_policy if isinstance(chosen, kinds.PPOSettings) else _off_policy
     model = algorithm_class(settings.algorithm)(
-        "MlpLstmPolicy" if isinstance(chosen, RecurrentPPOSettings) else "MlpPolicy",
+        "MlpLstmPolicy" if isinstance(chosen, kinds.RecurrentPPOSettings) else "MlpPolicy",
         lanes,
         batch_size=batch,
         gamma=chosen.discount,
@@ -86,9 +78,9 @@ def make_model(settings: TrainSettings, log: Path, lanes: VecEnv) -> BaseAlgorit
     return model
 
 
-def _on_policy(chosen: PPOSettings, policy: dict[str, Any], _: int) -> dict[str, Any]:
+def _on_policy(chosen: kinds.PPOSettings, policy: dict[str, Any], _: int) -> dict[str, Any]:
     policy["log_std_init"] = chosen.initial_log_std
-    if isinstance(chosen, RecurrentPPOSettings):
+    if isinstance(chosen, kinds.RecurrentPPOSettings):
         policy["lstm_hidden_size"] = chosen.units
     return {
         "learning_rate": LinearSchedule(chosen.learning_rate, 0.0, 1.0),
@@ -99,7 +91,7 @@ def _on_policy(chosen: PPOSettings, policy: dict[str, Any], _: int) -> dict[str,
 
 
 def _off_policy(chosen: AlgorithmSettings, _: dict[str, Any], actions: int) -> dict[str, Any]:
-    assert isinstance(chosen, OffPolicySettings)  # noqa: S101 - there are two families
+    assert isinstance(chosen, kinds.OffPolicySettings)  # noqa: S101 - there are two families
     arguments: dict[str, Any] = {
         "learning_rate": chosen.learning_rate,
         "buffer_size": chosen.buffer_size,
@@ -107,15 +99,15 @@ def _off_policy(chosen: AlgorithmSettings, _: dict[str, Any], actions: int) -> d
         "gradient_steps": chosen.gradient_steps,
         "train_freq": 1,
     }
-    if isinstance(chosen, (SACSettings, TD3Settings)):
+    if isinstance(chosen, (kinds.SACSettings, kinds.TD3Settings)):
         arguments["tau"] = chosen.tau
-    if isinstance(chosen, (SACSettings, CrossQSettings)):
+    if isinstance(chosen, (kinds.SACSettings, kinds.CrossQSettings)):
         arguments["ent_coef"] = f"auto_{chosen.initial_entropy}"
-    if isinstance(chosen, TD3Settings):
+    if isinstance(chosen, kinds.TD3Settings):
         arguments["action_noise"] = NormalActionNoise(
             np.zeros(actions), np.full(actions, chosen.noise)
         )
-    if isinstance(chosen, TQCSettings):
+    if isinstance(chosen, kinds.TQCSettings):
         arguments["top_quantiles_to_drop_per_net"] = chosen.dropped_quantiles
     return arguments
 

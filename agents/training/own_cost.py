@@ -11,6 +11,7 @@ from gymnasium.vector import VectorWrapper
 from numba import vectorize
 
 from agents.controllers.controller import columns
+from agents.controllers.observed_state import ROWS
 from agents.user_code import load
 from mm_gym import SceneError, compile_scene
 from mm_gym.errors import suggest
@@ -24,16 +25,6 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
-
-MOTION = {
-    "carriage_displacement": (1.0, 0.0, 0.0, 0.0),
-    "sphere_displacement": (0.0, 1.0, 0.0, 0.0),
-    "sphere_offset": (-1.0, 1.0, 0.0, 0.0),
-    "carriage_velocity": (0.0, 0.0, 1.0, 0.0),
-    "sphere_velocity": (0.0, 0.0, 0.0, 1.0),
-    "slip_velocity": (0.0, 0.0, -1.0, 1.0),
-}
-"""Channels that follow from the state, observed or not: their rows of C in y = C x."""
 
 ACTUATORS = {"applied_force": "force", "stretch": "stretch"}
 """Channels that are what the actuators have."""
@@ -64,7 +55,7 @@ class OwnCost:
             for k, channel in enumerate(plant.observed)
             if not plant.delay and not channel.noise
         }
-        allowed = {**MOTION, **exact, **seen}
+        allowed = {**ROWS, **exact, **seen}
         names = list(inspect.signature(function).parameters)
         for name in names or [""]:
             if name not in allowed:
@@ -105,8 +96,8 @@ def _reader(
     name: str, exact: dict[str, int], seen: dict[str, Any], frame: int
 ) -> Callable[[NDArray[np.float32], dict[str, Any]], Values]:
     """Return what reads a channel (lanes,) in its SI unit from observation and information."""
-    if name in MOTION:
-        row = np.array(MOTION[name])
+    if name in ROWS:
+        row = np.array(ROWS[name])
         return lambda _, info: info["state"] @ row
     if name in exact:
         column = exact[name]

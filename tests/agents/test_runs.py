@@ -13,6 +13,8 @@ import pytest
 from agents import demo
 from agents import train as command
 from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
@@ -116,6 +118,30 @@ class TestKills:
             train(TINY, Run("tiny", root))
             assert_same_outcome(Run("tiny", root), uninterrupted)
         assert 20 < touches < 199
+
+
+@pytest.mark.slow
+def test_evolution_killed_ten_times_at_random_instants_ends_as_if_uninterrupted(tmp_path):
+    settings = EvolveSettings(
+        task=TINY.task, name="tiny", candidates=8, episodes=4, hidden=4, generations=3000, threads=1
+    )
+    whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+    evolve(settings, whole)
+    draw, reached = np.random.default_rng(1), []
+    while len(reached) < 10:
+        process = kills.begin_evolution(settings, tmp_path / "broken")
+        process.join(draw.uniform(2.0, 9.0))
+        process.kill()
+        process.join()
+        assert not broken.finished
+        costs = load_checkpoint(broken.checkpoint) if broken.checkpoint.exists() else {}
+        reached.append(len(costs.get("evolution/costs", ())))
+    evolve(settings, broken)
+    assert 0 < reached[-1] < 3000
+    assert broken.metrics.read_bytes() == whole.metrics.read_bytes()
+    np.testing.assert_array_equal(
+        load_policy(broken.policy).weights[0], load_policy(whole.policy).weights[0]
+    )
 
 
 def written(run):

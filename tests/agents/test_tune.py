@@ -1,23 +1,17 @@
 """Does tuning go on after a kill, prune, and write files that train?"""
 
-import os
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
+import kills
 import numpy as np
 import optuna
 import pytest
 
-from agents import tune as command
 from agents.training.config import TrainSettings, read_settings
 from agents.training.runs import RunError
 from agents.training.search_space import as_toml, suggested
 from agents.tune import TuneSettings, tune
 
-ROOT = Path(__file__).parents[2]
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
 )
@@ -52,36 +46,29 @@ def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
         tune(QUICK.model_copy(update={"steps": 801}), tmp_path)
 
 
-def test_killed_trial_goes_on_from_its_checkpoint(tmp_path):
-    code = (
-        "import sys; from pathlib import Path; from agents.tune import TuneSettings, tune; "
-        f"tune(TuneSettings(**{SLOW.model_dump()!r}), Path(sys.argv[1]))"
-    )
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    arguments = [sys.executable, "-c", code, str(tmp_path)]
-    with subprocess.Popen(
-        arguments, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL
-    ) as process:
-        checkpoint = tmp_path / "slow" / "trial-0" / "checkpoint.npz"
-        while not checkpoint.exists():
-            time.sleep(0.02)
-            assert process.poll() is None
-        process.send_signal(signal.SIGKILL)
-    killed = (checkpoint.parent / "metrics.csv").read_text()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "GRACE", 1)
-        patch.setattr(command, "HEARTBEAT", 1)
-        time.sleep(2.0)
-        tune(SLOW, tmp_path)
-    states = [trial.state.name for trial in study_of(tmp_path / "slow").trials]
-    assert states == ["FAIL", "COMPLETE"]
-    assert not (tmp_path / "slow" / "trial-1").exists()
-    metrics = (checkpoint.parent / "metrics.csv").read_text()
-    assert metrics.startswith(killed)
-    assert len(metrics) > len(killed)
+def outcome(folder):
+    """Return all that a study found out, without times."""
+    files = [folder / "best.toml", *sorted(folder.glob("trial-*/metrics.csv"))]
+    return {path.relative_to(folder): path.read_text() for path in files}
 
 
-SLOW = QUICK.model_copy(update={"name": "slow", "steps": 4800, "evaluations": 6, "trials": 1})
+@pytest.mark.parametrize("wanted", [1, pytest.param(10, marks=pytest.mark.slow)])
+def test_study_killed_at_random_instants_ends_as_if_uninterrupted(wanted, tmp_path):
+    settings = QUICK.model_copy(update={"trials": 1 + wanted // 2, "evaluations": 4})
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    tune(settings, whole)
+    draw, killed = np.random.default_rng(wanted), 0
+    while killed < wanted:
+        # Just before a file is touched, where most could go wrong.
+        process = kills.begin_tuning(settings, broken, int(draw.integers(12, 40)))
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+        killed += 1
+    tune(settings, broken)
+    assert outcome(broken / "quick") == outcome(whole / "quick")
+    states = [trial.state.name for trial in study_of(broken / "quick").trials]
+    assert 0 < states.count("FAIL") <= wanted
+    assert len(states) - states.count("FAIL") == settings.trials
 
 
 def test_trial_behind_the_median_is_pruned(tmp_path, monkeypatch):

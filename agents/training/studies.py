@@ -1,0 +1,147 @@
+"""Studies of Optuna in SQLite that end after any kill as if there had been none.
+
+A trial's settings depend on the study's seed, its place among the trials, and what was completed
+before it. So one that a killed process was busy with is repeated at its place, and processes that
+work on one study never draw the same.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import warnings
+import zlib
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import optuna
+from optuna.samplers import BaseSampler, TPESampler
+from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
+from optuna.trial import TrialState
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from optuna import Study, Trial
+    from optuna.distributions import BaseDistribution
+    from optuna.trial import FrozenTrial
+
+HEARTBEAT, GRACE = 15, 60
+"""Seconds between two signs of life of a trial, and without one after which it is repeated."""
+
+MOST_REPETITIONS = 100
+"""Of one trial, so that one which no machine has room for is given up at last."""
+
+PROCESS = "process"
+"""Attribute of a trial: the machine and the number of the process that is busy with it."""
+
+
+def open_study(name: str, folder: Path, seed: int) -> Study:
+    """Open the study in a folder, or begin it; repeat trials whose process is dead."""
+    repeat = _repetition()
+    with _without_warnings():
+        storage = RDBStorage(
+            f"sqlite:///{(folder / 'study.db').resolve()}",
+            heartbeat_interval=HEARTBEAT,
+            grace_period=GRACE,
+            heartbeat_stale_trial_callback=repeat,
+        )
+    study = optuna.create_study(
+        study_name=name,
+        storage=storage,
+        load_if_exists=True,
+        sampler=ByPlace(seed),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+    )
+    for trial in study.get_trials(states=(TrialState.RUNNING,)):
+        if _is_dead(*trial.user_attrs.get(PROCESS, ("", 0))):
+            study.tell(trial.number, state=TrialState.FAIL)
+            repeat(study, trial)
+    return study
+
+
+def begin(trial: Trial) -> int:
+    """Note which process is busy with a trial; return its place."""
+    trial.set_user_attr(PROCESS, (platform.node(), os.getpid()))
+    return place_of(trial.study, frozen(trial))
+
+
+def repeat_later(trial: Trial) -> None:
+    """Let a trial that is about to fail be repeated."""
+    _repetition()(trial.study, frozen(trial))
+
+
+def place_of(study: Study, trial: FrozenTrial) -> int:
+    """Return the number that a trial would have if none had been repeated."""
+    first = _first(trial)
+    trials = study.get_trials(deepcopy=False)
+    return sum(_first(other) == other.number for other in trials[:first])
+
+
+def frozen(trial: Trial) -> FrozenTrial:
+    """Return a trial with all that is known of it."""
+    return trial.study.get_trials(deepcopy=False)[trial.number]
+
+
+class ByPlace(BaseSampler):
+    """Optuna's tree-structured Parzen estimator, its random numbers by seed, place and name."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, Any]:
+        """Return that every parameter is drawn by itself."""
+        return {}
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        """Return nothing."""
+        return {}
+
+    def sample_independent(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:  # noqa: ANN401 - Optuna's
+        """Draw a parameter."""
+        words = f"{self.seed} {place_of(study, trial)} {param_name}"
+        estimator = TPESampler(seed=zlib.crc32(words.encode()))
+        return estimator.sample_independent(study, trial, param_name, param_distribution)
+
+
+def _repetition() -> RetryHeartbeatStaleTrialCallback:
+    """Return what appends a trial again, with its settings and the validations so far."""
+    with _without_warnings():
+        return RetryHeartbeatStaleTrialCallback(MOST_REPETITIONS, inherit_intermediate_values=True)
+
+
+def _first(trial: FrozenTrial) -> int:
+    """Return the number of the trial of which this one is a repetition, or its own."""
+    with _without_warnings():
+        number = RetryHeartbeatStaleTrialCallback.retried_trial_number(trial)
+    return trial.number if number is None else number
+
+
+def _is_dead(machine: str, number: int) -> bool:
+    """Tell whether a process was on this machine and is no more."""
+    if machine != platform.node():
+        return False
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:
+        return False
+    return number == os.getpid()  # a number that is used again
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Keep Optuna from calling heartbeats experimental, as it does since its version 2.8."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        yield
