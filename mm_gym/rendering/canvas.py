@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import cos, hypot, pi, sin
+from math import copysign, cos, hypot, pi, sin
 from os import environ
 from typing import TYPE_CHECKING, Any
 
@@ -168,20 +168,25 @@ class Canvas:
         self.polygon([centre, *arc], colour)
 
     def arrow(self, start: Point, length: float, colour: Colour, width: float = 7.0) -> None:
-        """Draw an arrow to the right, or to the left if its length is negative."""
+        """Draw an arrow to the right, or to the left if its length is negative.
+
+        The shorter it is, the smaller is its head; without a length there is none.
+        """
+        if length == 0.0:
+            return
         x, y = start
-        side = 1.0 if length > 0.0 else -1.0
         head = min(2.2 * width, abs(length))
-        neck = x + length - side * head
+        wing, neck = head / 1.9, x + length - copysign(head, length)
+        half = min(0.5 * width, wing)
         self.polygon(
             [
-                (x, y - 0.5 * width),
-                (neck, y - 0.5 * width),
-                (neck, y - 1.15 * width),
+                (x, y - half),
+                (neck, y - half),
+                (neck, y - wing),
                 (x + length, y),
-                (neck, y + 1.15 * width),
-                (neck, y + 0.5 * width),
-                (x, y + 0.5 * width),
+                (neck, y + wing),
+                (neck, y + half),
+                (x, y + half),
             ],
             colour,
         )

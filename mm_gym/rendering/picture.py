@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from mm_gym.rendering.subject import Subject
     from mm_gym.rendering.view import View
 
-READINGS = 180.0
-"""Left end of the readings."""
+READINGS, COLUMN = 180.0, 200.0
+"""Left end of the readings, and the room of each: that of the longest, a jump of the ground."""
 
 
 class Picture:
@@ -90,7 +90,7 @@ class Picture:
             slips = slip > past.lane[at.VR]
             entries.append(("the sphere slips" if slips else "the sphere sticks", look.OFFSET))
         for k, (entry, colour) in enumerate(entries):
-            place = READINGS + 134.0 * (k % 3), 22.0 + 24.0 * (k // 3)
+            place = READINGS + COLUMN * (k % 2), 22.0 + 24.0 * (k // 2)
             canvas.text(entry, place, look.TEXT, colour)
 
     def _draw_colours(self, past: Past, view: View) -> None:

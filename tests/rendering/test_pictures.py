@@ -111,6 +111,42 @@ def test_impulse_is_found_from_the_jump_of_the_velocity(studio, size):
     assert (left < middle - 60.0) == (size < 0.0)
 
 
+def test_force_of_zero_has_no_arrow(studio):
+    still = studio("CarriageForce").put(x1=0.0, x2=0.0, force=0.0).pixels.astype(int)
+    y, x = round(look.PIXELS * 189.0), round(look.PIXELS * place.REST)
+    middle = still[y - 3 : y + 4, x - 2 : x + 3]
+    assert (np.ptp(middle, axis=2) < NEAR).all()  # the line where arrows begin is grey
+
+
+JUMP = {"kind": "impulse", "target": "ground", "size": -0.0999, "time": 0.02}
+PUSH = {"kind": "harmonic", "amplitude": 0.5, "frequency": 60.0}
+SHAKE = PUSH | {"target": "ground", "amplitude": 12.0}
+
+
+@pytest.mark.parametrize(
+    ("task", "changes"),
+    [
+        *((name, {}) for name in ("CarriageForce", "PreStretch", "PreStretchShock", "Hybrid")),
+        ("CarriageForceFriction", {"excitation": [PUSH, SHAKE]}),
+        ("PreStretchShock", {"excitation": [JUMP], "actuation.force.limit": 0.5}),
+    ],
+)
+def test_texts_do_not_overlap(studio, task, changes):
+    shown = studio(task, **changes).put()
+    for _ in range(9):
+        shown.step(*(-0.99 for _ in shown.plant.actuators))
+    assert shown.pixels.shape == (look.SIZE[1], look.SIZE[0], 3)
+    boxes = [(x, y, *text.get_size()) for text, (x, y) in shown.picture._canvas._texts]
+    for k, (x, y, width, height) in enumerate(boxes):
+        assert x >= 0
+        assert x + width <= look.SIZE[0]
+        # A line is a fifth higher than its letters.
+        assert not any(
+            x < left + wide and left < x + width and abs(y - top) < 0.8 * min(height, high)
+            for left, top, wide, high in boxes[:k]
+        )
+
+
 def test_springs_change_colour_and_pitch_with_the_stretch(studio):
     ends = look.spring_colour(0.0), look.spring_colour(1.0)
     counts = []
