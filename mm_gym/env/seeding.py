@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
+from mm_gym.errors import SceneError
 
 SEEDS = 2**63
 """Number of seeds to choose from where none is given."""
@@ -25,11 +24,17 @@ class Seeded:
 
     @property
     def np_random(self) -> np.random.Generator:
-        """The generator from which seeds are drawn; it can be set."""
+        """The generator from which seeds are drawn.
+
+        It can be set; all but a generator of NumPy raises `SceneError`.
+        """
         return super().np_random  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType, reportAttributeAccessIssue] - of Gymnasium's class
 
     @np_random.setter
     def np_random(self, value: np.random.Generator) -> None:
+        if not isinstance(value, np.random.Generator):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
+            msg = f"np_random: got {value!r}; allowed: a numpy.random.Generator"
+            raise SceneError(msg)
         self._np_random, self._np_random_seed = value, -1  # as Gymnasium
         self._draws_seed = True
 

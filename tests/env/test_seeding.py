@@ -7,7 +7,7 @@ import pytest
 from gymnasium.wrappers import OrderEnforcing
 from tasks import CARRIAGE_FORCE
 
-from mm_gym import MovingMassEnv, MovingMassVectorEnv
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError
 
 LANES = 3
 
@@ -112,3 +112,13 @@ def test_setting_the_generator_does_not_stop_an_episode():
     env.np_random = np.random.default_rng(3)
     for _ in range(6):
         env.step(np.zeros((2, 1), np.float32))
+
+
+@pytest.mark.parametrize("value", [7, None, np.random.RandomState(3)])
+@pytest.mark.parametrize("make", [single, vector])
+def test_anything_but_a_generator_is_refused_when_it_is_set(make, value):
+    env, other = make(), make()
+    with pytest.raises(SceneError, match=r"np_random: got .*; allowed: a numpy\.random\.Generator"):
+        env.np_random = value
+    assert start(env, seed=5) == start(other, seed=5)
+    assert start(env) == start(other)
