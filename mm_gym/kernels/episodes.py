@@ -1,8 +1,7 @@
 """Beginnings of episodes: what is drawn, completed and shown first.
 
 The lanes are listed. Of sixteen thousand a few hundred may begin an episode in each step: to look
-for them in a mask, and to call kernels for each run of them, takes longer than the step. If they
-are one run, as in a reset of all, the compiler vectorises the loops over them.
+for them in a mask, and to call kernels for each run of them, takes longer than the step.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors
 from mm_gym.kernels.harmonics import begin_harmonic
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import write_regimes
-from mm_gym.kernels.memory import copy_row, fill, span
+from mm_gym.kernels.listed import copy_within, place_of, run_of, set_row
+from mm_gym.kernels.memory import span
 from mm_gym.kernels.outputs import blur, derive, rows_of, scaling, shown, write_channels
 from mm_gym.kernels.random import next_episode, uniform
 from mm_gym.kernels.task import finite
@@ -33,55 +33,19 @@ def list_ended(ends, eights, which):
     which
         (8 n,) int64, written: the lanes, in ascending order; behind them, anything.
     """
-    found = np.uintp(0)
-    for k in span(0, eights.shape[1]):
-        if eights[at.TERMINATED, k] | eights[at.TRUNCATED, k]:
-            for i in span(8 * k, 8 * k + 8):
-                which[found] = i  # without a branch, which could not be predicted
-                found += np.uintp(ends[at.TERMINATED, i] | ends[at.TRUNCATED, i])
+    # In two passes without branches, which could not be predicted: where some of eight have ended,
+    # then which of them. The first one writes to the end of the list, where the second is last.
+    count = np.uintp(eights.shape[1])
+    places, some, found = which[7 * count :], np.uintp(0), np.uintp(0)
+    for k in span(0, count):
+        places[some] = k
+        some += np.uintp((eights[at.TERMINATED, k] | eights[at.TRUNCATED, k]) != np.uint64(0))
+    for j in span(0, some):
+        k = np.uintp(places[j])
+        for i in span(8 * k, 8 * k + 8):
+            which[found] = i
+            found += np.uintp(ends[at.TERMINATED, i] | ends[at.TRUNCATED, i])
     return np.int64(found)
-
-
-@borrowing_kernel
-def place_of(lane, which):
-    """Return the place in a list of lanes, in ascending order, of the first one from `lane` on."""
-    low, high = 0, which.shape[0]
-    while low < high:
-        middle = (low + high) // 2
-        if which[middle] < lane:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@borrowing_kernel
-def run_of(which):
-    """Return the first lane listed and the end of the run that the list is; the same if none."""
-    count = which.shape[0]
-    if count == 0 or which[count - 1] - which[0] != count - 1:
-        return 0, 0
-    return which[0], which[0] + count
-
-
-@borrowing_kernel
-def set_row(rows, row, value, which):
-    """Set a row to a value in the lanes listed."""
-    first, last = run_of(which)
-    fill(rows, row, value, first, last)
-    if last == first:
-        for k in span(0, which.shape[0]):
-            rows[row, which[k]] = value
-
-
-@borrowing_kernel
-def copy_within(rows, source, target, which):
-    """Copy a row to another one in the lanes listed."""
-    first, last = run_of(which)
-    copy_row(rows, source, target, first, last)
-    if last == first:
-        for k in span(0, which.shape[0]):
-            rows[target, which[k]] = rows[source, which[k]]
 
 
 @borrowing_kernel
@@ -182,12 +146,21 @@ def complete(model, task, lanes, which):
         copy_within(lanes, at.FORCE, at.FORCE_ASKED, which)
     if task[at.STRETCH_IS_RATE] > 0.0:
         copy_within(lanes, at.STRETCH, at.STRETCH_ASKED, which)
-    for k in span(0, which.shape[0]):
-        i = which[k]
-        write_regimes(lanes, i, i + 1)
-        for j in range(int(model[at.HARMONIC_COUNT])):
-            harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-            begin_harmonic(lanes, harmonic, model[at.SAMPLE_INTERVAL], i, i + 1)
+    first, last = run_of(which)
+    if last > first:
+        _write_regimes_and_phases(model, lanes, first, last)
+    else:
+        for i in which:
+            _write_regimes_and_phases(model, lanes, i, i + 1)
+
+
+@borrowing_kernel
+def _write_regimes_and_phases(model, lanes, first, last):
+    """Write the regimes and the harmonics' phases of the lanes first .. last - 1."""
+    write_regimes(lanes, first, last)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        begin_harmonic(lanes, harmonic, model[at.SAMPLE_INTERVAL], first, last)
 
 
 @borrowing_kernel
@@ -250,7 +223,8 @@ def fill_history(task, lanes, frames, streams, which):
                 value -= lanes[subtracted_row, which[k]]
             frames[newest + c, which[k]] = shown(value, scale, shift)
     if task[at.IS_NOISY] > 0.0:
-        for i in which:
+        blur(task, frames, newest, streams, first, last)
+        for i in which[: 0 if last > first else which.shape[0]]:
             blur(task, frames, newest, streams, i, i + 1)
     for row in range(newest - 1, -1, -1):
         copy_within(frames, row + channels, row, which)

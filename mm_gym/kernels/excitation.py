@@ -23,6 +23,7 @@ from mm_gym.kernels import impulse_process, noise, record
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.kernels.listed import place_of, set_row
 from mm_gym.kernels.memory import fill
 
 # Slots of the description, at the end of the model array: the number of parts that are not
@@ -55,7 +56,7 @@ def excited(model):
 
 
 @kernel
-def begin_excitation(model, lanes, streams, mask, first, last):
+def begin_excitation(model, lanes, streams, which, first, last):
     """Prepare the excitation of new episodes; the jets hold its values at their start.
 
     Parameters
@@ -66,31 +67,29 @@ def begin_excitation(model, lanes, streams, mask, first, last):
         (rows, lanes) float64; jets and the rows of each part are written.
     streams
         (2, lanes) uint64, advanced.
-    mask
-        (lanes,) bool, read: the lanes whose episodes begin.
+    which
+        (b,) int64, read: the lanes whose episodes begin, in ascending order.
     first, last
         The lanes first .. last - 1.
     """
     base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
-    for i in range(first, last):
-        if not mask[i]:
-            continue
-        for row in range(jets, jets + 2 * terms):
-            lanes[row, i] = 0.0
-        for k in range(int(model[base])):
-            slot = base + FIRST + SIZE * k
-            kind = int(model[slot + KIND])
-            if kind == IMPULSE:
-                impulse_process.begin(lanes, int(model[slot + ROW]), streams, i)
-            elif kind == SWEEP:
-                _begin_sweep(model, slot, lanes, i)
-            elif kind == FILTER:
-                row, jet = _row_and_jet(model, slot)
-                noise.begin(model, slot + OWN, lanes, row, streams, i)
-                lanes[jet, i] += lanes[row + noise.VALUE, i]
-            else:
-                # Its own start is its jet over no time.
-                add_record(model, slot, lanes, 0.0, 0.0, i)
+    own = which[place_of(first, which) : place_of(last, which)]
+    for row in range(jets, jets + 2 * terms):
+        set_row(lanes, row, 0.0, own)
+    for k in range(int(model[base])):
+        slot = base + FIRST + SIZE * k
+        kind = int(model[slot + KIND])
+        row, jet = _row_and_jet(model, slot)
+        if kind == IMPULSE:
+            impulse_process.begin(lanes, row, streams, own)
+        elif kind == FILTER:
+            noise.begin(model, slot + OWN, lanes, row, jet, streams, own)
+        else:
+            for i in own:
+                if kind == SWEEP:
+                    _begin_sweep(lanes, row, jet, i)
+                else:  # its own start is its jet over no time
+                    add_record(model, slot, lanes, 0.0, 0.0, i)
     return at.OK
 
 
@@ -140,9 +139,8 @@ def intervals_since(clock, began):
 
 
 @borrowing_kernel
-def _begin_sweep(model, slot, lanes, i):
+def _begin_sweep(lanes, row, jet, i):
     """Add the sweep's value at the start to its jet."""
-    row, jet = _row_and_jet(model, slot)
     lanes[jet, i] += (
         lanes[row + SWEEP_AMPLITUDE, i] * cosine_and_sine(lanes[row + SWEEP_PHASE, i])[1]
     )

@@ -34,13 +34,14 @@ CLOSE = 1e-12
 
 
 @borrowing_kernel
-def begin(lanes, row, streams, i):
-    """Draw the key of an episode's impulses, and with it when the first one comes."""
-    lanes[row + KEY, i], lanes[row + COUNT, i] = uniform(streams, i), 0.0
-    lanes[row + RANDOM, i] = NEVER
-    if lanes[row + RATE, i] > 0.0:
-        lanes[row + RANDOM, i] = min(_wait(lanes, row, i), NEVER)
-    lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], lanes[row + TIME, i], NEVER)
+def begin(lanes, row, streams, which):
+    """Draw the keys of impulses in the lanes listed, and with them when the first ones come."""
+    for i in which:
+        lanes[row + KEY, i], lanes[row + COUNT, i] = uniform(streams, i), 0.0
+        lanes[row + RANDOM, i] = NEVER
+        if lanes[row + RATE, i] > 0.0:
+            lanes[row + RANDOM, i] = min(_wait(lanes, row, i), NEVER)
+        lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], lanes[row + TIME, i], NEVER)
 
 
 @borrowing_kernel

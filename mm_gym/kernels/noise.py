@@ -183,10 +183,8 @@ def add(model, own, lanes, row, jet, streams, clock, first, last):
     if last - first > 1:
         if place == 0:
             _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last)
-        elif has_high_pass:
-            _add_four(model, k, lanes, row, jet, streams, clock, first, last)
         else:
-            _add_two(model, k, lanes, row, jet, streams, clock, first, last)
+            _add_shared(has_high_pass, model, k, lanes, row, jet, streams, clock, first, last)
     # A lone lane does without what loops prepare.
     elif has_high_pass:
         if place == 0:
@@ -200,21 +198,16 @@ def add(model, own, lanes, row, jet, streams, clock, first, last):
 
 
 @borrowing_kernel
-def _add_two(model, k, lanes, row, jet, streams, clock, first, last):
-    """Do so without high-pass, with matrices from slot k of the model on."""
+def _add_shared(has_high_pass, model, k, lanes, row, jet, streams, clock, first, last):
+    """Do so with matrices from slot k of the model on."""
     prefer_widest_vectors()
-    matrices, step = _two(model, k, 0), model[at.SAMPLE_INTERVAL]
-    for i in span(first, last):
-        _step_two(matrices, lanes, row, jet, streams, clock, step, i)
-
-
-@borrowing_kernel
-def _add_four(model, k, lanes, row, jet, streams, clock, first, last):
-    """Do so with high-pass."""
-    prefer_widest_vectors()
-    matrices, step = _four(model, k, 0), model[at.SAMPLE_INTERVAL]
-    for i in span(first, last):
-        _step_four(matrices, lanes, row, jet, streams, clock, step, i)
+    two, four, step = _two(model, k, 0), _four(model, k, 0), model[at.SAMPLE_INTERVAL]
+    if has_high_pass:
+        for i in span(first, last):
+            _step_four(four, lanes, row, jet, streams, clock, step, i)
+    else:
+        for i in span(first, last):
+            _step_two(two, lanes, row, jet, streams, clock, step, i)
 
 
 @borrowing_kernel
@@ -248,8 +241,8 @@ def _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last
 
 
 @borrowing_kernel
-def begin(model, own, lanes, row, streams, i):
-    """Draw a filter's state from its stationary distribution, and write the noise's first value.
+def begin(model, own, lanes, row, jet, streams, which):
+    """Draw a filter's state from its stationary distribution, and add the first value to its jet.
 
     Parameters
     ----------
@@ -258,33 +251,30 @@ def begin(model, own, lanes, row, streams, i):
     own
         First of the part's own slots.
     lanes
-        (rows, lanes) float64; the filter's state, value and drawn matrices are written.
-    row
-        First row of the filter.
+        (rows, lanes) float64; the filter's state, value and drawn matrices and the jet are written.
+    row, jet
+        First row of the filter, and of the jet.
     streams
         (2, lanes) uint64, advanced.
-    i
-        The lane.
+    which
+        (b,) int64, read: the lanes.
     """
-    place, order = int(model[own + PLACE]), int(model[own + STATES])
+    place, order, drawn = int(model[own + PLACE]), int(model[own + STATES]), row + ROWS
+    k = int(model[at.EXCITATION]) + place
     if place > 0:
-        _start(model, int(model[at.EXCITATION]) + place, order, lanes, row, streams, i)
+        for i in which:
+            _start(model, k, order, lanes, row, jet, streams, i)
         return
-    write_matrices(
-        lanes,
-        row + ROWS,
-        (lanes[row + LOW_PASS, i], lanes[row + LOW_PASS_DAMPING, i]),
-        (lanes[row + HIGH_PASS, i], lanes[row + HIGH_PASS_DAMPING, i]),
-        model[own + PASSES_VELOCITY] > 0.0,
-        model[at.SAMPLE_INTERVAL],
-        i,
-    )
-    _start(lanes[:, i], row + ROWS, order, lanes, row, streams, i)
+    filters = lanes[row + LOW_PASS : row + HIGH_PASS_DAMPING + 1]
+    is_soil = model[own + PASSES_VELOCITY] > 0.0
+    write_matrices(lanes, drawn, filters, is_soil, model[at.SAMPLE_INTERVAL], which)
+    for i in which:
+        _start(lanes, drawn, order, lanes, row, jet, streams, i)
 
 
-@borrowing_kernel
-def _start(m, k, order, lanes, row, streams, i):
-    """Draw the state with the matrices from number k on; other arguments as of `begin`."""
+@inlined_kernel
+def _start(m, k, order, lanes, row, jet, streams, i):
+    """Do so for a lane, with the matrices from number k on."""
     for j in range(order):
         lanes[row + STATE + j, i] = 0.0
     total = 0.0
@@ -292,8 +282,10 @@ def _start(m, k, order, lanes, row, streams, i):
         pair = normals(streams, i)
         for side in range(2):
             for j in range(column + side, order):
-                root = m[k + START_SPREAD + j * (j + 1) // 2 + column + side]
+                root = _number(m, k + START_SPREAD + j * (j + 1) // 2 + column + side, i)
                 lanes[row + STATE + j, i] += root * pair[side]
     for j in range(order):
-        total += m[k + OUTPUT + j] * lanes[row + STATE + j, i]
-    lanes[row + VALUE, i] = lanes[row + RMS, i] * _envelope(lanes, row, 0.0, i) * total
+        total += _number(m, k + OUTPUT + j, i) * lanes[row + STATE + j, i]
+    value = lanes[row + RMS, i] * _envelope(lanes, row, 0.0, i) * total
+    lanes[row + VALUE, i] = value
+    lanes[jet, i] += value

@@ -203,7 +203,7 @@ def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> floa
 def _filtered(
     fields: dict[str, int], *, passes_velocity: bool, constants: dict[int, float] | None = None
 ) -> Kind[FilteredNoise]:
-    """Return a kind of filtered noise, see `mm_gym.kernels.shaping.write_matrices`."""
+    """Return a kind of filtered noise, see `mm_gym.kernels.filters.write_matrices`."""
     filters = {name: row for name, row in fields.items() if row in noise.FILTER}
     frequencies = {noise.LOW_PASS, noise.HIGH_PASS}
 

@@ -99,8 +99,8 @@ def filter_matrices(filters: Array, interval: float, *, passes_velocity: bool) -
     high-pass.
     """
     matrices = np.zeros((shaping.MATRICES, 1))
-    low_pass, high_pass = ((float(w), float(damping)) for w, damping in filters)
-    shaping.write_matrices(matrices, 0, low_pass, high_pass, passes_velocity, interval, 0)
+    lane = np.zeros(1, np.int64)
+    shaping.write_matrices(matrices, 0, filters.reshape(-1, 1), passes_velocity, interval, lane)
     return matrices[:, 0]
 
 

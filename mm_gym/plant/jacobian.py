@@ -107,9 +107,10 @@ def _lanes(
     row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]
     lanes = row[:, None]
     if place is None or hasattr(place, "keys"):
-        complete(model, task, lanes, np.zeros(1, np.int64))
+        which = np.zeros(1, np.int64)
+        complete(model, task, lanes, which)
         if support.sampled:
-            begin_excitation(model, lanes, streams, np.ones(1, np.bool_), 0, 1)
+            begin_excitation(model, lanes, streams, which, 0, 1)
     else:
         given = np.asarray(place, np.float64)
         lanes[:6, 0] = given[:6]

@@ -220,9 +220,7 @@ class Lanes:
         if plant.support.products:
             self._multiply(which)
         if plant.support.sampled:
-            mask = np.zeros(self.count, np.bool_)
-            mask[which] = True
-            self._begin_excitation(mask)
+            self._begin_excitation(which)
         if seen or plant.task[at.IS_NOISY]:
             self._show(which, paused, self.rewards)
 
