@@ -50,11 +50,16 @@ _EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(14))
 
 
 @intrinsic
-def _to_bits(_context, x):
-    def build(_context, builder, _signature, arguments):
-        return builder.bitcast(arguments[0], ir.IntType(64))
+def _reread(_context, x):
+    """Return the bits of a double as an integer, or the double of an integer's bits."""
+    types_of = {True: (types.int64, types.float64), False: (types.float64, types.int64)}
+    result, argument = types_of[isinstance(x, types.Float)]
+    kind = ir.IntType(64) if result is types.int64 else ir.DoubleType()
 
-    return types.int64(x), build
+    def build(_context, builder, _signature, arguments):
+        return builder.bitcast(arguments[0], kind)
+
+    return result(argument), build
 
 
 def bits_of(x: float) -> int:
@@ -62,27 +67,15 @@ def bits_of(x: float) -> int:
     return np.float64(x).view(np.int64)
 
 
-@overload(bits_of)
-def _compiled_bits_of(x) -> Callable[..., int]:  # noqa: ARG001 - as the function
-    return lambda x: _to_bits(x)  # noqa: PLW0108 - numba wants a plain function
-
-
-@intrinsic
-def _from_bits(_context, bits):
-    def build(_context, builder, _signature, arguments):
-        return builder.bitcast(arguments[0], ir.DoubleType())
-
-    return types.float64(bits), build
-
-
-def double_of(bits: int) -> float:
+def double_of(x: int) -> float:
     """Return the double of these bits."""
-    return np.int64(bits).view(np.float64)
+    return np.int64(x).view(np.float64)
 
 
+@overload(bits_of)
 @overload(double_of)
-def _compiled_double_of(bits) -> Callable[..., float]:  # noqa: ARG001 - as the function
-    return lambda bits: _from_bits(bits)  # noqa: PLW0108 - numba wants a plain function
+def _compiled(x) -> Callable[..., float]:  # noqa: ARG001 - as the functions
+    return lambda x: _reread(x)  # noqa: PLW0108 - numba wants a plain function
 
 
 @borrowing_kernel
