@@ -22,6 +22,7 @@ from mm_gym.env.arguments import (
     python_integer,
     scene_of,
 )
+from mm_gym.env.ends import Ends
 from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
 from mm_gym.env.pictures import RENDER_MODES, rendered, renderer_of
@@ -85,7 +86,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     _prepared = frozenset(
-        {"plant", "_lanes", "_terms", "_rewards", "_views", "_renderer"} | {"_over", "_everywhere"}
+        {"plant", "_lanes", "_ends", "_terms", "_rewards", "_views", "_renderer"}
+        | {"_over", "_everywhere"}
     )
 
     def __init__(
@@ -133,6 +135,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
         self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
+        self._ends = Ends(lanes, copy=self._copy)
         self._terms = Terms(self.plant)
         self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
         self._views = [_read_only(array.T) for array in lanes.outputs]
@@ -294,22 +297,18 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
                 row[which] = 0.0
 
     def _final(self) -> dict[str, Any]:
-        """Return the last observation and information of the finished lanes.
-
-        Their layout is that of Gymnasium's `SyncVectorEnv`.
-        """
-        mask, over = self._finished(), self._over
-        observed, *_, state, applied = self._lanes.outputs
-        info = self._entries(state.T, applied.T)
-        last = np.ascontiguousarray(np.take(observed, over, axis=1).T)
-        observations = np.full(self.num_envs, None, dtype=object)
-        observations[over] = np.fromiter(last, dtype=object, count=len(last))
-        zeroed = {name: np.where(mask, rows.T, 0.0).T for name, rows in info.items()}
-        masks = {f"_{name}": mask for name in zeroed}
+        """Return the last observation and information of the finished lanes, see `Ends`."""
+        mask = self._finished()
+        observations, state, applied = self._ends.of(self._over)
+        info = {} if self._level == "none" else {"state": state, "applied": applied}
+        if self._level == "full":
+            others = self._rewards_and_limits()
+            info |= {name: np.where(mask, rows.T, 0.0).T for name, rows in others.items()}
+        masks = {f"_{name}": mask for name in info}
         return {
             "final_obs": observations,
             "_final_obs": mask,
-            "final_info": zeroed | masks,
+            "final_info": info | masks,
             "_final_info": mask,
         }
 

@@ -9,6 +9,7 @@ from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
+from mm_gym.kernels.listed import place_of
 from mm_gym.kernels.memory import copy_as_columns, copy_row, copy_rows, fill, span
 from mm_gym.kernels.random import normals
 
@@ -307,4 +308,37 @@ def copy_outputs(
     copy_rows(lanes, applied_row, applied, first, last)
     for i in span(first, last):
         terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
+    return at.OK
+
+
+@borrowing_kernel
+def copy_ends(lanes, frames, applied_row, which, former, observed, values, first, last):
+    """Copy the last outputs of the lanes listed; return the status.
+
+    Parameters
+    ----------
+    lanes, frames, applied_row
+        As for `copy_outputs`.
+    which
+        (b,) int64, read: the lanes.
+    former
+        (c,) int64, read: lanes whose values are set to zero first.
+    observed
+        (n, k) float32, written: the frames observed, of a lane listed in each row.
+    values
+        (lanes, 4 + actuators) float64, written: states [m, m, m/s, m/s] and what was applied
+        [N, -], of each lane side by side, so that few cache lines are written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    for k in span(place_of(first, former), place_of(last, former)):
+        values[former[k], :] = 0.0
+    for k in span(place_of(first, which), place_of(last, which)):
+        i = np.uintp(which[k])
+        for row in span(0, observed.shape[1]):
+            observed[k, row] = frames[row, i]
+        for row in span(0, 4):
+            values[i, row] = lanes[row, i]
+        for row in span(4, values.shape[1]):
+            values[i, row] = lanes[applied_row + row - 4, i]
     return at.OK

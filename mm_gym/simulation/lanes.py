@@ -17,7 +17,7 @@ from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
-from mm_gym.kernels.outputs import copy_observed, copy_outputs
+from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
@@ -61,6 +61,9 @@ class Lanes:
         Whether several threads step them.
     rest
         (actions, lanes) -> status: let the lanes listed rest at zero, if all actions are finite.
+    copy_ends
+        (which, former, observed, values) -> status: copy the last outputs of the lanes listed, see
+        the kernel.
 
     Notes
     -----
@@ -113,6 +116,7 @@ class Lanes:
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._copy_observed = bind(copy_observed, self._frames)
+        self.copy_ends = bind(copy_ends, self._values, self._frames, self.applied_rows.start)
         self._advance_and_copy = bind(advance, *self._step_arguments, then=(copy_outputs, outputs))
 
     def _bind_episodes(self) -> None:
