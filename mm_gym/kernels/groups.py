@@ -23,6 +23,16 @@ def read(lanes, row, i, count):
 
 
 @inlined_kernel
+def write(lanes, row, i, count, numbers):
+    """Write a row of the lanes i .. i + count - 1."""
+    if count == LANES:
+        store(lanes, row, i, numbers)
+    else:
+        for k in range(count):
+            lanes[row, i + k] = element(numbers, k)
+
+
+@inlined_kernel
 def write_state(lanes, i, count, x1, x2, v1, v2):
     """Write the state [m, m/s] of those of the lanes i .. i + count - 1 where it is finite.
 

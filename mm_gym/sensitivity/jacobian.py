@@ -12,7 +12,7 @@ from mm_gym.methods.support import LINEAR, MASSLESS, PARAMETRIC_LINEAR
 from mm_gym.sensitivity import layout as own
 from mm_gym.sensitivity.actuators import actuators_of, slopes
 from mm_gym.sensitivity.model import BESIDE, control_step, series_models
-from mm_gym.sensitivity.step_kernel import by_linear_series, by_series, step_by
+from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -90,8 +90,7 @@ class Sensitivities:
             self._models, self._advance = [model], by_transition
         else:
             self._models = series_models(support, self._causes, self.rows)
-            is_linear = support.kind == PARAMETRIC_LINEAR and not self.parameters
-            self._advance: Callable[..., int] = by_linear_series if is_linear else by_series
+            self._advance = _kernel(support, self._causes)
         self.lanes = np.vstack([values, np.zeros((own.ROWS, self.count))])
         age = values[at.NOW] - values[at.BEGAN]
         self.lanes[at.NOW], self.lanes[at.BEGAN] = 0.0, -age
@@ -117,7 +116,7 @@ class Sensitivities:
             the state, to what the actuators apply, and to the parameters.
         """
         flat = np.ascontiguousarray(actions, np.float64).ravel()
-        status, found = at.OK, np.zeros((4, 4 + len(self._causes), self.count))
+        status, found = at.OK, np.empty((4, 4 + len(self._causes), self.count))
         start, streams = self.lanes, self.streams
         for k, model in enumerate(self._models):
             if k < len(self._models) - 1:  # the last one moves the lanes
@@ -128,7 +127,7 @@ class Sensitivities:
             if self._constant is None:
                 self._collect(found, BESIDE * k)
         if self._constant is not None:
-            found[:, :4] = self._constant[0][:, :, None]
+            found[:, :4], found[:, 4:] = self._constant[0][:, :, None], 0.0
             if at.FORCE in self._causes:
                 found[:, 4:5] = self._constant[1][:, :, None]
         return status, found
@@ -144,13 +143,11 @@ class Sensitivities:
     def _collect(self, found: Array, first: int) -> None:
         """Copy the columns of a model whose causes begin with a given one; back to x2 and v2."""
         columns = self.lanes[self.rows + own.TANGENTS :].reshape(4, own.COLUMNS, self.count)
-        if first == 0:
-            found[:, :4] = columns[:, :4]
-        beside = found[:, 4 + first : 8 + first]
-        beside[...] = columns[:, 4 : 4 + beside.shape[1]]
-        for part in (found[:, :4], beside) if first == 0 else (beside,):
-            part[1] += part[0]
-            part[3] += part[2]
+        begin = own.STATES if first else 0  # the state's are those of the first model
+        target = found[:, begin + first : first + own.COLUMNS]
+        source = columns[:, begin : begin + target.shape[1]]
+        target[::2] = source[::2]
+        np.add(source[::2], source[1::2], out=target[1::2])
 
     def jacobian(self, actions: Array) -> tuple[int, Jacobian]:
         """Make a control step; return its status and derivatives, the lanes in front."""
@@ -185,6 +182,16 @@ class Sensitivities:
             *(np.moveaxis(state, -1, 0), np.moveaxis(action, -1, 0), np.moveaxis(applied, -1, 0)),
             parameters,
         )
+
+
+def _kernel(support: Support, causes: Sequence[int]) -> Callable[..., int]:
+    """Return the quickest kernel that follows deviations by these causes besides the state's."""
+    if support.kind == PARAMETRIC_LINEAR and set(causes) <= {at.FORCE, at.STRETCH}:
+        return by_linear_series
+    plain = not (support.slips or support.ground or support.terms or support.high[at.L0] > 0.0)
+    if support.is_cubic and plain and support.low[at.BETA] >= 0.0 and set(causes) <= {at.FORCE}:
+        return by_cubic_series
+    return by_series
 
 
 def _names(actuators: Sequence[Actuator]) -> tuple[str, ...]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from mm_gym.kernels import layout as at
 
 # Slots of the model: which forces there are, the first row behind the plant's own, how many series
-# of which degree cover a sample interval of a linear plant, and what causes the deviation in each
-# column.
-HAS_FRICTION, IS_CUBIC, IS_FINITE, FIRST_ROW, PIECES, DEGREE, CAUSES = (
-    at.MODEL_OWN + i for i in range(7)
+# of which degree cover a sample interval of a linear plant, whether the deviations obey the same
+# linear equations all along a regime, and what causes the deviation in each column.
+HAS_FRICTION, IS_CUBIC, IS_FINITE, FIRST_ROW, PIECES, DEGREE, IS_LINEAR, CAUSES = (
+    at.MODEL_OWN + i for i in range(8)
 )
 
 COLUMNS, STATES = 8, 4

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.groups import read
+from mm_gym.kernels.groups import read, write
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, element, everywhere
-from mm_gym.kernels.simd_memory import rows_of, store
+from mm_gym.kernels.simd import LANES, everywhere
+from mm_gym.kernels.simd_memory import rows_of
 from mm_gym.sensitivity.layout import CAUSES, COLUMNS, DEGREE, FIRST_ROW, PIECES, STATES, TANGENTS
 
 MOST_HARMONICS = 8
@@ -118,20 +118,10 @@ def _column(lanes, row, i, count):
 
 @inlined_kernel
 def _write_column(lanes, row, i, count, z):
-    _write(lanes, row, i, count, z[0])
-    _write(lanes, row + COLUMNS, i, count, z[1])
-    _write(lanes, row + 2 * COLUMNS, i, count, z[2])
-    _write(lanes, row + 3 * COLUMNS, i, count, z[3])
-
-
-@inlined_kernel
-def _write(lanes, row, i, count, x):
-    """Write a row of the lanes i .. i + count - 1."""
-    if count == LANES:
-        store(lanes, row, i, x)
-    else:
-        for k in range(count):
-            lanes[row, i + k] = element(x, k)
+    write(lanes, row, i, count, z[0])
+    write(lanes, row + COLUMNS, i, count, z[1])
+    write(lanes, row + 2 * COLUMNS, i, count, z[2])
+    write(lanes, row + 3 * COLUMNS, i, count, z[3])
 
 
 @borrowing_kernel
@@ -197,10 +187,10 @@ def _move(model, lanes, b, g, slope, tangents, piece, degree, i, count):
         y1, y2, u1, u2 = _derivative(g, b[_FORCE + n], zero, step, term)
         term = y1, y2, u1 - step * b[_GROUND + n], u2
         total = _sum(total, term)
-    _write(lanes, at.X1, i, count, total[0])
-    _write(lanes, at.X2, i, count, total[0] + total[1])
-    _write(lanes, at.V1, i, count, total[2])
-    _write(lanes, at.V2, i, count, total[2] + total[3])
+    write(lanes, at.X1, i, count, total[0])
+    write(lanes, at.X2, i, count, total[0] + total[1])
+    write(lanes, at.V1, i, count, total[2])
+    write(lanes, at.V2, i, count, total[2] + total[3])
     if row != tangents:
         _write_column(lanes, row, i, count, deviation)
 

@@ -50,6 +50,7 @@ def series_models(support: Support, causes: Sequence[int], rows: int) -> list[Ar
         model[own.PIECES], model[own.DEGREE] = pieces, degree(phase / pieces)
         model[own.CAUSES : own.CAUSES + own.COLUMNS] = own.NONE
         chosen = causes[first : first + BESIDE]
+        model[own.IS_LINEAR] = not support.is_nonlinear and set(chosen) <= {at.FORCE, at.STRETCH}
         model[own.CAUSES + own.STATES : own.CAUSES + own.STATES + len(chosen)] = chosen
         model[at.EXCITATION] = len(model)
         models.append(np.concatenate([model, support.excitation]))

@@ -18,7 +18,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
 from mm_gym.kernels.jets import write_series
-from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import (
     fastest_harmonic,
     fastest_rate,
@@ -35,11 +35,13 @@ from mm_gym.sensitivity.layout import (
     HAS_FRICTION,
     IS_CUBIC,
     IS_FINITE,
+    IS_LINEAR,
     LAST_V1,
     LAST_V2,
     TANGENTS,
     TIME,
 )
+from mm_gym.sensitivity.linear_terms_kernel import expand_linear
 from mm_gym.sensitivity.sizes_kernel import is_enough, part_of_unit, write_size
 
 LONGEST = 2.0
@@ -98,13 +100,14 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
         Status.
     """
     own, duration = int(model[FIRST_ROW]), model[at.SAMPLE_INTERVAL]
-    friction, vr = model[HAS_FRICTION] > 0.0, p[of.VR]
+    friction, linear, vr = model[HAS_FRICTION] > 0.0, model[IS_LINEAR] > 0.0, p[of.VR]
     _take_impulses(model, lanes, i, p)
     for part in range(4):
         for j in range(COLUMNS):
             t[part * of.PART, j] = lanes[own + TANGENTS + part * COLUMNS + j, i]
     x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
-    c[of.X1], c[of.OFFSET], c[of.V1], c[of.W] = x1, lanes[at.X2, i] - x1, v1, lanes[at.V2, i] - v1
+    c[of.X1], c[of.V1], c[of.W] = x1, v1, lanes[at.V2, i] - v1
+    c[of.OFFSET], p[of.REST] = _sum(lanes[at.X2, i], -x1)
     regime = sign_of(vr, c[of.W]) if friction else 0.0
     upper, lower = gaps_of(vr, c[of.W])
     elapsed = 0.0
@@ -112,10 +115,14 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
         p[of.REGIME] = regime
         p[of.DAMPING], p[of.SLIP] = interface_line(regime, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
         rest = duration - elapsed
-        unit = min(rest, LONGEST / _rate(model, lanes, i, c, p))
+        rate = _rate(model, lanes, i, c, p)
+        unit = min(rest, LONGEST / rate)
         is_last = unit == rest
         write_series(c, of.WIDTH, model, lanes, i, elapsed, unit, of.ORDER)
-        order, theta = _expand(model, lanes, i, c, p, t, work, elapsed, unit)
+        if linear:
+            order, theta = expand_linear(model, c, p, t, work, unit, rate * unit), 1.0
+        else:
+            order, theta = _expand(model, lanes, i, c, p, t, work, elapsed, unit)
         if order == 0:
             return at.COLLAPSED
         direction = 0.0
@@ -124,7 +131,7 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
                 c, of.W, of.SCALED, order, theta, regime, upper, lower
             )
             theta = theta if exit_at == NONE else theta * exit_at
-        _evaluate(c, t, theta, order)
+        _evaluate(c, p, t, theta, order)
         if not abs(c[of.X1]) + abs(c[of.OFFSET]) + abs(c[of.V1]) + abs(c[of.W]) < np.inf:
             return at.DIVERGED
         elapsed += theta * unit
@@ -287,8 +294,8 @@ def _write_pair(c, p, n):
     c[of.LONG + n], c[of.SHORT + n] = c[of.OFFSET + n] / l0, -c[of.OFFSET + n] / l0
     if n == 0:
         # Rounded once: of a side that is nearly gone no digits cancel.
-        c[of.LONG] = fma(p[of.STRETCH], l0, c[of.OFFSET]) / l0
-        c[of.SHORT] = fma(p[of.STRETCH], l0, -c[of.OFFSET]) / l0
+        c[of.LONG] = (fma(p[of.STRETCH], l0, c[of.OFFSET]) + p[of.REST]) / l0
+        c[of.SHORT] = (fma(p[of.STRETCH], l0, -c[of.OFFSET]) - p[of.REST]) / l0
         if not (c[of.LONG] > 0.0 and c[of.SHORT] > 0.0):
             return False
     for side in range(2):
@@ -316,19 +323,36 @@ def _write_power(c, base, power, exponent, n):
 
 
 @borrowing_kernel
-def _evaluate(c, t, theta, order):
-    """Advance motion and deviations by a part of the unit."""
+def _evaluate(c, p, t, theta, order):
+    """Advance motion and deviations by a part of the unit.
+
+    What rounding leaves of the offset is kept: a spring that is shortened to a part e of its length
+    pushes the sphere back with a stiffness that rounded offsets would make wrong by 1e-16 / e, and
+    the deviations after that by 1e-16 / e**2.
+    """
     prefer_widest_vectors()
     for row in (of.X1, of.OFFSET, of.V1, of.W):
         total = 0.0
-        for n in range(order, -1, -1):
+        for n in range(order, 0, -1):
             total = fma(total, theta, c[row + n])
-        c[row] = total
-    for part in range(4):
-        row = part * of.PART
-        for n in range(order - 1, -1, -1):
+        change = theta * total
+        if row == of.OFFSET:
+            c[row], p[of.REST] = _sum(c[row], change + p[of.REST])
+        else:
+            c[row] = fma(theta, total, c[row])
+    for n in range(order - 1, -1, -1):
+        for part in range(4):  # side by side: one hides the other's latency
+            row = part * of.PART + n
             for j in range(COLUMNS):
-                t[row + n, j] = fma(t[row + n + 1, j], theta, t[row + n, j])
+                t[row, j] = fma(t[row + 1, j], theta, t[row, j])
+
+
+@inlined_kernel
+def _sum(a, b):
+    """Return a + b, and what its rounding leaves (Knuth's TwoSum)."""
+    total = a + b
+    added = total - a
+    return total, (a - (total - added)) + (b - added)
 
 
 @borrowing_kernel

@@ -22,4 +22,6 @@ LAG = 4
 # Coefficients of a lane.
 M1, M2, K1, ALPHA, BETA, D, HELD, K0, L0, STRETCH, K2 = range(11)
 STICK, CHI, INTERCEPT, VR, FN, MU1, MU2, DAMPING, SLIP, REGIME = range(11, 21)
-COEFFICIENTS = 21
+REST = 21
+"""What rounding leaves of the offset [m]."""
+COEFFICIENTS = 22

@@ -9,11 +9,22 @@ from mm_gym.kernels.crossing import by_pieces, by_superposition
 from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.memory import copy_row, fill, span
 from mm_gym.kernels.outputs import next_noisy
 from mm_gym.kernels.random import count_draws
 from mm_gym.kernels.task import command
-from mm_gym.sensitivity import linear_kernel
-from mm_gym.sensitivity.layout import COLUMNS, FIRST_ROW, LAST_V1, LAST_V2, TANGENTS, TIME
+from mm_gym.sensitivity import cubic_kernel, linear_kernel
+from mm_gym.sensitivity.layout import (
+    CAUSES,
+    COLUMNS,
+    FIRST_ROW,
+    LAST_V1,
+    LAST_V2,
+    NONE,
+    STATES,
+    TANGENTS,
+    TIME,
+)
 from mm_gym.sensitivity.series_kernel import propagate
 
 if TYPE_CHECKING:
@@ -78,21 +89,25 @@ def _pass_sensor_noise(task, streams, first, last):
 
 @borrowing_kernel
 def _begin(model, lanes, first, last):
-    """Begin with deviations of x1, x2, v1 and v2, and none in the other columns."""
+    """Begin with deviations of x1, x2, v1 and v2, and none in the columns that have causes."""
     own = int(model[FIRST_ROW])
     length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
     tangents = own + TANGENTS
-    for row in range(tangents, tangents + 4 * COLUMNS):
-        for i in range(first, last):
-            lanes[row, i] = 0.0
-    for i in range(first, last):
-        lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
+    copy_row(lanes, at.V1, own + LAST_V1, first, last)
+    copy_row(lanes, at.V2, own + LAST_V2, first, last)
+    for i in span(first, last):
         lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
-        for half in range(2):  # positions, then velocities
-            row = tangents + 2 * half * (COLUMNS + 1)
-            lanes[row, i], lanes[row + COLUMNS, i] = 1.0, -1.0
-            lanes[row + COLUMNS + 1, i] = 1.0
+    for j in range(COLUMNS):
+        if j < STATES or model[CAUSES + j] != NONE:
+            for part in range(4):
+                fill(lanes, tangents + part * COLUMNS + j, 0.0, first, last)
+    for half in range(2):  # positions, then velocities
+        row = tangents + 2 * half * (COLUMNS + 1)
+        fill(lanes, row, 1.0, first, last)
+        fill(lanes, row + COLUMNS, -1.0, first, last)
+        fill(lanes, row + COLUMNS + 1, 1.0, first, last)
 
 
 by_series = step_by(by_pieces(propagate, has_corners), _begin)
+by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin)
 by_linear_series = step_by(by_superposition(linear_kernel.propagate, linear_kernel.respond), _begin)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from decimal import Context, Decimal, localcontext
 from typing import Any
 
@@ -83,17 +82,16 @@ def start_of(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 
 def excess(seed: int, kind: str) -> float:
-    """Return the error of a derivative along a random direction, relative to what is allowed.
+    """Return the error of a derivative along a random direction, relative to 1e-9.
 
-    Each column counts as much as the scale of the motion. Allowed is 1e-9, plus round-off where it
-    is amplified: close to where a spring of finite stretch has length 0, a thousand times what
-    rounding the reference's state to doubles does to the motion.
+    Each column counts as much as the scale of the motion. Every other scene is without parameters:
+    there are quicker kernels for state and actuators alone.
     """
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     scene = scene_of(rng, kind)
     start, plant = start_of(scene, rng), compile_scene(scene)
     names = [n for n in PARAMETERS if n in plant.support.names and _value(scene, n) != 0.0]
-    names = sorted(rng.choice(names, min(3, len(names)), replace=False))
+    names = sorted(rng.choice(names, min(3, len(names)), replace=False)) if seed % 2 else []
     action = rng.uniform(-0.9, 0.9, len(plant.actuators))
     found = plant.jacobian(start, action, parameters=names)
     force = float(found.end[4])
@@ -114,9 +112,7 @@ def excess(seed: int, kind: str) -> float:
         ends = [step.decimal_end(state)[0] for step, state, _ in moved]
         want = np.array([float((a - b) / Decimal(2.0 * STEP)) for a, b in zip(*ends, strict=True)])
     direction[len(direction) - len(names) :] = (moved[0][2] - moved[1][2]) / (2.0 * STEP)
-    error = float((np.abs(columns @ direction - want) / scale).max())
-    rounded = replace(step, rounded=True).end(start)[0] - step.end(start)[0]
-    return error / (1e-9 + 1e3 * float((np.abs(rounded) / scale).max()))
+    return float((np.abs(columns @ direction - want) / scale).max()) / 1e-9
 
 
 def _value(scene: Scene, name: str) -> float:
@@ -160,10 +156,49 @@ def test_jacobian_agrees_with_differences_in_34_digits(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_jacobian_agrees_with_differences_in_34_digits_in_a_thousand_scenes(kind: str) -> None:
-    # Where a spring of finite stretch is nearly gone, digits of its length are lost: 6 scenes.
-    most = 10 if kind == "smooth nonlinear" else 0
-    found = violations(range(1000), kind)
-    assert len(found) <= most, found
+    assert violations(range(1000), kind) == {}
+
+
+# In the course of the step a spring is shortened to 2e-4, 1e-5 and 3e-5 of its rest length.
+@pytest.mark.parametrize("seed", [21, 924, 958])
+def test_jacobian_holds_where_a_spring_is_shortened_to_nearly_nothing(seed: int) -> None:
+    assert excess(seed, "smooth nonlinear") <= 1.0
+
+
+def cubic_excess(seed: int) -> float:
+    """Return the error of the derivatives over lanes with a cubic spring, relative to 1e-9."""
+    rng = np.random.default_rng([seed, 77])
+    while True:
+        scene = random_scene(rng)
+        if scene.carriage.cubic_coefficient > 0.0 and scene.springs.kind != "finite_stretch":
+            break
+    changes: dict[str, Any] = {"solver": {}, "actuation.force": {"limit": 4.0}, "excitation": []}
+    if scene.interface.kind == "dry_friction":
+        changes["interface"] = VISCOUS
+    scene = scene.replace(**changes)
+    plant, first = compile_scene(scene), start_of(scene, rng)
+    # More lanes than stand in a vector, of motions from large to small.
+    starts = first * np.geomspace(1.0, 1e-3, 19)[:, None]
+    found = plant.jacobian(starts, [0.3])
+    worst = 0.0
+    for lane in (0, 3, 18):
+        step = ControlStep(scene, 0.0, float(found.end[lane, 4]), float(plant.template[at.STRETCH]))
+        columns = np.column_stack([found.state[lane, :4, :4], found.applied[lane]])
+        scale = step.end(starts[lane])[1]
+        direction = rng.choice([-1.0, 1.0], 5) / (np.abs(columns) / scale[:, None]).max(axis=0)
+        moved = [_moved(scene, step, starts[lane], [], sign * STEP * direction) for sign in (1, -1)]
+        with localcontext(Context(prec=DIGITS)):
+            ends = [one.decimal_end(state)[0] for one, state, _ in moved]
+            want = [float((a - b) / Decimal(2.0 * STEP)) for a, b in zip(*ends, strict=True)]
+        worst = max(worst, float((np.abs(columns @ direction - want) / scale).max()))
+    return worst / 1e-9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jacobians_of_lanes_with_a_cubic_spring_agree_with_differences_in_34_digits(
+    seed: int,
+) -> None:
+    assert cubic_excess(seed) <= 1.0
 
 
 def scene_with(actuation: dict[str, Any], **changes: Any) -> Scene:

@@ -26,7 +26,7 @@ FEWEST_LANES = 4
 """Lanes from which on a block is quicker than one lane after the other."""
 
 # Rows behind those of the series and the coefficients: where each slot is in its sample interval.
-_LANE, _ELAPSED, _UNIT, _COUNT, _ORDER, _STATUS, _END = (rows.SIZE + k for k in range(7))
+_LANE, _ELAPSED, UNIT, _COUNT, _ORDER, _STATUS, END = (rows.SIZE + k for k in range(7))
 _IDLE = _BUSY = -1.0  # values of the rows LANE and STATUS
 
 
@@ -40,7 +40,7 @@ def propagate(model, lanes, first, last):
 
 @kernel
 def _propagate_in_slots(model, lanes, first, last):
-    c, b = np.zeros(rows.SIZE), on_cache_line(_END * LANES)
+    c, b = np.zeros(rows.SIZE), on_cache_line(END * LANES)
     taylor.write_reciprocals(model, c)
     return _propagate(model, lanes, c, b, first, last)
 
@@ -70,7 +70,7 @@ def _propagate(model, lanes, c, b, first, last):
     c
         (rows.SIZE,) read: 1 / n; the coefficients of one lane are written.
     b
-        (_END * LANES,) written: room for LANES slots.
+        (END * LANES,) written: room for LANES slots.
     first, last
         The lanes first .. last - 1.
     """
@@ -102,13 +102,13 @@ def _occupy(lanes, c, b, i, lane, last):
     c
         (rows.SIZE,) written: the coefficients of the lane.
     b
-        (_END * LANES,) written: the rows of slot i.
+        (END * LANES,) written: the rows of slot i.
     i
         Number of the slot.
     lane, last
         The lane, and the number of lanes: from there on there is none.
     """
-    b[_ELAPSED * LANES + i] = b[_COUNT * LANES + i] = b[_UNIT * LANES + i] = 0.0
+    b[_ELAPSED * LANES + i] = b[_COUNT * LANES + i] = b[UNIT * LANES + i] = 0.0
     b[_LANE * LANES + i] = _IDLE
     if lane >= last:
         for row in range(rows.BY_M1, rows.SIZE):
@@ -121,7 +121,7 @@ def _occupy(lanes, c, b, i, lane, last):
         b[row * LANES + i] = c[row]
     for row in range(4):
         b[row * rows.WIDTH * LANES + i] = lanes[row, lane]
-    b[_LANE * LANES + i], b[_UNIT * LANES + i] = lane, np.inf
+    b[_LANE * LANES + i], b[UNIT * LANES + i] = lane, np.inf
     return lane + 1
 
 
@@ -138,11 +138,11 @@ def _advance(model, c, b, most):
     """Advance every slot by one series."""
     tolerance, duration = model[rows.TOLERANCE], model[at.SAMPLE_INTERVAL]
     rest = duration - b[_ELAPSED]
-    unit = smaller(b[_UNIT], rest)
+    unit = smaller(b[UNIT], rest)
     remaining = where(unit > 0.0, rest / unit, 1.0)
     part = taylor_step.allotted(tolerance, unit, duration)
-    b[_UNIT] = unit
-    top = _expand(b, c, where(remaining == 1.0, part, -1.0), most)
+    b[UNIT] = unit
+    top = expand(b, c, where(remaining == 1.0, part, -1.0), most)
     order, theta = b[_ORDER], alike(unit, 1.0)
     if top == most:
         step = smaller(taylor_step.step_of(b, c, part, most), remaining)
@@ -155,16 +155,16 @@ def _advance(model, c, b, most):
     escaped = has_escaped(b[rows.X1], b[rows.V1], b[rows.ESCAPE])
     status = where(escaped, float(at.ESCAPED), status)
     b[_STATUS] = where(size < np.inf, status, float(at.DIVERGED))
-    b[_ELAPSED], b[_COUNT], b[_UNIT] = elapsed, count, larger(theta, 2.0**-20) * unit
+    b[_ELAPSED], b[_COUNT], b[UNIT] = elapsed, count, larger(theta, 2.0**-20) * unit
 
 
 @borrowing_kernel
-def _expand(b, c, enough, most):
+def expand(b, c, enough, most):
     """Write the series of all slots and the order of each; return the highest.
 
     As `taylor.expand` has it.
     """
-    x1, x2, v1, v2, unit = b[rows.X1], b[rows.X2], b[rows.V1], b[rows.V2], b[_UNIT]
+    x1, x2, v1, v2, unit = b[rows.X1], b[rows.X2], b[rows.V1], b[rows.V2], b[UNIT]
     by_m1, by_m2, d, damping = (
         b[rows.BY_M1],
         b[rows.BY_M2],
