@@ -1,7 +1,12 @@
 """Measure what there is to gain on each task: ``python -m agents.headroom [TASK ...]``.
 
 Scores fixed, classical and best known control on the same hundred episodes, and writes
-``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers.
+``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. Finished runs are scored
+too, and the planner starts from what they did: ``--runs runs/NAME ...``.
+
+``--foresight`` measures what it is worth to know the random excitation of the steps to come.
+``--check`` writes nothing: it compares the runs, or without any all classical controllers, with the
+best known plan of every episode, and names those that are better.
 """
 
 from __future__ import annotations
@@ -11,14 +16,35 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path  # noqa: TC003 - tyro reads the annotation
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import tyro
 
-from agents.evaluation.headroom import EPISODES, LEARNED, SCORES, headroom
-from mm_gym import SceneError, load_scene
+from agents.comparison.contestants import finished_runs
+from agents.evaluation.headroom import (
+    EPISODES,
+    KEPT,
+    LEARNED,
+    ROUNDING,
+    SCORES,
+    controllers_of,
+    foresight,
+    headroom,
+    over_plans,
+)
+from agents.policies import PolicyError
+from agents.recording.laws import law_of
+from agents.training.runs import RunError
+from mm_gym import SceneError, compile_scene, load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+    Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -26,34 +52,111 @@ class Arguments:
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """registered ids; all of mm_gym by default"""
+    """registered ids; by default those of the runs, or all of mm_gym"""
+    runs: tuple[str, ...] = ()
+    """folders of finished runs, or patterns of folders in quotes"""
+    check: bool = False
+    """compare with the best known plans, and write nothing"""
+    foresight: bool = False
+    """measure what foresight of random excitation is worth, and nothing else"""
+    plans: Path | None = None
+    """folder where the plans are kept, a file a task, and from which the next search begins"""
     out: Path = SCORES
     """file that the scores are written to; those of other tasks in it are kept"""
 
 
-def print_scores(name: str, rows: list[dict[str, str | float]], seconds: float) -> None:
-    """Print the rows of a task."""
-    print(f"{name}: {seconds:.0f} s")
+def agents_of(texts: tuple[str, ...]) -> dict[str, list[Controller]]:
+    """Return the agents of finished runs by their task; raise `RunError` for another scene."""
+    found: dict[str, list[Controller]] = {}
+    for text in texts:
+        for task, runs in finished_runs(text).items():
+            scene = load_scene(task)
+            for run in runs:
+                if run.read()["scene_digest"] != scene.digest:
+                    msg = f"{run.folder}: trained on another scene than that of {task}"
+                    raise RunError(msg)
+                agent = law_of(str(run.folder), scene, np.random.default_rng(0))
+                agent.name = run.folder.name
+                found.setdefault(task, []).append(agent)
+    return found
+
+
+def score(name: str, agents: list[Controller], earlier: list[Row], plans: Path | None) -> list[Row]:
+    """Return the rows of a task, and print them; plans are read from a folder and kept there."""
+    began, file = time.perf_counter(), None
+    if plans is not None:
+        file = plans / f"{path_of(name).stem}.npy"
+    kept = np.load(file) if file is not None and file.exists() else None
+    found = headroom(load_scene(path_of(name)), agents, kept)
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, found.plans)
+    rows, known = found.rows, {row["controller"] for row in found.rows}
+    _restore_starts(rows[-1], earlier)
+    rows += [r for r in earlier if r["role"] == LEARNED and r["controller"] not in known]
+    print(f"{name}: {time.perf_counter() - began:.0f} s")
     for row in rows:
         print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")
+    return rows
+
+
+def _restore_starts(planner: Row, earlier: list[Row]) -> None:
+    """Say of plans that were kept where they were from."""
+    before = next((row["plans"] for row in earlier if row["role"] == "planner"), None)
+    for k, plan in enumerate(planner["plans"] if before else []):
+        if before and plan["start"].startswith(KEPT):
+            plan["start"] = before[k]["start"] + plan["start"].removeprefix(KEPT)
+
+
+def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, Any]) -> str | None:
+    """Compare with the best known plans, and print how close; return which are better, if any.
+
+    Raise `SceneError` if the scores of the task are missing or of another scene.
+    """
+    if scores.get(name, {}).get("scene_digest") != scene.digest:
+        msg = f"{name}: no scores of the present scene; run: python -m agents.headroom {name}"
+        raise SceneError(msg)
+    rows = scores[name]["rows"]
+    controllers = agents or [controller for _, controller in controllers_of(scene)]
+    worse: list[str] = []
+    for label, ratios in over_plans(scene, controllers, rows).items():
+        ahead = np.flatnonzero(ratios < 1.0 - ROUNDING)
+        print(f"{name}: {label}: {ratios.min():.5f} times the best known plan's cost at least")
+        if ahead.size:
+            told = ", ".join(str(k) for k in ahead)
+            worse.append(f"{label} is better than the best known plan of {name} in episodes {told}")
+    return "; ".join(worse) or None
 
 
 def main() -> str | None:
-    """Score from the command line."""
+    """Score or check from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    scores = json.loads(arguments.out.read_text("utf-8")) if arguments.out.exists() else {}
+    out = arguments.out
+    scores = json.loads(out.read_text("utf-8")) if out.exists() else {}
+    better: list[str] = []
     try:
-        for name in arguments.tasks or ids():
+        agents = agents_of(arguments.runs)
+        for name in arguments.tasks or list(agents) or ids():
             scene = load_scene(path_of(name))
-            began = time.perf_counter()
-            rows = headroom(scene)
-            rows += [row for row in scores.get(name, {}).get("rows", []) if row["role"] == LEARNED]
-            print_scores(name, rows, time.perf_counter() - began)
-            scores[name] = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
+            own = agents.get(name, [])
+            if arguments.check:
+                better += filter(None, [check(name, scene, own, scores)])
+                continue
+            earlier = scores.get(name, {})
+            if arguments.foresight and earlier and compile_scene(scene).support.sampled:
+                earlier["foresight"] = foresight(scene)
+                print(f"{name}: {earlier['foresight']}")
+            elif not arguments.foresight:
+                rows = score(name, own, earlier.get("rows", []), arguments.plans)
+                new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
+                same = earlier.get("scene_digest") == scene.digest
+                scores[name] = (earlier if same else {}) | new
             ordered = {task: scores[task] for task in ids() if task in scores}
-            write_text(arguments.out, json.dumps(ordered, indent=1) + "\n")
-    except SceneError as error:
+            write_text(out, json.dumps(ordered, indent=1) + "\n")
+    except (PolicyError, RunError, SceneError) as error:
         return f"error: {error}"
+    if better:
+        return "\n".join([*better, "make their plans starts: python -m agents.headroom --runs RUN"])
     return None
 
 

@@ -11,13 +11,11 @@ import sys
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 import tyro
 
-from agents.comparison.contestants import finished_runs
 from agents.evaluation.headroom import LEARNED, SCORES, scored
+from agents.headroom import agents_of
 from agents.policies import PolicyError
-from agents.recording.laws import law_of
 from agents.report.ranking_page import PAGE, page
 from agents.training.runs import RunError
 from mm_gym import SceneError, load_scene
@@ -34,17 +32,12 @@ class Arguments:
 
 def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: str) -> None:
     """Score runs, and put them among the scores of their tasks."""
-    for task, runs in finished_runs(text).items():
+    for task, agents in agents_of((text,)).items():
         scene = load_scene(task)
         if task not in scores or scores[task]["scene_digest"] != scene.digest:
             msg = f"{text}: {task} has no scores to add to; run: python -m agents.headroom {task}"
             raise RunError(msg)
-        for run in runs:
-            if run.read()["scene_digest"] != scene.digest:
-                msg = f"{run.folder}: trained on another scene than that of {task}"
-                raise RunError(msg)
-            agent = law_of(str(run.folder), scene, np.random.default_rng(0))
-            agent.name = run.folder.name
+        for agent in agents:
             rows = scores[task]["rows"]
             rows[:] = [row for row in rows if row["controller"] != agent.name]
             rows.append(scored(LEARNED, scene, agent))

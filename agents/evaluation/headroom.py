@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from agents.controllers.constant import ConstantAction, constant_stretch, no_control
 from agents.controllers.feedback import Feedback
@@ -19,14 +21,14 @@ from agents.evaluation.baselines import (
 )
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.planner import Planner
+from agents.evaluation.replanner import Replanner
 from agents.evaluation.statistics import interval
 from mm_gym import DesignError
 from mm_gym.metrics import passive_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller
@@ -40,24 +42,61 @@ EPISODES = 100
 LEARNED = "learned"
 """Role of a trained agent, which `agents.ranking` adds."""
 
+KEPT = "the plan kept"
+"""Name of a start from an earlier search."""
 
-def headroom(scene: Scene) -> list[Row]:
+ROUNDING = 1e-5
+"""Costs of plans are written with six digits."""
+
+
+class Headroom(NamedTuple):
+    """What is known of a task.
+
+    Attributes
+    ----------
+    rows
+        Of each controller: its role, its name, what it reads, its cost with the ends of a 95 %
+        interval, its rms of x1 / displacement_scale and, where the stretch is actuated, the mean
+        over the episodes of the energy [J] that changing it put in. Roles: "zero", "random",
+        "constant" (the best on these very episodes), "passive" (the best passive damper), "law"
+        (tuned on others), "predictive", "informed" (knows what an agent does not), "learned",
+        "planner". The planner, the last, has two entries more: the seed of its search, and of each
+        episode the cost and where the plan is from.
+    plans
+        (steps, episodes, k) what the best known plans apply [N, -].
+    """
+
+    rows: list[Row]
+    plans: NDArray[np.float64]
+
+
+def headroom(
+    scene: Scene,
+    learned: Sequence[Controller] = (),
+    kept: NDArray[np.float64] | None = None,
+) -> Headroom:
     """Score every controller, the planner last, on the same held-out episodes.
 
-    Returns
-    -------
-    list of dict
-        Of each: its role, its name, what it reads, its cost with the ends of a 95 % interval, its
-        rms of x1 / displacement_scale and, where the stretch is actuated, the mean over the
-        episodes of the energy [J] that changing it put in. Roles: "zero", "random", "constant"
-        (the best on these very episodes), "passive" (the best passive damper), "law" (tuned on
-        others), "predictive", "informed" (knows what an agent does not), "planner". The planner
-        starts from what all others but the passive damper applied, and has two entries more: the
-        seed of its search, and of each episode the cost and where the plan is from.
+    The planner starts from what all others but the passive damper applied, learned agents among
+    them, and from the plans that were kept from an earlier search, as `Headroom.plans`. So it is
+    no worse than any of them in any episode.
     """
+    controllers = [*controllers_of(scene), *((LEARNED, agent) for agent in learned)]
+    results = [(role, evaluate(scene, it, episodes=EPISODES)) for role, it in controllers]
+    rows = [row_of(role, result) for role, result in results]
+    rows[3:3] = passive_rows(scene)
+    starts = {result.name: result.applied for _, result in results}
+    if kept is not None:
+        starts[KEPT] = kept
+    row, plans = planned(scene, starts)
+    return Headroom([*rows, row], plans)
+
+
+def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
+    """Return all controllers that are scored on the scene, each behind its role."""
     laws = classical_laws(scene)
     best = best_without_memory(scene, laws)
-    controllers = [
+    return [
         ("zero", ConstantAction(scene)),
         ("random", RandomActions(scene)),
         ("constant", best_constant(scene, HELD_OUT_SEED)),
@@ -65,10 +104,36 @@ def headroom(scene: Scene) -> list[Row]:
         ("predictive", predictive_control(scene, best)),
         *(("informed", law) for law in informed_laws(scene)),
     ]
-    results = [(role, evaluate(scene, it, episodes=EPISODES)) for role, it in controllers]
-    rows = [row_of(role, result) for role, result in results]
-    rows[3:3] = passive_rows(scene)
-    return [*rows, planned(scene, {result.name: result.applied for _, result in results})]
+
+
+def foresight(scene: Scene) -> dict[str, float]:
+    """Return the costs of plans made anew in every step, for the mean and for what does come."""
+    named = {"expected": False, "foreseen": True}
+    costs = {
+        name: evaluate(scene, Replanner(scene, foresees=foresees), episodes=EPISODES).cost
+        for name, foresees in named.items()
+    }
+    return {name: float(f"{cost:.6g}") for name, cost in costs.items()}
+
+
+def over_plans(
+    scene: Scene, controllers: Iterable[Controller], rows: Sequence[Mapping[str, Any]]
+) -> dict[str, NDArray[np.float64]]:
+    """Return each controller's costs over those of the best known plans, episode by episode.
+
+    Parameters
+    ----------
+    scene, controllers
+        The scene, and what is compared on its held-out episodes.
+    rows
+        As of `Headroom`.
+    """
+    (planner,) = (row for row in rows if row["role"] == "planner")
+    known = np.array([plan["cost"] for plan in planner["plans"]])
+    return {
+        one.name: evaluate(scene, one, episodes=EPISODES).episode_costs / known
+        for one in controllers
+    }
 
 
 def passive_rows(scene: Scene) -> list[Row]:
@@ -93,13 +158,16 @@ def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
     return min(float(row["cost"]) for row in rows if row["role"] != "passive")
 
 
-def planned(scene: Scene, starts: Mapping[str, NDArray[np.float64]]) -> Row:
-    """Return the planner's row, given what others applied (steps, episodes, k)."""
+def planned(
+    scene: Scene, starts: Mapping[str, NDArray[np.float64]]
+) -> tuple[Row, NDArray[np.float64]]:
+    """Return the planner's row and what it applied, given what others did (steps, episodes, k)."""
     planner = Planner(scene, starts)
     result = evaluate(scene, planner, episodes=EPISODES)
     pairs = zip(result.episode_costs, planner.origins, strict=True)
     plans = [{"cost": float(f"{cost:.6g}"), "start": start} for cost, start in pairs]
-    return row_of("planner", result) | {"seed": planner.effort.seed, "plans": plans}
+    row = row_of("planner", result) | {"seed": planner.effort.seed, "plans": plans}
+    return row, result.applied
 
 
 def scored(role: str, scene: Scene, controller: Controller) -> Row:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from mm_gym.sensitivity import Sensitivities, sweep
+from mm_gym.sensitivity import Sensitivities, expected, sweep
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,15 +63,31 @@ class Trajectories:
         The scene, and what it compiles to.
     start
         A snapshot of the episodes at their start, from `MovingMassVectorEnv.get_state`.
+    ahead
+        Steps that are planned; by default an episode's.
+    foresees
+        Whether noise and random impulses to come are known, or their mean is expected.
     """
 
-    def __init__(self, scene: Scene, plant: Plant, start: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        plant: Plant,
+        start: Mapping[str, Any],
+        ahead: int | None = None,
+        *,
+        foresees: bool = True,
+    ) -> None:
         objective = scene.objective
         if objective.displacement_limit or objective.rail_half_length:
             msg = "objective: the planner needs episodes that do not end early"
             raise ValueError(msg)
-        self.scene, self.plant, self.start = scene, plant, start
-        self.count, self.steps = start["values"].shape[1], scene.control.steps
+        self.start = start["values"], start["streams"]
+        self.support, self.constants = plant.support, (plant.model, plant.task)
+        if not foresees:
+            self.support, model, values = expected(plant.support, plant.model, start["values"])
+            self.start, self.constants = (values, start["streams"]), (model, plant.task)
+        self.count, self.steps = start["values"].shape[1], ahead or scene.control.steps
         self.actuators = self._lanes(np.zeros(1, np.intp)).actuators
         for actuator in self.actuators:
             price = objective.effort_weight if not actuator.is_rate else 0.0
@@ -162,9 +178,9 @@ class Trajectories:
         return best
 
     def _lanes(self, episodes: Indices) -> Sensitivities:
-        values, streams = (self.start[name][:, episodes] for name in ("values", "streams"))
-        constants = self.plant.model, self.plant.task
-        return Sensitivities(self.plant.support, constants, (values, streams))
+        values, streams = self.start
+        lanes = values[:, episodes], streams[:, episodes]
+        return Sensitivities(self.support, self.constants, lanes)
 
     def _bounded(self, controls: Array, applied: Array) -> Array:
         """Return controls within their bounds, given what is applied before the step."""

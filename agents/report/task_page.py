@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from agents.evaluation.headroom import SCORES
 from agents.report.description import describe
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     Row = Mapping[str, str | float]
 
 PAGE = SCORES.with_name("tasks.md")
+
+OBSERVING = ("law", "predictive", "learned")
+"""Roles of what reads no more than an agent does."""
 
 HEAD = """# Tasks
 
@@ -37,8 +40,8 @@ actuator can change (`docs/ranking.md`). Predictive control tries plans on a mod
 know the disturbance to come. The **best known plan** knows the whole episode, its disturbance
 included: see [how it is found](controllers.md#the-best-known-plan). A better plan may exist. Where
 there is no excitation, or only a harmonic that shows after a few steps, an agent can come close.
-Under noise, impulses and earthquakes a part of the distance is the price of not knowing what comes.
-**Headroom** is 1 - cost / cost of the best constant.
+Under noise, impulses and earthquakes a part of the distance is [the price of not knowing what
+comes](#what-foresight-is-worth). **Headroom** is 1 - cost / cost of the best constant.
 
 **Energy injected**: the work of changing the stretch, added up from the start of an episode, at its
 highest, on average over the episodes. Where it is 0, the controller never had given more energy
@@ -54,7 +57,24 @@ and evaluation use this one definition. No task below has a limit.
 """
 
 
-def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
+FORESIGHT = """## What foresight is worth
+
+An estimate of how much of the distance to the best known plan no agent can gain, because it does
+not know what is to come. One controller runs in two forms. In every step it plans 40 steps ahead,
+by the steps of Gauss and Newton that find the best known plans, from the true state and that of the
+filters that shape the noise. One form knows the disturbance of these steps, the other expects its
+mean: no impulse, and noise that dies out as its filters do. They differ in nothing else, so the
+difference of their costs is foresight; the last column is that over the distance of the second form
+to the best known plan. What is left is for longer plans and better local optima. It is no bound:
+where the problem is not linear and quadratic, to prepare for what may come is better than to plan
+for the mean.
+
+The other tasks have nothing random: on CarriageForce, which is linear and quadratic, the LQR is the
+best that there is without foresight, and costs what the best known plan does.
+"""
+
+
+def page(scores: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the page of all tasks with these scores, as of ``docs/task_scores.json``."""
     names = ids()
     summary = markdown(
@@ -68,8 +88,15 @@ def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
         ],
         [_summary(name, scores[name]["rows"]) for name in names],
     )
+    foresight = markdown(
+        [
+            *("task", "best known plan", "knows the next 40 steps", "expects their mean"),
+            *("best that observes", "part that is foresight"),
+        ],
+        [_foresight(name, scores[name]) for name in names if "foresight" in scores[name]],
+    )
     sections = [_section(name, scores[name]["rows"]) for name in names]
-    return "\n\n".join([HEAD + "\n" + summary, *sections]) + "\n"
+    return "\n\n".join([HEAD + "\n" + summary, FORESIGHT + "\n" + foresight, *sections]) + "\n"
 
 
 def _summary(name: str, rows: Sequence[Row]) -> list[str]:
@@ -82,6 +109,14 @@ def _summary(name: str, rows: Sequence[Row]) -> list[str]:
         f"{planner:.3g}",
         percent(1 - planner / constant),
     ]
+
+
+def _foresight(name: str, scores: Mapping[str, Any]) -> list[str]:
+    expected, foreseen = (scores["foresight"][key] for key in ("expected", "foreseen"))
+    known = _least(scores["rows"], "planner")
+    observing = min(row["cost"] for row in scores["rows"] if row["role"] in OBSERVING)
+    part = percent((expected - foreseen) / (expected - known))
+    return [f"`{name}`", *(f"{cost:.3g}" for cost in (known, foreseen, expected, observing)), part]
 
 
 def _least(rows: Sequence[Row], role: str) -> float:
