@@ -67,8 +67,9 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
         ``reset(options={"reset_mask": mask})``.
     copy
-        If false, observations and the arrays of ``info`` are read-only views of memory that the
-        next step overwrites. Rewards, terminated and truncated are always the caller's own.
+        If false, observations and the arrays of ``info``, the final ones too, are read-only views
+        of memory that the next step overwrites. Rewards, terminated and truncated are always the
+        caller's own.
     threads
         Number of numba's threads among which the lanes of a step are divided; results do not depend
         on it. Useful from some thousand lanes on, if as many processors are free and numba finds

@@ -243,6 +243,34 @@ def test_views_are_read_only_and_what_is_no_observation_is_the_callers_own(mode,
                 env.reset(options={"reset_mask": ended.copy()})
 
 
+@pytest.mark.parametrize("copy", [True, False])
+def test_ends_are_the_callers_own_with_copies_and_overwritten_with_views(copy):
+    limits = {"objective.displacement_limit": 0.007, "control.steps": 12}
+    env = MovingMassVectorEnv(
+        CARRIAGE_FORCE.replace(**limits), 8, copy=copy, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    env.reset(seed=1)
+    given, kept = [], []
+    for action in actions_for(env, 30):
+        info = env.step(action)[-1]
+        if "final_obs" not in info:
+            continue
+        ended = info["_final_obs"]
+        assert [row is not None for row in info["final_obs"]] == ended.tolist()
+        assert not info["final_info"]["state"][~ended].any()
+        rows = [
+            *info["final_obs"][ended],
+            info["final_info"]["state"],
+            info["final_info"]["applied"],
+        ]
+        assert all(row.flags.writeable is copy for row in rows)
+        given += rows
+        kept += [row.copy() for row in rows]
+    assert len(given) > 10
+    same = [np.array_equal(one, other) for one, other in zip(given, kept, strict=True)]
+    assert all(same) is copy
+
+
 def test_wrapper_that_writes_into_views_fails_instead_of_changing_the_physics():
     for copy in (True, False):
         native = MovingMassVectorEnv(CARRIAGE_FORCE, 2, copy=copy)
