@@ -108,9 +108,10 @@ def _moments(f, w, step, halvings, has_high_pass):
         transition, covariance = _doubled(transition, covariance, has_high_pass)
     reached, added = transition, covariance
     for _ in range(80):  # 2^80 sample intervals: the first state has decayed for any damping
-        transition, covariance = _doubled(transition, covariance, has_high_pass)
-        if transition == (ZERO, ZERO, ZERO, ZERO):  # from here on nothing is added
+        transition, grown = _doubled(transition, covariance, has_high_pass)
+        if grown == covariance:  # what is added later is smaller still
             break
+        covariance = grown
     return reached, added, covariance
 
 
