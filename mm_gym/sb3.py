@@ -12,6 +12,8 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
+from mm_gym.env.arguments import checked_autoreset_mode, is_integer
+
 try:
     from stable_baselines3.common.monitor import Monitor, ResultsWriter
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -50,7 +52,7 @@ class Monitored(VectorWrapper[Any, Any, Any, Any, Any]):
 def make_vec_env(
     id: str,  # noqa: A002 - Gymnasium's name
     num_envs: int | None = None,
-    seed: int | None = None,
+    seed: int | np.integer | None = None,
     *,
     n_envs: int | None = None,
     wrapper_class: Callable[..., Any] | None = None,
@@ -89,8 +91,9 @@ def make_vec_env(
     Raises
     ------
     ValueError
-        If ``copy`` is false, because Stable-Baselines3 keeps observations over the next step; if
-        the two numbers of lanes differ; or if the wrapper is one for single environments.
+        If ``copy`` is false, because Stable-Baselines3 keeps observations over the next step; for
+        another mode of autoreset than same-step; if the two numbers of lanes differ; for a seed
+        that is negative or no integer; or if the wrapper is one for single environments.
 
     Examples
     --------
@@ -99,6 +102,11 @@ def make_vec_env(
     64
     """
     kwargs |= env_kwargs or {}
+    seed = _checked_seed(seed)
+    mode = checked_autoreset_mode(kwargs.pop("autoreset_mode", AutoresetMode.SAME_STEP))
+    if mode is not AutoresetMode.SAME_STEP:
+        message = f"autoreset_mode: got {mode.value}; allowed: {AutoresetMode.SAME_STEP.value}"
+        raise ValueError(message)
     if not kwargs.get("copy", True):
         message = "copy: got False; allowed: True: observations are kept over the next step"
         raise ValueError(message)
@@ -109,7 +117,7 @@ def make_vec_env(
         id,
         num_envs=next(count for count in (num_envs, n_envs, 1) if count is not None),
         vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.SAME_STEP,
+        autoreset_mode=mode,
         **kwargs,
     )
     arguments = wrapper_kwargs or {}
@@ -125,6 +133,15 @@ def make_vec_env(
     if seed is not None:
         env.action_space.seed(seed)  # pyright: ignore[reportUnknownMemberType] - a bare Space, as below
     return env if outer is None else outer(env, **arguments)
+
+
+def _checked_seed(seed: int | np.integer | None) -> int | None:
+    if seed is None:
+        return None
+    if not is_integer(seed) or seed < 0:
+        message = f"seed: got {seed!r}; allowed: an integer of at least 0"
+        raise ValueError(message)
+    return int(seed)
 
 
 def _is_class(wrapper: object, of: type) -> bool:

@@ -200,6 +200,21 @@ def test_other_autoreset_modes_are_refused() -> None:
         VectorEnvAdapter(env)
 
 
+def test_mode_of_autoreset_may_be_said_but_is_same_step() -> None:
+    assert own(autoreset_mode="SameStep").num_envs == 5
+    with pytest.raises(ValueError, match="autoreset_mode: got NextStep; allowed: SameStep"):
+        own(autoreset_mode="NextStep")
+
+
+def test_seed_is_an_integer_of_python_or_numpy() -> None:
+    first, second = own(4), own(np.int64(4))
+    np.testing.assert_array_equal(first.reset(), second.reset())
+    assert first.action_space.sample() == second.action_space.sample()
+    for seed in (-1, 1.5, "4", True):
+        with pytest.raises(ValueError, match=f"seed: got {seed!r}; allowed: an integer"):
+            own(seed)
+
+
 def test_attributes_and_methods_of_the_environment_are_reached() -> None:
     env = make_vec_env("mm_gym/CarriageForce-v0", 3)
     env.reset()
