@@ -1,8 +1,8 @@
 """Measure what there is to gain on each task: ``python -m agents.headroom [TASK ...]``.
 
 Scores fixed, classical and best known control on the same hundred episodes, and writes
-``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. Finished runs are scored
-too, and the planner starts from what they did: ``--runs runs/NAME ...``.
+``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search of the best
+known plans also starts from what finished runs do: ``--runs runs/NAME ...``.
 
 ``--foresight`` measures what it is worth to know the random excitation of the steps to come.
 ``--check`` writes nothing: it compares the runs, or without any all classical controllers, with the
@@ -91,9 +91,9 @@ def score(name: str, agents: list[Controller], earlier: list[Row], plans: Path |
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         np.save(file, found.plans)
-    rows, known = found.rows, {row["controller"] for row in found.rows}
+    rows = found.rows
     _restore_starts(rows[-1], earlier)
-    rows += [r for r in earlier if r["role"] == LEARNED and r["controller"] not in known]
+    rows += [row for row in earlier if row["role"] == LEARNED]
     print(f"{name}: {time.perf_counter() - began:.0f} s")
     for row in rows:
         print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,14 +21,20 @@ STEPS = 64
 """Control steps of a turn, after which state and random numbers are those at its start again."""
 
 
+PARAMETERS = ("carriage.mass", "carriage.stiffness", "carriage.damping", "sphere.mass")
+
+
 def jacobians() -> str:
-    """Return the section on the derivatives with respect to state and actuators."""
+    """Return the section on the derivatives: of state and actuators, and of parameters besides."""
     rows = [_row(name) for name in ids()]
-    header = ("task", "step, ns a lane", "with Jacobians, ns a lane", "ratio")
+    header = (
+        *("task", "step, ns a lane", "with Jacobians, ns a lane", "ratio"),
+        *(f"and of {len(PARAMETERS)} parameters, ns a lane", "ratio"),
+    )
     return f"## Jacobians of a control step, {LANES} lanes\n\n{table(header, rows)}\n"
 
 
-def _row(name: str) -> tuple[str, str, str, str]:
+def _row(name: str) -> tuple[str, ...]:
     env = MovingMassVectorEnv(load_scene(name), LANES, autoreset_mode="Disabled", copy=False)
     env.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -40,14 +47,24 @@ def _row(name: str) -> tuple[str, str, str, str]:
         for action in actions:
             env.step(action)
 
-    def differentiate() -> None:
+    def differentiate(parameters: tuple[str, ...] = ()) -> None:
         constants = env.plant.model, env.plant.task
-        lanes = Sensitivities(env.plant.support, constants, (start["values"], start["streams"]))
+        rows = {name: env.plant.support.row_of(name) for name in parameters}
+        begin = start["values"], start["streams"]
+        lanes = Sensitivities(env.plant.support, constants, begin, rows)
         for column in columns:
             lanes.step(column)
 
-    candidates: dict[str, Callable[[], object]] = {"step": step, "with": differentiate}
-    timings = side_by_side(candidates, work=dict.fromkeys(candidates, LANES * STEPS))
-    plain, full = timings["step"], timings["with"]
-    ratio = f"{1.0 / full.times_faster_than(plain):.1f}"
-    return name, f"{plain.median * 1e9:.0f}", f"{full.median * 1e9:.0f}", ratio
+    candidates: dict[str, Callable[[], object]] = {
+        "step": step,
+        "with": differentiate,
+        "with parameters": lambda: differentiate(PARAMETERS),
+    }
+    work = dict.fromkeys(candidates, LANES * STEPS)
+    timings = side_by_side(candidates, work=work, clock=time.process_time)
+    plain = timings["step"]
+    cells = [name, f"{plain.median * 1e9:.0f}"]
+    for label in ("with", "with parameters"):
+        cells.append(f"{timings[label].median * 1e9:.0f}")
+        cells.append(f"{1.0 / timings[label].times_faster_than(plain):.1f}")
+    return tuple(cells)

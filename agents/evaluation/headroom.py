@@ -59,9 +59,9 @@ class Headroom(NamedTuple):
         interval, its rms of x1 / displacement_scale and, where the stretch is actuated, the mean
         over the episodes of the energy [J] that changing it put in. Roles: "zero", "random",
         "constant" (the best on these very episodes), "passive" (the best passive damper), "law"
-        (tuned on others), "predictive", "informed" (knows what an agent does not), "learned",
-        "planner". The planner, the last, has two entries more: the seed of its search, and of each
-        episode the cost and where the plan is from.
+        (tuned on others), "predictive", "informed" (knows what an agent does not), "planner". The
+        planner, the last, has two entries more: the seed of its search, and of each episode the
+        cost and where the plan is from.
     plans
         (steps, episodes, k) what the best known plans apply [N, -].
     """
@@ -77,13 +77,13 @@ def headroom(
 ) -> Headroom:
     """Score every controller, the planner last, on the same held-out episodes.
 
-    The planner starts from what all others but the passive damper applied, learned agents among
-    them, and from the plans that were kept from an earlier search, as `Headroom.plans`. So it is
-    no worse than any of them in any episode.
+    The planner starts from what all others but the passive damper applied, learned agents too, and
+    from the plans that were kept from an earlier search, as `Headroom.plans`. So it is no worse
+    than any of them in any episode.
     """
     controllers = [*controllers_of(scene), *((LEARNED, agent) for agent in learned)]
     results = [(role, evaluate(scene, it, episodes=EPISODES)) for role, it in controllers]
-    rows = [row_of(role, result) for role, result in results]
+    rows = [row_of(role, result) for role, result in results if role != LEARNED]
     rows[3:3] = passive_rows(scene)
     starts = {result.name: result.applied for _, result in results}
     if kept is not None:

@@ -1,17 +1,28 @@
 """Do the committed scores hold, and is there something to gain on every task?"""
 
 import json
+import sys
 
 import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
+from agents import headroom as command
 from agents.controllers.constant import ConstantAction, constant_stretch
 from agents.controllers.feedback import Feedback
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
-from agents.evaluation.headroom import LEARNED, SCORES, headroom, least_cost
+from agents.evaluation.headroom import (
+    LEARNED,
+    ROUNDING,
+    SCORES,
+    controllers_of,
+    headroom,
+    least_cost,
+    over_plans,
+)
 from agents.evaluation.planner import Effort, Planner
 from agents.evaluation.statistics import interval
+from agents.policies import Policy
 from mm_gym import MovingMassVectorEnv, compile_scene
 
 COMMITTED = json.loads(SCORES.read_text("utf-8"))
@@ -117,3 +128,39 @@ def test_planner_refuses_actuators_that_lag() -> None:
     scene = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.01})
     with pytest.raises(ValueError, match=r"actuation\.force: .* without lag"):
         evaluate(scene, Planner(scene, {}, SHORT), episodes=1)
+
+
+def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    name, folder = "mm_gym/CarriageForce-v0", tmp_path / "small"
+    folder.mkdir()
+    record = {"settings": {"task": name}, "scene_digest": CARRIAGE_FORCE.digest}
+    (folder / "run.json").write_text(json.dumps(record))
+    ends = np.array([1.0], np.float32)
+    weight = np.array([[0.0, 0.0, -1.0, 0.0]], np.float32)
+    Policy((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends).save(folder / "policy.npz")
+    scores = tmp_path / "scores.json"
+    scores.write_text(json.dumps({name: COMMITTED[name]}))
+    flags = ["headroom", "--check", "--runs", str(folder), "--out", str(scores)]
+    monkeypatch.setattr(sys, "argv", flags)
+    assert command.main() is None
+    assert "small: 1." in capsys.readouterr().out
+    dearer = json.loads(scores.read_text())
+    dearer[name]["rows"][-1]["plans"][17]["cost"] *= 10.0
+    scores.write_text(json.dumps(dearer))
+    told = str(command.main())
+    assert (
+        "small is better than the best known plan of mm_gym/CarriageForce-v0 in episodes 17" in told
+    )
+    assert "--runs" in told
+    scores.write_text("{}")
+    assert "no scores of the present scene" in str(command.main())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TASKS)
+def test_no_law_is_better_than_the_best_known_plan_in_any_episode(name) -> None:
+    controllers = [controller for _, controller in controllers_of(TASKS[name])]
+    for label, ratios in over_plans(TASKS[name], controllers, COMMITTED[name]["rows"]).items():
+        assert np.all(ratios >= 1.0 - ROUNDING), label
