@@ -1,10 +1,9 @@
 """Is a run's folder usable, and the message clear, whatever the machine does to a training?"""
 
-import os
 import resource
 import signal
-import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,6 @@ from agents.training.config import TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 
-ROOT = Path(__file__).parents[2]
 SMALL = TrainSettings(
     task="mm_gym/CarriageForce-v0",
     name="small",
@@ -101,14 +99,13 @@ def test_missing_extra_is_named_before_a_folder_is_made(tmp_path, monkeypatch):
     assert not Path("runs").exists()
 
 
-def test_missing_optuna_is_named():
-    code = "import sys; sys.modules['optuna'] = None; import agents.tune"
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert done.stderr == 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`\n'
+def test_missing_optuna_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    monkeypatch.delitem(sys.modules, "agents.tune", raising=False)
+    with pytest.raises(SystemExit) as caught:
+        import_module("agents.tune")
+    said = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
+    assert caught.value.code == said
 
 
 def test_second_ctrl_c_does_not_wait(tmp_path, monkeypatch):

@@ -21,6 +21,7 @@ from agents.training.own_cost import OwnCost
 from agents.training.parts import make_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
+from agents.training.sweeps import do_trial
 from mm_gym import SceneError, load_scene
 from mm_gym.tasks import ids
 
@@ -52,9 +53,17 @@ def run_here(page, folder):
                 assert import_module(module).main() is None
 
 
+def here(trials, _, report):
+    """Do the trainings of a sweep in this process, which has imported torch."""
+    for number, (text, folder) in enumerate(trials):
+        do_trial(text, folder)
+        report(number, None)
+
+
 def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
     # The laws are tuned for a report, which takes longer than all else here.
     monkeypatch.setattr("agents.evaluate.baselines", lambda s: [base_controller(s, "no-control")])
+    monkeypatch.setattr("agents.sweep.work_here", here)  # test_sweep.py has its processes
     run_here("../training", tmp_path)
     runs = tmp_path / "runs"
     assert json.loads((runs / "heavy" / "run.json").read_text())["scene"]["carriage"]["mass"] == 0.2

@@ -65,8 +65,9 @@ def test_study_killed_at_random_instants_ends_as_if_uninterrupted(wanted, tmp_pa
         assert process.exitcode == -signal.SIGKILL
         killed += 1
     tune(settings, broken)
-    assert outcome(broken / "quick") == outcome(whole / "quick")
     states = [trial.state.name for trial in study_of(broken / "quick").trials]
+    assert "RUNNING" not in states
+    assert outcome(broken / "quick") == outcome(whole / "quick")
     assert 0 < states.count("FAIL") <= wanted
     assert len(states) - states.count("FAIL") == settings.trials
 
