@@ -10,19 +10,25 @@ from mm_gym.kernels.escapes import are_terminated
 from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.impulses import apply_first_impulses
-from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.jit import borrowing_kernel, named_after, plain
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
+
 
 class Entries(NamedTuple):
     """Compiled entries of one method.
 
     Most scenes have no excitation but harmonics, so there are entries without the kernels of the
-    others: they would take as long to compile as all the rest.
+    others: they would take as long to compile as all the rest. And a method may have an entry for
+    its simplest scenes.
     """
 
     advance: Callable[..., int]
@@ -32,9 +38,23 @@ class Entries(NamedTuple):
     propagate: Callable[..., int]
     cross: Callable[..., int]
     stops_at_corners: bool
+    is_simple: Callable[..., bool] | None
+    advance_simply: Callable[..., int] | None
 
-    def advance_of(self, *, excited: bool) -> Callable[..., int]:
-        """Return the kernel of a control step for scenes with or without sampled excitation."""
+    def advance_of(
+        self, task: Values, model: Values, frames: NDArray[np.float32], *, excited: bool
+    ) -> Callable[..., int]:
+        """Return the kernel of a control step for a scene with or without sampled excitation.
+
+        Parameters
+        ----------
+        task, model, frames
+            As for the kernel, from which the first two come as one array.
+        excited
+            Whether there is sampled excitation.
+        """
+        if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):
+            return self.advance_simply
         return self.advance if excited else self.advance_unexcited
 
     def run_of(self, *, excited: bool) -> Callable[..., int]:
@@ -44,8 +64,8 @@ class Entries(NamedTuple):
 
 def build(
     propagate: Callable[..., object],
-    at_once: Callable[[Callable[..., int]], Callable[..., int]] = lambda move: move,
     *,
+    simplest: tuple[Callable[..., bool], Callable[..., int]] | None = None,
     whole: Callable[..., object] | None = None,
     respond: Callable[..., None] | None = None,
     shorten: Callable[..., None] = unchanged,
@@ -59,8 +79,9 @@ def build(
     ----------
     propagate
         The kernel.
-    at_once
-        Given what `in_turn` returns, another kernel to take its place.
+    simplest
+        A kernel ``(task, model, frames)`` that tells the method's simplest scenes, and the kernel
+        that takes for them the place of what `in_turn` returns.
     whole
         Another kernel for scenes without sampled excitation, whose sample intervals are all whole.
     respond
@@ -72,16 +93,18 @@ def build(
     stops_at_corners
         Whether it stops at the corners of records too.
     """
+    is_simple, at_once = simplest or (None, None)
     if respond is not None:
         cross = by_superposition(propagate, respond)
     else:
         cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
     return Entries(
-        *_entries(cross, excite, excite_and_apply, at_once),
-        *_entries(unexcited(whole or propagate), leave, leave, at_once),
+        *_entries(cross, excite, excite_and_apply),
+        *_entries(unexcited(whole or propagate), leave, leave),
         propagate,
         cross,
         stops_at_corners,
+        *((is_simple, _advance(at_once, at_once)) if at_once else (None, None)),
     )
 
 
@@ -109,21 +132,11 @@ def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
     return move
 
 
-def _entries(
-    cross: Callable[..., int],
-    disturb: Callable[..., None],
-    disturb_and_apply: Callable[..., None],
-    at_once: Callable[[Callable[..., int]], Callable[..., int]],
-) -> tuple[Callable[..., int], Callable[..., int]]:
-    """Return kernels that make a control step and run a simulation.
-
-    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
-    `disturb_and_apply` also applies the impulses at the interval's start.
-    """
-    step = at_once(in_turn(cross, disturb))
+def _advance(step: Callable[..., int], namesake: Callable[..., object]) -> Callable[..., int]:
+    """Return the entry that makes a control step by a kernel such as `in_turn` returns."""
 
     @borrowing_kernel
-    @named_after(cross)
+    @named_after(namesake)
     def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite.
 
@@ -157,6 +170,20 @@ def _entries(
         if not finite(actions):
             return at.NOT_FINITE
         return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
+
+    return advance
+
+
+def _entries(
+    cross: Callable[..., int],
+    disturb: Callable[..., None],
+    disturb_and_apply: Callable[..., None],
+) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return kernels that make a control step and run a simulation.
+
+    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
+    `disturb_and_apply` also applies the impulses at the interval's start.
+    """
 
     @borrowing_kernel
     @named_after(cross)
@@ -206,7 +233,7 @@ def _entries(
             lanes[at.NOW, 0] += 1.0
         return at.OK
 
-    return advance, run
+    return _advance(in_turn(cross, disturb), cross), run
 
 
 def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable[..., int]:

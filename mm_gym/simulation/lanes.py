@@ -5,7 +5,7 @@ One class serves the simulation, the single and the vector environment.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,9 +72,11 @@ class Lanes:
 
     def __init__(self, plant: Plant, count: int, threads: int = 1) -> None:
         self.plant = plant
-        self._advance = plant.method.entries.advance_of(excited=plant.support.sampled)
         self.count = count
         self._allocate()
+        self._advance = plant.method.entries.advance_of(
+            plant.task, plant.model, self._frames, excited=plant.support.sampled
+        )
         self.outputs: tuple[NDArray[Any], ...] = (
             self.observed,
             self.terminated,
@@ -135,7 +137,11 @@ class Lanes:
         self.rest = bind(episodes.rest, values)
         ends = self._ends
         self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)
-        self._list_ended = entry_point(episodes.list_ended, *self._listing)
+
+    @cached_property
+    def _list_ended(self) -> Callable[..., int]:
+        """Compiled when it is first used: a single environment does without."""
+        return entry_point(episodes.list_ended, *self._listing)
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
         """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.

@@ -6,10 +6,12 @@ import sys
 import warnings
 
 import numba
+import numpy as np
 import pytest
 from kernel_modules import loaded, start
 from numba.core.codegen import JITCPUCodegen
 
+from mm_gym import compile_scene, load_scene
 from mm_gym.__main__ import main
 from mm_gym.kernels import cache, episodes, notice
 from mm_gym.kernels.dispatcher import KernelDispatcher
@@ -59,6 +61,9 @@ env.reset(seed=0)
 env.step(env.action_space.sample())
 print(compiled)
 """
+
+TWO_FRAMES = {"sensors.history": 2}
+"""A change that makes a scene one that is not among the simplest, and moves nothing."""
 
 HOLD = """
 import sys
@@ -132,7 +137,40 @@ def test_ten_workers_that_start_at_once_compile_what_one_would(tmp_path):
     processes = [start(STEP, NUMBA_CACHE_DIR=str(tmp_path / "ten")) for _ in range(10)]
     results = [process.communicate() for process in processes]
     assert [err for _, err in results] == [""] * 10
-    assert sum(int(out) for out, _ in results) == int(alone) > 0
+    # A control step, and what seeds a lane, starts it and shows its first frame.
+    assert sum(int(out) for out, _ in results) == int(alone) == 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_simple"),
+    [
+        ({}, True),
+        (TWO_FRAMES, False),
+        ({"sensors.noise": {"carriage_velocity": 0.01}}, False),
+        ({"actuation.force.rate_limit": 1000.0}, False),
+        ({"excitation": [{"kind": "harmonic", "amplitude": 0.0, "frequency": 9.0}]}, False),
+        ({"excitation": [{"kind": "impulse", "size": 1e-9, "time": 0.01}]}, False),
+    ],
+)
+def test_the_simplest_scenes_do_without_the_kernels_of_the_others(changes, is_simple):
+    plant = compile_scene(load_scene(TASK).replace(**changes))
+    entries = plant.method.entries
+    other = entries.advance if plant.support.sampled else entries.advance_unexcited
+    assert Lanes(plant, 1)._advance is (entries.advance_simply if is_simple else other)
+
+
+def test_steps_of_the_simplest_scenes_are_those_of_the_others():
+    simple = load_scene(TASK)
+    both = [Lanes(compile_scene(scene), 5) for scene in (simple, simple.replace(**TWO_FRAMES))]
+    actions = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 5))
+    for lanes in both:
+        lanes.seed(3)
+        lanes.restart()
+    for action in actions:
+        assert both[0].advance(action) == both[1].advance(action) == 0
+        np.testing.assert_array_equal(both[0].values[:4], both[1].values[:4])
+        np.testing.assert_array_equal(both[0].rewards, both[1].rewards)
+        np.testing.assert_array_equal(both[0].observed, both[1].observed[4:])
 
 
 def test_only_what_python_calls_becomes_machine_code(module):

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.excitation import excited
-from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.outputs import scaling, shown, shows_state
 from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_cost, state_weights
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 # Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
 # and 4 to its sine, then 4 to each term of both jets; then, with impulses, exp(A dt / 2**k) of each
@@ -103,26 +98,18 @@ def _product(m, k, z):
     return fma(m[k], z[0], fma(m[k + 1], z[1], fma(m[k + 2], z[2], m[k + 3] * z[3])))
 
 
-def at_once(in_turn: Callable[..., int]) -> Callable[..., int]:
-    """Return a kernel that steps the simplest scenes in one pass over all lanes, others `in_turn`.
+@borrowing_kernel
+def at_once(task, model, lanes, frames, ends, streams, actions, rewards, first, last):  # noqa: ARG001 - `in_turn` needs the streams
+    """Step the simplest scenes in one pass over all lanes; arguments as of `in_turn`'s step.
 
     What it saves is not arithmetic but memory: each row is read and written once.
     """
-
-    @borrowing_kernel
-    @named_after(in_turn)
-    def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
-        """Make one control step; arguments as of `control_step.in_turn`'s."""
-        if not is_simple(task, model, frames):
-            return in_turn(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
-        status = _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last)
-        for start in range(first, last, at.BLOCK):
-            status = max(
-                status, check_termination(task, lanes, ends, start, min(start + at.BLOCK, last))
-            )
-        return status
-
-    return step
+    status = _push_score_and_show(task, model, lanes, frames, actions, rewards, first, last)
+    for start in range(first, last, at.BLOCK):
+        status = max(
+            status, check_termination(task, lanes, ends, start, min(start + at.BLOCK, last))
+        )
+    return status
 
 
 @borrowing_kernel

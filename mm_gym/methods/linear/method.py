@@ -56,7 +56,9 @@ class Linear(ExactMethod):
         "excitation as an exosystem"
     )
     kinds = (LINEAR,)
-    entries = build(kernel.propagate, kernel.at_once, respond=kernel.respond)
+    entries = build(
+        kernel.propagate, simplest=(kernel.is_simple, kernel.at_once), respond=kernel.respond
+    )
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the transition matrix and the responses to all excitation."""
