@@ -117,6 +117,8 @@ def _add_tuning(tune: argparse.ArgumentParser) -> None:
     tune.add_argument("--channel", metavar="NAME", default="carriage_displacement", help=text)
     text = "h_infinity (the default), h2 or stability"
     tune.add_argument("--criterion", metavar="NAME", default="h_infinity", help=text)
+    text = "of the harmonic [N, or m/s^2], for dry friction; by default that of the scene's own"
+    tune.add_argument("--amplitude", type=float, metavar="A", help=text)
     text = "write the tuned scene, and its frequency response as PNG; needs mm_gym[plot]"
     tune.add_argument("--out", metavar="DIR", help=text)
 
@@ -197,13 +199,21 @@ def _warm(options: argparse.Namespace) -> None:
 
 
 def _tune(options: argparse.Namespace) -> None:
-    from mm_gym.tuning import tune  # noqa: PLC0415 - it imports SciPy's optimisers
+    from mm_gym.tuning import friction_absorber, tune  # noqa: PLC0415 - it imports SciPy's optimisers
 
     scene = load_scene(options.scene)
     outputs = _checked_outputs(options, scene, ["tuned.toml", "response.png"])
-    found = tune(
-        scene, excitation=options.excitation, channel=options.channel, criterion=options.criterion
-    )
+    path = {"excitation": options.excitation, "channel": options.channel}
+    if scene.interface.kind == "dry_friction":
+        if options.criterion != "h_infinity":
+            msg = f"--criterion: got {options.criterion!r}; allowed for dry friction: 'h_infinity'"
+            raise DesignError(msg)
+        found = friction_absorber(scene, amplitude=options.amplitude, **path)
+    elif options.amplitude is not None:
+        msg = "--amplitude: no effect, because the optimum depends on it under dry friction only"
+        raise DesignError(msg)
+    else:
+        found = tune(scene, criterion=options.criterion, **path)
     print(found.table())
     if outputs:
         found.plot(outputs[1])

@@ -3,6 +3,9 @@
 from mm_gym.errors import DesignError, OutOfReachError
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, Absorber, ClosedForm, closed_form
 from mm_gym.tuning.duffing import duffing_absorber
+from mm_gym.tuning.first_harmonic import lanchester_friction
+from mm_gym.tuning.friction import friction_absorber
+from mm_gym.tuning.friction_result import FrictionDesign, FrictionTuning
 from mm_gym.tuning.optimum import evaluate, tune
 from mm_gym.tuning.reach import stretch_for
 from mm_gym.tuning.result import Design, Tuning
@@ -18,11 +21,15 @@ __all__ = [
     "ClosedForm",
     "Design",
     "DesignError",
+    "FrictionDesign",
+    "FrictionTuning",
     "OutOfReachError",
     "Tuning",
     "closed_form",
     "duffing_absorber",
     "evaluate",
+    "friction_absorber",
+    "lanchester_friction",
     "stretch_for",
     "tune",
 ]

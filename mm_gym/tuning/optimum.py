@@ -115,22 +115,35 @@ def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str)
         near = suggest(criterion, CRITERIA)
         msg = f"criterion: got {criterion!r}{near}; allowed: {', '.join(CRITERIA)}"
         raise DesignError(msg)
-    if excitation is None:
-        targets = {part.target for part in scene.excitation}
-        excitation = "ground" if targets == {"ground"} else "force"
+    excitation = excitation_of(scene, excitation)
     check_path(excitation, channel)
     if scene.interface.kind == "dry_friction":
-        msg = "interface.kind: 'dry_friction' has no damping to tune; allowed: 'viscous', 'none'"
+        msg = (
+            "interface.kind: 'dry_friction' has no damping to tune; allowed: 'viscous', 'none'; "
+            "for friction see friction_absorber"
+        )
         raise DesignError(msg)
-    values = linear_values(scene)
+    require_resonance(linear_values(scene))
+    return excitation
+
+
+def excitation_of(scene: Scene, excitation: str | None) -> str:
+    """Return the excitation that is meant: that of the scene where none is given."""
+    if excitation is not None:
+        return excitation
+    targets = {part.target for part in scene.excitation}
+    return "ground" if targets == {"ground"} else "force"
+
+
+def require_resonance(values: Linear) -> None:
+    """Raise `DesignError` for a carriage without mass or without a spring about rest."""
     for name, value in (
         ("carriage.mass", values.m1),
         ("carriage.linear_coefficient", values.k1),
     ):
-        if value == 0.0:
-            msg = f"{name}: got 0; there is no resonance to tune to; allowed: greater than 0"
+        if value <= 0.0:
+            msg = f"{name}: got {value:g}; allowed: greater than 0, for a resonance to tune to"
             raise DesignError(msg)
-    return excitation
 
 
 def _tuned(scene: Scene, stretch: float | None, damping: float) -> Scene:

@@ -143,15 +143,19 @@ def _table(tuning: Tuning) -> str:
         k2, c = a.stiffness(values.m2, w1), a.damping(values.m2, w1)
         numbers = (f"{k2:.6g}", f"{c:.6g}", "", f"{a.frequency_ratio:.6f}")
         rows.append((reference.name, *numbers, f"{a.damping_ratio:.6f}", f"{a.value:.7g}", "", ""))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-    lines = [
+    return "\n".join([*_title(tuning), "", *columns_of(rows), "", *_notes(tuning, values.d)])
+
+
+def columns_of(rows: list[tuple[str, ...]]) -> list[str]:
+    """Return the lines of a table: names to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
         "  ".join(
             cell.ljust(width) if k == 0 else cell.rjust(width)
             for k, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in rows
     ]
-    return "\n".join([*_title(tuning), "", *lines, "", *_notes(tuning, values.d)])
 
 
 def _title(tuning: Tuning) -> list[str]:

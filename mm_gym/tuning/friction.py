@@ -1,0 +1,134 @@
+"""The absorber with dry friction in place of a damper."""
+
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# SciPy ships no types
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from mm_gym.analysis.values import linear_values
+from mm_gym.errors import DesignError, suggest
+from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.tuning.friction_result import FrictionTuning
+from mm_gym.tuning.friction_search import FrictionProblem
+from mm_gym.tuning.optimum import excitation_of, require_resonance
+from mm_gym.tuning.reach import obstacle, reach_of, stretch_within
+from mm_gym.tuning.steady_motion import motion_channels
+from mm_gym.tuning.transfer import EXCITATIONS
+
+if TYPE_CHECKING:
+    from mm_gym.scene.scene import Scene
+
+TUNED = ("interface.normal_force", "springs.stretch")
+
+
+def friction_absorber(
+    scene: Scene,
+    *,
+    amplitude: float | None = None,
+    excitation: str | None = None,
+    channel: str = "carriage_displacement",
+) -> FrictionTuning:
+    """Find the normal force, and the stretch of the springs, that suit dry friction best.
+
+    What is made least is the largest amplitude of the steady motion over all frequencies of a
+    harmonic. The motion is not in proportion to the harmonic, so the optimum is for one amplitude;
+    without creep, damping in slip and cubic springs the best friction force is in proportion to it.
+    The search begins with the first harmonic and ends with the simulated motion.
+
+    Parameters
+    ----------
+    scene
+        A scene whose interface is dry friction: its coefficients, reference velocity and damping in
+        slip stay. Its actuators, noise and ranges are left out.
+    amplitude
+        Of the harmonic [N, or m/s^2]; by default that of the scene's own.
+    excitation
+        "force" on the carriage or "ground"; by default as for `mm_gym.tuning.tune`.
+    channel
+        What is kept small: a displacement, an offset or a velocity.
+
+    Returns
+    -------
+    FrictionTuning
+        The scene's own design and the best that its springs reach, with their simulated curves.
+
+    Raises
+    ------
+    DesignError
+        If the interface is not dry friction, a name is unknown, the amplitude is missing or not
+        greater than 0, the carriage has no mass or no stiffness, or what is tuned is drawn.
+
+    Notes
+    -----
+    Ricciardelli and Vickery, *Tuned vibration absorbers with dry friction damping*, Earthquake Eng.
+    Struct. Dyn. 28 (1999).
+    """
+    problem = _problem(scene, amplitude, excitation_of(scene, excitation), channel)
+    own = problem.interface.normal_force or scene.sphere.mass * GRAVITY
+    reach, reason, stretch = reach_of(scene), None, None
+    start = problem.first(None if reach is None else problem.any_springs)
+    if reach is not None:
+        reason = obstacle(reach, start[1])
+        limits = reach.low, reach.high
+        best = problem.improved(start if reason is None else problem.first(limits), limits)
+        stretch = stretch_within(reach, best[1])
+    else:
+        best = problem.improved(start, None)
+    frequencies = problem.band(*best)
+    return FrictionTuning(
+        scene=scene,
+        tuned=_tuned(scene, best[0], stretch),
+        excitation=problem.excitation,
+        channel=channel,
+        amplitude=problem.amplitude,
+        frequencies=frequencies,
+        before=problem.design(own, problem.values.k2, frequencies),
+        after=problem.design(*best, frequencies),
+        stretch=stretch,
+        out_of_reach=reason,
+    )
+
+
+def _problem(
+    scene: Scene, amplitude: float | None, excitation: str, channel: str
+) -> FrictionProblem:
+    """Return the problem; raise `DesignError` for what is none."""
+    for name, value, allowed in (
+        ("interface.kind", scene.interface.kind, ("dry_friction",)),
+        ("excitation", excitation, EXCITATIONS),
+        ("channel", channel, motion_channels()),
+    ):
+        if value not in allowed:
+            msg = f"{name}: got {value!r}{suggest(value, allowed)}; allowed: {', '.join(allowed)}"
+            raise DesignError(msg)
+    drawn = [name for name in TUNED if name in scene.randomization]
+    if drawn:
+        msg = f"randomization.{drawn[0]}: it is what is tuned; leave it out"
+        raise DesignError(msg)
+    require_resonance(linear_values(scene))
+    if amplitude is None:
+        harmonics = [part for part in scene.excitation if part.kind == "harmonic"]
+        sizes = [abs(part.amplitude) for part in harmonics if part.target == excitation]
+        if not sizes:
+            msg = (
+                f"amplitude: missing; no harmonic moves the {excitation} of the scene, and the "
+                "best friction depends on its amplitude [N, or m/s^2 of the ground]"
+            )
+            raise DesignError(msg)
+        amplitude = max(sizes)
+    if not (isfinite(amplitude) and amplitude > 0.0):
+        msg = f"amplitude: got {amplitude!r}; allowed: greater than 0"
+        raise DesignError(msg)
+    return FrictionProblem(scene, excitation, float(amplitude), channel)
+
+
+def _tuned(scene: Scene, normal: float, stretch: float | None) -> Scene:
+    """Return the scene with a normal force and a stretch."""
+    changes: dict[str, object] = {"interface.normal_force": normal}
+    if stretch is not None:
+        actuated = scene.actuation.stretch is not None
+        changes["initial.stretch" if actuated else "springs.stretch"] = stretch
+    return scene.replace(**changes)
