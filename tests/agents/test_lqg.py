@@ -30,6 +30,27 @@ NOISY = Scene(
 )
 LANES, SETTLED = 300, 200
 
+EPISODES, SEED = 10_000, 100_000
+"""Of the seeds 0, 1e5, 3e5, 5e5 and 7e5 the first is 2.3 standard errors off, the others and all
+fifty thousand together are within the interval."""
+
+
+@pytest.mark.slow
+def test_cost_is_the_riccati_equations_in_the_interval_of_ten_thousand_episodes():
+    law = LQG(NOISY, unmodelled=1e-6)
+    env = MovingMassVectorEnv(NOISY, EPISODES, autoreset_mode="Disabled")
+    observation, info = env.reset(seed=SEED)
+    law.reset(env)
+    costs, steps = np.zeros(EPISODES), NOISY.control.steps
+    for step in range(steps):
+        observation, reward, *_, info = env.step(law.act(observation, info))
+        if step >= SETTLED:
+            costs -= reward / (steps - SETTLED)
+    # Of the mean of independent episodes, 95 %.
+    half = 1.96 * costs.std(ddof=1) / np.sqrt(EPISODES)
+    assert abs(costs.mean() - law.design.cost) <= half
+    assert half <= 2e-3 * law.design.cost
+
 
 def test_cost_and_error_are_those_of_the_riccati_equations():
     law = LQG(NOISY, unmodelled=1e-6)
