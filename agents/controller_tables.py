@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from gymnasium.error import DependencyNotInstalled
 
 from agents.evaluation.late_sensors import compare, time_of_action, tuned
 from agents.report.tables import markdown
@@ -64,7 +65,7 @@ def main() -> str | None:
             page = with_rows(read_text(PAGE), RATES, name, rates)
             write_text(PAGE, with_rows(page, LATE, name, late))
             print(f"{name}: written to {PAGE}")
-    except SceneError as error:
+    except (SceneError, DependencyNotInstalled) as error:
         return f"error: {error}"
     return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,11 +29,11 @@ NOISE = 0.3
 
 
 ABOVE = 0.005
-"""How far the bound is above the least one, at which the equations are singular."""
+"""How far the bound is at most above the least one, at which the equations are singular."""
 
 
-TRIES = 200
-"""Bounds that are tried, up to 2.7 times the least."""
+DOUBLINGS = 30
+"""Of the bound, until one is kept."""
 
 
 class Matrices(NamedTuple):
@@ -61,8 +60,8 @@ class HInfinityDesign:
     closed
         From disturbance and noise to costs.
     bound
-        Of its largest singular value over all frequencies: `ABOVE` over the least that any linear
-        controller has.
+        Of its largest singular value over all frequencies: `ABOVE` at most over the least that any
+        linear controller has.
     """
 
     system: LinearSystem
@@ -119,7 +118,7 @@ def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
     """Return controller, closed loop and bound, of so many measurements in continuous time.
 
     The routine lowers its bound for as long as the closed loop is stable, which is sometimes longer
-    than it keeps the bound; from there the bound is raised until it is kept.
+    than it keeps the bound; from there the bound is doubled until it is kept, and then bisected.
     """
     try:
         *_, found, _ = control.hinfsyn(control.StateSpace(*plant), count, 1)
@@ -129,16 +128,31 @@ def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
     except ArithmeticError as error:
         msg = f"no H-infinity controller exists: {' '.join(str(error).split())}"
         raise DesignError(msg) from error
-    sb10ad = import_module("slycot").sb10ad
+    low = float(found)
+    solutions = (_solution(plant, count, low * 2.0**k) for k in range(1, DOUBLINGS))
+    best = next((solution for solution in solutions if solution is not None), None)
+    if best is None:
+        msg = f"no H-infinity controller keeps a bound, of those up to {low * 2.0**DOUBLINGS:.2g}"
+        raise DesignError(msg)
+    low = max(low, 0.5 * best[-1])
+    while best[-1] > low * (1.0 + ABOVE):
+        middle = float(np.sqrt(low * best[-1]))
+        better = _solution(plant, count, middle)
+        low, best = (middle, best) if better is None else (low, better)
+    return best
+
+
+def _solution(plant: Matrices, count: int, bound: float) -> tuple[Matrices, Matrices, float] | None:
+    """Return controller, closed loop and bound; None if the bound is not kept."""
     sizes = len(plant.A), plant.B.shape[1], len(plant.C), 1, count
-    for bound in float(found) * (1.0 + ABOVE) ** np.arange(1, TRIES):
-        with suppress(ArithmeticError):  # not yet admissible
-            solution = sb10ad(*sizes, bound, *plant, job=4)
-            closed = Matrices(*solution[5:9])
-            if control.linfnorm(control.StateSpace(*closed))[0] <= bound:
-                return Matrices(*solution[1:5]), closed, float(bound)
-    msg = f"no H-infinity controller keeps a bound near the least that was found, {found:.6g}"
-    raise DesignError(msg)
+    try:
+        solution = import_module("slycot").sb10ad(*sizes, bound, *plant, job=4)
+    except ArithmeticError:  # not yet admissible
+        return None
+    closed = Matrices(*solution[5:9])
+    if control.linfnorm(control.StateSpace(*closed))[0] > bound:
+        return None
+    return Matrices(*solution[1:5]), closed, bound
 
 
 def bilinear(step: Matrices) -> Matrices:

@@ -5,20 +5,24 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from agents.controllers.controller import columns
 from agents.controllers.feedback import Feedback
+from agents.controllers.h_infinity import HInfinity
+from agents.controllers.lqg import LQG
 from agents.controllers.true_state import TrueState
 from agents.evaluation.baselines import (
     best_without_memory,
     classical_laws,
-    output_feedback,
+    further_laws,
     predictive_control,
 )
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
+    from agents.controllers.controller import Controller
     from mm_gym import Scene
 
 DELAY, NOISE, EPISODES = 2, 0.01, 20
@@ -41,31 +45,42 @@ def late(scene: Scene) -> Scene:
     )
 
 
+def at_once(scene: Scene) -> Scene:
+    """Return the scene with sensors that show the motion, and nothing else, exactly and at once."""
+    motion = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
+    sensors = {"channels": motion, "delay": 0, "history": 1, "noise": {}}
+    return scene.replace(**{f"sensors.{name}": value for name, value in sensors.items()})
+
+
 def tuned(scene: Scene) -> list[Feedback]:
     """Return the laws, tuned with the scene's own sensors, predictive control last."""
     laws = classical_laws(scene)
-    return [*laws, predictive_control(scene, best_without_memory(scene, laws))]
+    further = [law for law in further_laws(scene) if isinstance(law, Feedback)]
+    return [*laws, *further, predictive_control(scene, best_without_memory(scene, laws))]
 
 
 def compare(scene: Scene, laws: Sequence[Feedback]) -> list[tuple[str, float | None, float | None]]:
     """Return each law's name and its costs with late sensors, from these and from the true state.
 
-    One that filters the observation itself has no
-    cost from the true state; one whose state cannot be estimated has none from the observation.
+    A controller that filters the observation by itself is designed for the late sensors, and for
+    those that show the state at once. None stands for what cannot be estimated or designed.
     """
-    shown = late(scene)
-    rows: list[tuple[str, float | None, float | None]] = []
+    shown, rows = late(scene), []
     for law in [controller.law for controller in laws]:
         known = evaluate(shown, Feedback(shown, law, TrueState()), episodes=EPISODES).cost
-        try:
-            seen = evaluate(shown, Feedback(shown, law), episodes=EPISODES).cost
-        except DesignError:
-            seen = None
-        rows.append((law.name, seen, known))
-    for controller in output_feedback(shown):
-        cost = evaluate(shown, controller, episodes=EPISODES).cost
-        rows.append((controller.name, cost, None))
+        rows.append((law.name, _cost(shown, lambda scene, law=law: Feedback(scene, law)), known))
+    if columns(scene) == ("force",):
+        both = shown, at_once(scene)
+        rows += [(make.name, *(_cost(own, make) for own in both)) for make in (LQG, HInfinity)]
     return rows
+
+
+def _cost(scene: Scene, make: Callable[[Scene], Controller]) -> float | None:
+    """Return the cost of a controller; None if it cannot be made."""
+    try:
+        return evaluate(scene, make(scene), episodes=EPISODES).cost
+    except DesignError:
+        return None
 
 
 def time_of_action(scene: Scene, controller: Feedback) -> float:
