@@ -3,6 +3,7 @@
 Run from the checkout: ``python -m agents.train``.
 """
 
+import os
 import sys
 from importlib.util import find_spec
 
@@ -14,3 +15,7 @@ if sys.argv[:1] == ["-m"]:  # so it is while Python looks for a command of this 
     if MISSING:
         COMMAND = 'pip install "mm-gym[agents]"'
         sys.exit(f"error: {', '.join(MISSING)}: not installed; run `{COMMAND}`")
+
+# Matrices are small here: threads of NumPy's linear algebra cost more than they save, and a result
+# would depend on their number in the last digits. Of use where NumPy is not loaded yet.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,8 +1,8 @@
 """Policies as files of numbers: nothing in them can run code.
 
 A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=False``: the weight and
-the bias of each layer, ``direct``, ``pairs`` and ``units`` where there are any, and
-``description``, a JSON text of the rest. It takes NumPy alone to act.
+the bias of each layer, the arrays named in `OPTIONAL` where there are any, and ``description``, a
+JSON text of the rest. It takes NumPy alone to act.
 A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``; one that is
 exported with the law to which it is added has ``base``.
 """
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 FORMATS = (1, 2, 3)
-"""Numbers of the formats that can be read. Format 1 had layers alone, format 3 has a base besides;
-a policy without one is written in format 2."""
+"""Numbers of the formats that can be read. Format 1 had layers alone, format 3 has a base or a
+linear memory besides; a policy without them is written in format 2."""
 
 LARGEST = 64 * 2**20
 """Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
@@ -88,9 +88,12 @@ class PolicyError(RuntimeError):
 class Policy:
     """A network of dense layers, whose output is clipped: the mean action of a trained agent.
 
-    Its inputs are the observation y (n,) and r correlation units, of which each compares two
-    combinations of it, a = pairs[q, 0] @ y and b = pairs[q, 1] @ y, with sums from the episode's
-    start that begin at zero::
+    Its inputs are the observation y (n,), a linear memory (m,) that begins at zero::
+
+        memory = keep @ memory + enter @ y
+
+    and r correlation units, of which each compares two combinations of both, z = [y, memory],
+    a = pairs[q, 0] @ z and b = pairs[q, 1] @ z, with sums that begin at zero::
 
         products = memory * products + 2 a b
         squares = memory * squares + a^2 + b^2
@@ -120,9 +123,11 @@ class Policy:
     low, high
         (k,) bounds of the action [-].
     direct
-        (k, n + r) weights from the inputs to the action, past the layers; (0, 0) for none.
+        (k, n + m + r) weights from the inputs to the action, past the layers; (0, 0) for none.
+    keep, enter
+        (m, m), (m, n).
     pairs, units
-        (r, 2, n); (r, 4) the numbers named in `UNIT`.
+        (r, 2, n + m); (r, 4) the numbers named in `UNIT`.
     squashed
         Whether a tanh follows the last layer.
     cell
@@ -140,6 +145,8 @@ class Policy:
     low: NDArray[np.float32]
     high: NDArray[np.float32]
     direct: NDArray[np.float32] = field(default_factory=_empty(0, 0))
+    keep: NDArray[np.float32] = field(default_factory=_empty(0, 0))
+    enter: NDArray[np.float32] = field(default_factory=_empty(0, 0))
     pairs: NDArray[np.float32] = field(default_factory=_empty(0, 2, 0))
     units: NDArray[np.float32] = field(default_factory=_empty(0, len(UNIT)))
     squashed: bool = False
@@ -153,7 +160,7 @@ class Policy:
         if self.cell:
             observed = self.cell[0].shape[1]
         else:
-            observed = self.weights[0].shape[1] - len(self.units)
+            observed = self.weights[0].shape[1] - len(self.keep) - len(self.units)
         return [observed - len(self.base), *(len(bias) for bias in self.biases)]
 
     def check(self, observation: int, action: int) -> None:
@@ -167,13 +174,14 @@ class Policy:
             raise PolicyError(msg)
 
     def begin(self, lanes: int) -> Values:
-        """Return the sums (r, 2, lanes) with which an episode begins.
+        """Return the sums (2 r + m, lanes) with which an episode begins.
 
-        Of a recurrent policy they are the cell's state and output (2, lanes, h).
+        They are products and squares of each correlation unit, then the linear memory. Of a
+        recurrent policy they are the cell's state and output (2, lanes, h).
         """
         if self.cell:
             return np.zeros((2, lanes, self.cell[1].shape[1]))
-        return np.zeros((len(self.units), 2, lanes))
+        return np.zeros((2 * len(self.units) + len(self.keep), lanes))
 
     def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
         """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
@@ -195,11 +203,10 @@ class Policy:
 
     def _added(self, inputs: Values, sums: Values | None) -> Values:
         """Return the actions without those of the base, which is among the inputs."""
-        if self.units.size:
-            sums = self.begin(len(inputs)) if sums is None else sums
-            inputs = np.hstack([inputs, self._correlations(inputs, sums)])
-        if self.cell:
+        if self.units.size or self.keep.size:
             inputs = self._remember(inputs, self.begin(len(inputs)) if sums is None else sums)
+        if self.cell:
+            inputs = self._recur(inputs, self.begin(len(inputs)) if sums is None else sums)
         values = inputs
         activate = ACTIVATIONS[self.activation]
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -208,7 +215,7 @@ class Policy:
             values = values + inputs @ self.direct.T
         return np.clip(np.tanh(values) if self.squashed else values, self.low, self.high)
 
-    def _remember(self, values: Values, memory: Values) -> Values:
+    def _recur(self, values: Values, memory: Values) -> Values:
         """Move the cell's memory on by a step, and return its output (lanes, h)."""
         state, output = memory
         gates = values @ self.cell[0].T + output @ self.cell[1].T + self.cell[2]
@@ -217,8 +224,19 @@ class Policy:
         output[:] = _sigmoid(leave) * np.tanh(state)
         return output
 
+    def _remember(self, values: Values, sums: Values) -> Values:
+        """Return the inputs (lanes, n + m + r) for observations, and move the sums on."""
+        own, memory = np.split(sums, [2 * len(self.units)])
+        if self.keep.size:
+            memory[:] = self.keep @ memory + self.enter @ values.T
+            values = np.hstack([values, memory.T])
+        if self.units.size:
+            units = self._correlations(values, own.reshape(len(self.units), 2, -1))
+            values = np.hstack([values, units])
+        return values
+
     def _correlations(self, values: Values, sums: Values) -> Values:
-        """Return the correlation units (lanes, r), and move their sums on."""
+        """Return the correlation units (lanes, r), and move their sums (r, 2, lanes) on."""
         memory, floor, offset, scale = self.units.T.astype(np.float64)
         left, right = (values @ self.pairs[:, side].T.astype(np.float64) for side in (0, 1))
         sums *= memory[:, None, None]
@@ -240,7 +258,7 @@ class Policy:
             "high": self.high.tolist(),
             "squashed": self.squashed,
         }
-        if self.base.size:
+        if self.base.size or self.keep.size:
             description |= {"format": 3, "authority": self.authority}
         arrays: dict[str, NDArray[Any]] = {"description": np.array(json.dumps(description))}
         for layer, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -252,7 +270,7 @@ class Policy:
         return content.getvalue()
 
 
-OPTIONAL = ("direct", "pairs", "units", "base")
+OPTIONAL = ("direct", "keep", "enter", "pairs", "units", "base")
 """Arrays of a policy that a file may leave out."""
 
 
@@ -296,18 +314,22 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
     if not (isinstance(sizes, list) and len(sizes) > 1):
         msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
         raise ValueError(msg)
-    layers, r = range(len(sizes) - 1), len(arrays.get("units", ()))
+    layers = range(len(sizes) - 1)
+    r, m = (len(arrays.get(name, ())) for name in ("units", "keep"))
     memory = arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
     read = sizes[0] + (sizes[-1] if "base" in arrays else 0)
     cell = [(4 * memory, read), (4 * memory, memory), (4 * memory,)] if memory else []
-    inputs = [memory or read + r, *sizes[1:]]
+    inputs = [memory or read + m + r, *sizes[1:]]
     shapes = {
         "direct": (sizes[-1], inputs[0]),
-        "pairs": (r, 2, read),
+        "keep": (m, m),
+        "enter": (m, read),
+        "pairs": (r, 2, read + m),
         "units": (r, len(UNIT)),
         "base": (sizes[-1], sizes[0] + 1),
     }
-    given = [name for name in shapes if name in arrays or (r and name == "pairs")]
+    needed = {"pairs": r, "enter": m}
+    given = [name for name in shapes if name in arrays or needed.get(name)]
     return Policy(
         weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], inputs[i])) for i in layers),
         biases=tuple(_array(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),

@@ -23,10 +23,11 @@ all of which are of order one."""
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Correlation units, direct weights and one hidden layer.
+    """Correlation units, direct weights and one hidden layer, beside a linear memory that is given.
 
-    The vector holds the pairs (r, 2, n), then for each action its bias and direct weights (1 + n +
-    r), then for each hidden unit its bias, weights and parts in the actions (1 + n + r + k).
+    The vector holds the pairs (r, 2, n + m), then for each action its bias and direct weights (1 +
+    n + m + r), then for each hidden unit its bias, weights and parts in the actions (1 + n + m + r
+    + k).
 
     Attributes
     ----------
@@ -45,14 +46,14 @@ class Network:
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
         """Shapes of the vector's three parts."""
-        r, _, n = self.start.pairs.shape
-        k = len(self.start.direct)
-        return (r, 2, n), (k, 1 + n + r), (self.hidden, 1 + n + r + k)
+        k, inputs = self.start.direct.shape
+        return self.start.pairs.shape, (k, inputs), (self.hidden, inputs + k)
 
     @property
     def sizes(self) -> tuple[int, int, int]:
         """Numbers of an observation, of hidden units and of an action."""
-        return self.start.pairs.shape[2], self.hidden, len(self.start.direct)
+        n = self.start.pairs.shape[2] - len(self.start.keep)
+        return n, self.hidden, len(self.start.direct)
 
     def first(self, generator: np.random.Generator) -> Values:
         """Return a vector that acts as the law: hidden units are drawn, and have no part yet."""
@@ -97,6 +98,8 @@ class Network:
             low=np.full(k, -1.0, np.float32),
             high=np.ones(k, np.float32),
             direct=direct[:, 1:].copy(),
+            keep=self.start.keep.astype(np.float32),
+            enter=self.start.enter.astype(np.float32),
             pairs=pairs.copy(),
             units=self.start.units.astype(np.float32),
         )

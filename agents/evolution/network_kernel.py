@@ -46,11 +46,11 @@ def correlate(pair, unit, rows, sums, left, right, result):
     Parameters
     ----------
     pair
-        (2 n,) the weights of both combinations of the observation.
+        (2 n,) the weights of both combinations of the rows.
     unit
         (4,) memory, floor, offset and scale.
     rows
-        (n, lanes) the observation.
+        (n, lanes) the observation, and the linear memory.
     sums
         (2, lanes) the forgetting sums; written.
     left, right
@@ -73,19 +73,43 @@ def correlate(pair, unit, rows, sums, left, right, result):
 
 
 @kernel
-def forward(parameters, units, observed, sums, actions, sizes, first, last):
+def remember(keep, enter, rows, memory, result):
+    """Move the linear memory on, in each lane.
+
+    Parameters
+    ----------
+    keep, enter
+        (m, m), (m, n) weights of the memory before, and of the observation.
+    rows
+        (n, lanes) the observation.
+    memory
+        (m, lanes) read and written.
+    result
+        (m, lanes) the same; written.
+    """
+    for j in range(len(keep)):
+        result[j] = ZERO
+        add_products(keep[j], memory, result[j])
+        add_products(enter[j], rows, result[j])
+    memory[:] = result
+
+
+@kernel
+def forward(parameters, fixed, observed, sums, actions, sizes, first, last):
     """Compute the actions of some candidates; the lanes of a candidate stand side by side.
 
     Parameters
     ----------
     parameters
         (candidates, N) of each candidate, in the order of `agents.evolution.network.Network`.
-    units
-        (r, 4) memory, floor, offset and scale of each correlation unit.
+    fixed
+        (r, 4) memory, floor, offset and scale of each correlation unit; (m, m) and (m, n) of the
+        linear memory.
     observed
         (n, candidates * lanes) observations.
     sums
-        (r, 2, candidates * lanes) the correlation units' forgetting sums; written.
+        (2 r + m, candidates * lanes) the correlation units' forgetting sums, and the linear memory;
+        read and written.
     actions
         (k, candidates * lanes) actions in [-1, 1]; written.
     sizes
@@ -94,8 +118,9 @@ def forward(parameters, units, observed, sums, actions, sizes, first, last):
         The candidates: first <= candidate < last.
     """
     n, hidden, k = sizes
-    r, lanes = len(units), observed.shape[1] // len(parameters)
-    inputs = n + r
+    units, keep, enter = fixed
+    r, m, lanes = len(units), len(keep), observed.shape[1] // len(parameters)
+    inputs = n + m + r
     rows = np.empty((inputs, lanes), SINGLE)
     value, other = np.empty(lanes, SINGLE), np.empty(lanes, SINGLE)
     for candidate in range(first, last):
@@ -103,12 +128,15 @@ def forward(parameters, units, observed, sums, actions, sizes, first, last):
         end = begin + lanes
         for j in range(n):
             rows[j] = observed[j, begin:end]
+        if m > 0:
+            remember(keep, enter, rows[:n], sums[2 * r :, begin:end], rows[n : n + m])
         for q in range(r):
-            pair = own[i : i + 2 * n]
-            correlate(pair, units[q], rows[:n], sums[q, :, begin:end], value, other, rows[n + q])
-            i += 2 * n
-        for m in range(k):
-            total = actions[m, begin:end]
+            pair, unit = own[i : i + 2 * (n + m)], rows[n + m + q]
+            own_sums = sums[2 * q : 2 * q + 2, begin:end]
+            correlate(pair, units[q], rows[: n + m], own_sums, value, other, unit)
+            i += 2 * (n + m)
+        for action in range(k):
+            total = actions[action, begin:end]
             total[:] = own[i]
             add_products(own[i + 1 : i + 1 + inputs], rows, total)
             i += 1 + inputs
@@ -120,12 +148,12 @@ def forward(parameters, units, observed, sums, actions, sizes, first, last):
                 v = min(max(value[lane], -THREE), THREE)
                 square = v * v
                 value[lane] = v * (TWENTY_SEVEN + square) / (TWENTY_SEVEN + NINE * square)
-            for m in range(k):
-                total, weight = actions[m, begin:end], own[i + m]
+            for action in range(k):
+                total, weight = actions[action, begin:end], own[i + action]
                 for lane in range(lanes):
                     total[lane] += weight * value[lane]
             i += k
-        for m in range(k):
-            total = actions[m, begin:end]
+        for action in range(k):
+            total = actions[action, begin:end]
             for lane in range(lanes):
                 total[lane] = min(max(total[lane], -ONE), ONE)

@@ -66,24 +66,30 @@ class _Part:
 
     def __init__(self, scene: Scene, network: Network, candidates: int, episodes: int) -> None:
         self.network, self.candidates, self.steps = network, candidates, scene.control.steps
+        self.first = MovingMassVectorEnv(scene, episodes, info="none")
         self.env = MovingMassVectorEnv(scene, candidates * episodes, copy=False, info="none")
+        self.env.reset()
         objective = scene.objective
         self.may_end = bool(objective.displacement_limit or objective.rail_half_length)
         self.limit = limit_penalty(scene)
-        self.units = network.start.units.astype(np.float32)
-        self.sums = np.empty((len(self.units), 2, self.env.num_envs), np.float32)
-        self.actions = np.empty((self.env.action_space.shape[1], self.env.num_envs), np.float32)
+        start, lanes = network.start, self.env.num_envs
+        self.fixed = tuple(
+            np.ascontiguousarray(array, np.float32)
+            for array in (start.units, start.keep, start.enter)
+        )
+        self.sums = np.empty((2 * len(start.units) + len(start.keep), lanes), np.float32)
+        self.actions = np.empty((self.env.action_space.shape[1], lanes), np.float32)
 
     def costs(self, parameters: Single, seeds: Sequence[int]) -> Values:
         lanes = self.env.num_envs
-        observation, _ = self.env.reset(seed=list(seeds) * self.candidates)
+        observation = self._begin(seeds)
         self.sums[:] = 0.0
         total, alive = np.zeros(lanes), np.ones(lanes, np.bool_)
         sizes = self.network.sizes
         for left in range(self.steps, 0, -1):
             forward(
                 parameters,
-                self.units,
+                self.fixed,
                 observation.T,
                 self.sums,
                 self.actions,
@@ -101,3 +107,12 @@ class _Part:
             total[ended] += (left - 1 + self.steps) * np.maximum(self.limit, -reward[ended])
             alive &= ~ended
         return total.reshape(self.candidates, -1).mean(axis=1) / self.steps
+
+    def _begin(self, seeds: Sequence[int]) -> NDArray[np.float32]:
+        """Begin the episodes once, and copy them to every candidate; return what they show."""
+        observation, _ = self.first.reset(seed=list(seeds))
+        state = self.first.get_state()
+        arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
+        copies = {name: np.tile(array, self.candidates) for name, array in arrays.items()}
+        self.env.set_state(state | copies)
+        return np.tile(observation, (self.candidates, 1))

@@ -76,7 +76,7 @@ class Search:
     def __init__(self, settings: EvolveSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
         generator = np.random.default_rng(settings.seed)
-        start = start_of(scene, settings.law, settings.extra, generator)
+        start = start_of(scene, settings, generator)
         self.network = Network(start, settings.hidden, odd=scene.actuation.stretch is None)
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free

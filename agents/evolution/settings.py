@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agents.evolution.forecast import FUTURE
 from agents.training.config import Count, Positive, RunSettings
 
 LawName = Literal["auto", "regulator", "switching", "tracking", "none"]
@@ -22,6 +23,8 @@ class EvolveSettings(RunSettings):
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0
     """correlation units beside those of the law, drawn at random"""
+    memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
+    """states of a linear memory that foretells a random force, where two frames show it"""
     candidates: Annotated[int, Field(ge=4)] = 48
     """networks in a generation"""
     episodes: Count = 32

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +12,14 @@ from agents.controllers.controller import columns
 from agents.controllers.lqr import LQR
 from agents.controllers.observed_state import ROWS
 from agents.controllers.stretch_command import StretchCommand
+from agents.evolution.forecast import force_memory
 from mm_gym import DesignError, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.evolution.settings import LawName
+    from agents.evolution.settings import EvolveSettings, LawName
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
@@ -48,28 +49,32 @@ class Start:
     Attributes
     ----------
     pairs, units
-        (r, 2, n), (r, 4): the correlation units of `agents.policies.Policy`.
+        (r, 2, n + m), (r, 4): the correlation units of `agents.policies.Policy`.
     direct
-        (k, 1 + n + r): bias and direct weights of each action.
+        (k, 1 + n + m + r): bias and direct weights of each action.
     spreads
         (r,) size of the changes of each pair's weights.
+    keep, enter
+        (m, m), (m, n): the linear memory, which is not searched.
     """
 
     pairs: Values
     units: Values
     direct: Values
     spreads: Values
+    keep: Values = field(default_factory=lambda: np.empty((0, 0)))
+    enter: Values = field(default_factory=lambda: np.empty((0, 0)))
 
 
-def start_of(scene: Scene, law: LawName, extra: int, generator: np.random.Generator) -> Start:
-    """Return the start that is asked for, with so many more correlation units.
+def start_of(scene: Scene, settings: EvolveSettings, generator: np.random.Generator) -> Start:
+    """Return the start that is asked for, with its further correlation units and its memory.
 
     Raises
     ------
     DesignError
         If the law does not apply to the scene. "auto" takes none then.
     """
-    shown = Shown(scene)
+    shown, law, extra = Shown(scene), settings.law, settings.extra
     if law == "auto":
         try:
             start = _law(scene, natural_law(scene), shown)
@@ -77,10 +82,15 @@ def start_of(scene: Scene, law: LawName, extra: int, generator: np.random.Genera
             start = _none(shown)
     else:
         start = _none(shown) if law == "none" else _law(scene, law, shown)
-    pairs = np.concatenate([start.pairs, 0.5 * generator.standard_normal((extra, 2, shown.count))])
+    keep, enter = _memory(scene, shown, settings.memory)
+    pairs = np.pad(start.pairs, ((0, 0), (0, 0), (0, len(keep))))
+    drawn = 0.5 * generator.standard_normal((extra, *pairs.shape[1:]))
+    pairs = np.concatenate([pairs, drawn])
     units = np.concatenate([start.units, np.tile((0.0, FLOOR, 0.0, 1.0), (extra, 1))])
     spreads = np.concatenate([start.spreads, np.full(extra, COARSE)])
-    return Start(pairs, units, np.pad(start.direct, ((0, 0), (0, extra))), spreads)
+    direct = np.pad(start.direct, ((0, 0), (0, extra)))
+    direct = np.insert(direct, [1 + shown.count] * len(keep), 0.0, axis=1)
+    return Start(pairs, units, direct, spreads, keep, enter)
 
 
 def natural_law(scene: Scene) -> LawName:
@@ -131,6 +141,14 @@ class Shown:
         row, column = np.zeros(1 + self.count), self.channels.index("stretch")
         row[0], row[1 + self.count - self.frame + column] = self.zeros[column], self.units[column]
         return row
+
+
+def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Values, Values]:
+    """Return the linear memory of a scene that has a random force and shows it."""
+    random = {part.kind for part in scene.excitation} == {"noise"}
+    if not (states and random and shown.history > 1):
+        return np.empty((0, 0)), np.empty((0, 0))
+    return force_memory(scene, _mean_force(scene, shown, 0), states)
 
 
 def _none(shown: Shown) -> Start:

@@ -36,7 +36,7 @@ def c_source(policy: Policy, comment: str = "") -> str:
         What is said at its head, besides.
     """
     observed, r, k = policy.sizes[0], len(policy.units), policy.sizes[-1]
-    read = observed + len(policy.base)
+    read, m = observed + len(policy.base), len(policy.keep)
     arrays = {f"weight_{i}": weight for i, weight in enumerate(policy.weights)}
     arrays |= {f"bias_{i}": bias for i, bias in enumerate(policy.biases)}
     arrays |= {f"cell_{i}": array for i, array in enumerate(policy.cell)}
@@ -61,9 +61,10 @@ def c_source(policy: Policy, comment: str = "") -> str:
         f"    REAL value[{inner}];" if inner else "",
         f"    for (int i = 0; i < {observed}; i++) input[i] = observation[i];",
         _BASE.format(n=observed, k=k) if policy.base.size else "",
-        _UNITS.format(r=r, n=read) if r else "",
+        _MEMORY.format(m=m, n=read, r=r) if m else "",
+        _UNITS.format(r=r, n=read + m) if r else "",
         _CELL.format(n=read, h=policy.cell[1].shape[1]) if policy.cell else "",
-        "" if r or policy.cell else "    (void)state;",
+        "" if r or m or policy.cell else "    (void)state;",
         *_layers(policy),
         f"    for (int i = 0; i < {k}; i++) action[i] = {added};",
         "}",
@@ -75,14 +76,16 @@ def widths(policy: Policy) -> tuple[int, int, int]:
     """Return the lengths of the arrays `input`, `value` and `next`, which are on the stack."""
     outputs = [len(bias) for bias in policy.biases]
     gates = [len(array) for array in policy.cell[2:]]
-    read = policy.sizes[0] + len(policy.base) + len(policy.units)
+    read = policy.sizes[0] + sum(map(len, (policy.base, policy.keep, policy.units)))
     cell = [array.shape[1] for array in policy.cell[1:2]]
     return max([read, *cell]), max(outputs[:-1], default=0), max([*outputs, *gates])
 
 
 def state_of(policy: Policy) -> int:
     """Return how many numbers are kept from step to step, one at least."""
-    return 2 * policy.cell[1].shape[1] if policy.cell else max(2 * len(policy.units), 1)
+    if policy.cell:
+        return 2 * policy.cell[1].shape[1]
+    return max(2 * len(policy.units) + len(policy.keep), 1)
 
 
 def constants(policy: Policy) -> int:
@@ -157,6 +160,11 @@ _BASE = """    REAL proposed[{k}];
         for (int j = 0; j < {n}; j++) sum += base[i * ({n} + 1) + j] * observation[j];
         proposed[i] = input[{n} + i] = clip(sum, -1, 1);
     }}"""
+
+_MEMORY = """    REAL moved[{m}] = {{0}};
+    add_products(keep, state->sums + 2 * {r}, moved, {m}, {m});
+    add_products(enter, input, moved, {m}, {n});
+    for (int i = 0; i < {m}; i++) state->sums[2 * {r} + i] = input[{n} + i] = moved[i];"""
 
 _UNITS = """    for (int q = 0; q < {r}; q++) {{
         const REAL memory = units[4 * q], floor = units[4 * q + 1];

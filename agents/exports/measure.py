@@ -59,7 +59,8 @@ class Expense:
 
 def expense_of(policy: Policy) -> Expense:
     """Return what a policy needs; its time is measured with `cc`, if there is one."""
-    arrays = (*policy.weights, *policy.cell[:2], policy.direct, policy.pairs, policy.base[:, :-1])
+    inner = (policy.direct, policy.keep, policy.enter, policy.pairs, policy.base[:, :-1])
+    arrays = (*policy.weights, *policy.cell[:2], *inner)
     return Expense(
         read_only=4 * constants(policy),
         state=4 * state_of(policy),

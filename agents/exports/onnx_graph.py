@@ -93,10 +93,10 @@ class _Graph:
             proposed = self.dense(inputs, policy.base[:, :-1], policy.base[:, -1])
             proposed = self.clip(proposed, -1.0, 1.0)
             inputs = self.add("Concat", inputs, proposed, axis=1)
-        if policy.units.size:
-            inputs = self.add("Concat", inputs, self.correlations(inputs), axis=1)
-        if policy.cell:
+        if policy.units.size or policy.keep.size:
             inputs = self.remembered(inputs)
+        if policy.cell:
+            inputs = self.recurred(inputs)
         action = self.layers(inputs)
         if proposed is not None:
             added = self.add("Mul", action, policy.authority)
@@ -131,23 +131,43 @@ class _Graph:
         over = self.add("Mul", values, self.add("Add", square, 27.0))
         return self.add("Div", over, self.add("Add", self.add("Mul", square, 9.0), 27.0))
 
-    def correlations(self, inputs: str) -> str:
-        """Return the correlation units (lanes, r), and move the state (r, 2, lanes) on."""
+    def remembered(self, inputs: str) -> str:
+        """Return inputs, linear memory and correlation units, and move the state on."""
+        policy, moved = self.policy, list[str]()
+        m, rows = len(policy.keep), 2 * len(policy.units)
+        if m:
+            memory = self.add("Gather", "state", np.arange(rows, rows + m), axis=0)
+            entered = self.add("MatMul", policy.enter, self.add("Transpose", inputs, perm=[1, 0]))
+            moved.append(self.add("Add", self.add("MatMul", policy.keep, memory), entered))
+            told = self.add("Transpose", moved[0], perm=[1, 0])
+            inputs = self.add("Concat", inputs, told, axis=1)
+        if rows:
+            own = self.add("Gather", "state", np.arange(rows), axis=0)
+            units, sums = self.correlations(inputs, own)
+            inputs, moved = self.add("Concat", inputs, units, axis=1), [sums, *moved]
+        self.rename(self.add("Concat", *moved, axis=0), "next_state")
+        return inputs
+
+    def correlations(self, inputs: str, sums: str) -> tuple[str, str]:
+        """Return the correlation units (lanes, r), and their sums (2 r, lanes) moved on."""
         memory, floor, offset, scale = self.policy.units.T
         a, b = (self.add("MatMul", inputs, self.policy.pairs[:, side].T) for side in (0, 1))
         product = self.add("Mul", self.add("Mul", a, b), 2.0)
         square = self.add("Add", self.add("Mul", a, a), self.add("Mul", b, b))
-        old = self.add("Transpose", "state", perm=[1, 2, 0])
+        r = len(self.policy.units)
+        by_unit = self.add("Reshape", sums, np.array([r, 2, -1]))
+        old = self.add("Transpose", by_unit, perm=[1, 2, 0])
         kept = self.add("Mul", old, memory)
         products, squares = (
             self.add("Add", self.add("Gather", kept, np.int64(side), axis=0), new)
             for side, new in enumerate((product, square))
         )
-        self.moved_on(products, squares, perm=[2, 0, 1])
         part = self.add("Div", products, self.add("Add", squares, floor))
-        return self.add("Mul", self.add("Sub", part, offset), scale)
+        units = self.add("Mul", self.add("Sub", part, offset), scale)
+        moved = self.stacked(products, squares, perm=[2, 0, 1])
+        return units, self.add("Reshape", moved, np.array([2 * r, -1]))
 
-    def remembered(self, inputs: str) -> str:
+    def recurred(self, inputs: str) -> str:
         """Return the output of the LSTM cell, and move the state (2, lanes, h) on."""
         entering, recurrent, bias = self.policy.cell
         state, output = (self.add("Gather", "state", np.int64(i), axis=0) for i in (0, 1))
@@ -162,15 +182,14 @@ class _Graph:
         entered = self.add("Mul", self.add("Sigmoid", enter), self.add("Tanh", new))
         state = self.add("Add", kept, entered)
         output = self.add("Mul", self.add("Sigmoid", leave), self.add("Tanh", state))
-        self.moved_on(state, output, perm=[0, 1, 2])
+        self.rename(self.stacked(state, output, perm=[0, 1, 2]), "next_state")
         return output
 
-    def moved_on(self, first: str, second: str, perm: list[int]) -> None:
-        """Make two arrays (lanes, r) the next state."""
+    def stacked(self, first: str, second: str, perm: list[int]) -> str:
+        """Return two arrays (lanes, r) as one (2, lanes, r), with its axes in another order."""
         axis = np.zeros(1, np.int64)
         pair = [self.add("Unsqueeze", values, axis) for values in (first, second)]
-        stacked = self.add("Concat", *pair, axis=0)
-        self.rename(self.add("Transpose", stacked, perm=perm), "next_state")
+        return self.add("Transpose", self.add("Concat", *pair, axis=0), perm=perm)
 
     def whole(self) -> Any:  # noqa: ANN401 - onnx has no types
         """Return the graph."""
@@ -179,9 +198,9 @@ class _Graph:
         observed, *_, k = policy.sizes
         inputs = [value("observation", kind.FLOAT, ["lanes", observed])]
         outputs = [value("action", kind.FLOAT, ["lanes", k])]
-        if policy.units.size or policy.cell:
-            count = self.policy.cell[1].shape[1] if policy.cell else len(policy.units)
-            shape = [2, "lanes", count] if policy.cell else [count, 2, "lanes"]
+        if policy.units.size or policy.keep.size or policy.cell:
+            rows = 2 * len(policy.units) + len(policy.keep)
+            shape = [2, "lanes", policy.cell[1].shape[1]] if policy.cell else [rows, "lanes"]
             inputs.append(value("state", kind.DOUBLE, shape))
             outputs.append(value("next_state", kind.DOUBLE, shape))
         return self.onnx.helper.make_graph(self.nodes, "policy", inputs, outputs, self.constants)

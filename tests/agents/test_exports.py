@@ -22,19 +22,21 @@ from agents.training.config import TrainSettings
 from agents.training.runs import Run
 
 
-def policy_of(sizes, activation, r=0, seed=0):
+def policy_of(sizes, activation, r=0, m=0, seed=0):
     rng = np.random.default_rng(seed)
     n, *_, k = sizes
-    widths = [n + r, *sizes[1:]]
+    widths = [n + m + r, *sizes[1:]]
 
     def drawn(*shape):
         return rng.normal(0.0, 1.0 / np.sqrt(shape[-1]), shape).astype(np.float32)
 
-    optional = {}
+    optional = {"direct": drawn(k, n + m + r)} if r or m else {}
     if r:
         columns = [np.linspace(0.0, 0.97, r), np.full(r, 1e-3), rng.normal(size=r), np.ones(r)]
         units = np.stack(columns, axis=1).astype(np.float32)
-        optional = {"direct": drawn(k, n + r), "pairs": drawn(r, 2, n), "units": units}
+        optional |= {"pairs": drawn(r, 2, n + m), "units": units}
+    if m:
+        optional |= {"keep": 0.5 * drawn(m, m), "enter": drawn(m, n)}
     return Policy(
         weights=tuple(drawn(after, before) for before, after in itertools.pairwise(widths)),
         biases=tuple(drawn(after) for after in widths[1:]),
@@ -47,6 +49,8 @@ def policy_of(sizes, activation, r=0, seed=0):
 
 POLICIES = {
     "evolved": policy_of([18, 8, 2], "rational", r=3),
+    "evolved with a linear memory": policy_of([15, 8, 1], "rational", r=2, m=4),
+    "linear memory alone": policy_of([6, 4, 2], "rational", m=3),
     "deep": policy_of([12, 64, 64, 1], "tanh"),
     "relu": policy_of([5, 32, 2], "relu"),
     "linear": policy_of([4, 1], "tanh"),

@@ -169,7 +169,7 @@ def test_trusted_archive_is_scored(trained: PPO, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 3}, "format: got 3; allowed: 1, 2"),
+        ({"format": 4}, "format: got 4; allowed: 1, 2, 3"),
         ({"activation": "system"}, "activation: got 'system'; allowed: tanh, relu, rational"),
         ({"sizes": [12, 64, 3, 2]}, r"weight_1: got shape \(64, 64\)"),
         ({"sizes": []}, r"sizes: got \[\]"),
