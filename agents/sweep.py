@@ -16,10 +16,10 @@ from pathlib import Path
 from gymnasium.error import DependencyNotInstalled
 from tqdm import tqdm
 
+from agents.sweeps.trials import SweepSettings, result_file, write_results
+from agents.sweeps.workers import work_here, work_on_ray
 from agents.training.config import settings_from_command_line
 from agents.training.runs import INTERRUPTED, Run, RunError
-from agents.training.sweeps import SweepSettings, result_file, write_results
-from agents.training.workers import work_here, work_on_ray
 from mm_gym import SceneError
 
 HERE = "none"

@@ -41,7 +41,7 @@ BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
 
 
-def evolve(settings: EvolveSettings, run: Run) -> None:
+def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
     An interrupted run continues from its last checkpoint; Ctrl-C writes one.
@@ -59,7 +59,7 @@ def evolve(settings: EvolveSettings, run: Run) -> None:
         if not run.finished:
             if run.checkpoint.exists():
                 search.repeat(run)
-            search.to_the_end(run)
+            search.to_the_end(run, bar=bar)
 
 
 class Search:
@@ -118,24 +118,24 @@ class Search:
             self._tell(self._asked(), costs)
         self._note()
 
-    def to_the_end(self, run: Run) -> None:
-        """Search on, validate, and write the best policy."""
+    def to_the_end(self, run: Run, *, bar: bool) -> None:
+        """Search on, validate, and write the best policy; draw a progress bar if asked to."""
         settings, progress = self.settings, self.progress
         every = -(-settings.generations // settings.evaluations)
         began = time.perf_counter() - progress.seconds
         saved, done = progress.seconds, len(self.costs) >= settings.generations
-        bar = tqdm(total=settings.generations, initial=len(self.costs), unit="generation")
-        with bar:
+        total, initial = settings.generations, len(self.costs)
+        with tqdm(total=total, initial=initial, unit="generation", disable=not bar) as shown:
             try:
                 while not done:
                     self._advance()
-                    bar.update()
+                    shown.update()
                     progress.seconds = time.perf_counter() - began
                     late = progress.seconds >= settings.time_budget
                     done = late or len(self.costs) == settings.generations
                     if done or len(self.costs) % every == 0:
                         self._validate()
-                        bar.set_postfix(cost=f"{progress.least_cost:.4f}")
+                        shown.set_postfix(cost=f"{progress.least_cost:.4f}")
                     self._note()
                     if done or progress.seconds > saved + BETWEEN_SAVES:
                         self._save(run)

@@ -9,10 +9,12 @@ import time
 import pytest
 
 from agents import sweep as command
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
 from agents.sweep import sweep
+from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.reinforcement import train
 from agents.training.runs import Run
-from agents.training.sweeps import SweepSettings
 from mm_gym import SceneError
 
 SMALL = {
@@ -81,6 +83,33 @@ def test_every_combination_is_a_training_of_its_own_name():
     assert {trial.steps for trial in trials} == {10}
 
 
+def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
+    settings = SweepSettings(
+        tasks=("CarriageForce", "PreStretch"),
+        algorithms=("evolution", "ppo"),
+        settings={"evolution.hidden": 4, "steps": 10},
+        task_settings={"CarriageForce": {"evolution.generations": 2, "evolution.candidates": 4}},
+    )
+    trials = settings.trials()
+    assert [trial.name for trial in trials[:2]] == [
+        "CarriageForce-evolution-plain-0",
+        "CarriageForce-ppo-plain-0",
+    ]
+    evolution, ppo, other, _ = trials
+    assert (evolution.hidden, evolution.generations, evolution.threads) == (4, 2, 1)
+    assert (other.hidden, other.generations) == (4, EvolveSettings().generations)
+    assert ppo.steps == 10
+    do_trial(evolution.model_dump_json(), tmp_path)
+    alone = Run(evolution.name, tmp_path / "alone")
+    evolve(evolution, alone, bar=False)
+    swept = Run(evolution.name, tmp_path)
+    assert swept.metrics.read_text() == alone.metrics.read_text()
+    cost = json.loads((swept.folder / "result.json").read_text())["cost"]
+    rows = write_results(trials[:1], tmp_path).read_text().splitlines()
+    assert rows[1].startswith("CarriageForce,evolution,plain,0,")
+    assert float(rows[1].split(",")[-1]) == cost
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -89,6 +118,13 @@ def test_every_combination_is_a_training_of_its_own_name():
         ({"settings": {"stepps": 3}}, "stepps: unknown key; did you mean 'steps'"),
         ({"variants": {"a": 3}}, "variants.a: got 3; allowed: a table of settings"),
         ({"settings": {"steps": 3, "steps.x": 4}}, "exclude each other"),
+        ({"task_settings": {"Hybrit": {}}}, "task_settings: got 'Hybrit'"),
+        ({"task_settings": {"PreStretch": 3}}, "task_settings.PreStretch: got 3; allowed: a table"),
+        (
+            {"algorithms": ("evolution",), "settings": {"evolution.hiddens": 3}},
+            "hiddens: unknown key; did you mean 'hidden'",
+        ),
+        ({"algorithms": ("evolution",), "settings": {"evolution": 3}}, "evolution: unknown key"),
     ],
 )
 def test_wrong_sweep_is_refused_before_a_folder_is_made(tmp_path, fields, words):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from agents.sweep import sweep
-from agents.training.sweeps import SweepSettings
+from agents.sweeps.trials import SweepSettings
 
 SETTINGS = SweepSettings(
     name="small",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from gymnasium.error import DependencyNotInstalled
 
-from agents.training.sweeps import do_trial
+from agents.sweeps.trials import do_trial
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

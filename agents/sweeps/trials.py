@@ -4,23 +4,33 @@ from __future__ import annotations
 
 import itertools
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field, JsonValue, Strict
 
+from agents.controllers.learned import Learned
 from agents.evaluation.episodes import evaluate
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
-from agents.training.algorithm_settings import Algorithm, Count  # noqa: TC001 - pydantic reads them
-from agents.training.config import Changes, TrainSettings, short_name
+from agents.training.algorithm_settings import Algorithm, Count
+from agents.training.config import Changes, RunSettings, TrainSettings, short_name
 from agents.training.parts import make_parts
 from agents.training.runs import Run
 from mm_gym import SceneError
+from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Part
+from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+EVOLUTION = "evolution"
+"""The algorithm that is agents.evolve; the others are those of agents.train."""
+
+Learner: TypeAlias = Literal["evolution", Algorithm]
 
 EPISODES = 100
 """Held-out episodes on which each policy is scored."""
@@ -36,12 +46,15 @@ class SweepSettings(Part):
     """folder under `runs`, with a folder for each training"""
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
-    algorithms: Annotated[tuple[Algorithm, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for agents.train"""
+    algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
+    """as for agents.train, or evolution: agents.evolve"""
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
-    """settings of agents.train that all have in common, by dotted name: '{"ppo.epochs": 4}'"""
+    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of agents.evolve
+    begin with evolution, as "evolution.hidden" """
+    task_settings: Changes = Field(default_factory=dict[str, JsonValue])
+    """for each task's short name the settings in which it differs, by dotted name"""
     variants: Changes = Field(default_factory=lambda: dict[str, JsonValue]({"plain": {}}))
     """for each name the settings in which it differs, by dotted name"""
     processes: Count | None = None
@@ -49,7 +62,7 @@ class SweepSettings(Part):
     ray: str | None = None
     """train on a Ray cluster: its address, or none to begin one on this machine"""
 
-    def trials(self) -> list[TrainSettings]:
+    def trials(self) -> list[RunSettings]:
         """Return the settings of each training, its name the folder in that of the sweep.
 
         Raises
@@ -57,23 +70,38 @@ class SweepSettings(Part):
         SceneError
             If a setting is wrong; the message names the training.
         """
-        choices = itertools.product(self.tasks, self.algorithms, self.variants, range(self.seeds))
+        tasks = [short_name(task) for task in self.tasks]
+        unknown = [name for name in self.task_settings if name not in map(short_name, ids())]
+        if unknown:
+            known = ", ".join(map(short_name, ids()))
+            msg = f"task_settings: got {unknown[0]!r}{suggest(unknown[0], tasks)}; allowed: {known}"
+            raise SceneError(msg)
+        choices = itertools.product(tasks, self.algorithms, self.variants, range(self.seeds))
         return [self._trial(*choice) for choice in choices]
 
-    def _trial(self, task: str, algorithm: Algorithm, variant: str, seed: int) -> TrainSettings:
-        own = self.variants[variant]
-        if not isinstance(own, dict):
-            msg = f"variants.{variant}: got {own!r}; allowed: a table of settings"
-            raise SceneError(msg)
-        short = short_name(task)
-        name = f"{short}-{algorithm}-{variant}-{seed}"
-        data = _nested({**self.settings, **own})
-        fixed = {"task": f"mm_gym/{short}-v0", "algorithm": algorithm, "seed": seed, "name": name}
+    def _trial(self, task: str, algorithm: Learner, variant: str, seed: int) -> RunSettings:
+        name = f"{task}-{algorithm}-{variant}-{seed}"
+        own = _table({task: {}} | self.task_settings, task, "task_settings")
+        data = _nested({**self.settings, **own, **_table(self.variants, variant, "variants")})
+        evolution = data.pop(EVOLUTION, {})
+        fixed: dict[str, JsonValue] = {"task": f"mm_gym/{task}-v0", "seed": seed, "name": name}
         try:
-            return TrainSettings.of({**data, **fixed})
+            if algorithm == EVOLUTION:
+                chosen = evolution if isinstance(evolution, dict) else {EVOLUTION: evolution}
+                return EvolveSettings.of({**chosen, **fixed, "threads": 1})
+            return TrainSettings.of({**data, **fixed, "algorithm": algorithm})
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
             raise SceneError(msg) from None
+
+
+def _table(tables: Mapping[str, JsonValue], name: str, what: str) -> dict[str, JsonValue]:
+    """Return one of several tables of settings; refuse what is none."""
+    own = tables[name]
+    if not isinstance(own, dict):
+        msg = f"{what}.{name}: got {own!r}; allowed: a table of settings"
+        raise SceneError(msg)
+    return own
 
 
 def _nested(settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
@@ -104,16 +132,32 @@ def do_trial(text: str, folder: str | Path) -> None:
     folder
         The sweep's folder.
     """
-    from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone
-
-    settings = TrainSettings.of(json.loads(text))
+    data = json.loads(text)
+    kind = TrainSettings if "algorithm" in data else EvolveSettings
+    settings = kind.of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
-        train(settings, run, bar=False)
-        parts = make_parts(settings)
-        agent = parts.controller(load_policy(run.policy))
-        scored = evaluate(parts.scene, agent, episodes=EPISODES, rewards_of=parts.rewards_of)
-        write_text(result_file(run), json.dumps({"cost": scored.cost}) + "\n")
+        cost = _cost_of_training(settings, run)
+        write_text(result_file(run), json.dumps({"cost": cost}) + "\n")
+
+
+def _cost_of_training(settings: TrainSettings | EvolveSettings, run: Run) -> float:
+    """Train, and return the policy's cost on the held-out episodes."""
+    if isinstance(settings, EvolveSettings):
+        evolve(settings, run, bar=False)
+        agent = Learned(load_policy(run.policy))
+        return evaluate(settings.load_scene(), agent, episodes=EPISODES).cost
+    from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone
+
+    train(settings, run, bar=False)
+    parts = make_parts(settings)
+    agent = parts.controller(load_policy(run.policy))
+    return evaluate(parts.scene, agent, episodes=EPISODES, rewards_of=parts.rewards_of).cost
+
+
+def algorithm_of(trial: RunSettings) -> str:
+    """Return the algorithm of a training."""
+    return trial.algorithm if isinstance(trial, TrainSettings) else EVOLUTION
 
 
 def result_file(run: Run) -> Path:
@@ -121,7 +165,7 @@ def result_file(run: Run) -> Path:
     return run.folder / "result.json"
 
 
-def write_results(trials: Iterable[TrainSettings], folder: Path) -> Path:
+def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
     """Write ``results.csv``, a row for each training that is done, in the order of the sweep."""
     rows: list[tuple[object, ...]] = []
     for trial in trials:
@@ -132,7 +176,10 @@ def write_results(trials: Iterable[TrainSettings], folder: Path) -> Path:
         cost = json.loads(result_file(run).read_text("utf-8"))["cost"]
         variant = trial.name.split("-", 2)[2].rpartition("-")[0]
         rows.append(
-            (short_name(trial.task), trial.algorithm, variant, trial.seed, steps, min(costs), cost)
+            (
+                *(short_name(trial.task), algorithm_of(trial), variant, trial.seed),
+                *(steps, min(costs), cost),
+            )
         )
     path = folder / "results.csv"
     write_csv(path, COLUMNS, list(zip(*rows, strict=True)) or [[]] * len(COLUMNS))

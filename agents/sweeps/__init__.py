@@ -1,0 +1,1 @@
+"""Sweeps: the trainings of many tasks, algorithms, settings and seeds, in processes or on Ray."""
