@@ -8,7 +8,7 @@ BENCH := .venv-bench
 PINS ?= constraints.txt
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
-.PHONY: demo test test-slow test-clients $(CLIENTS) check bench tasks clean
+.PHONY: demo test test-slow test-clients $(CLIENTS) check bench tasks results clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -41,6 +41,10 @@ tasks: $(INSTALLED)
 	$(RUN) -m agents.headroom
 	$(RUN) -m agents.task_page
 	$(RUN) -m agents.ranking
+
+# Ten trainings of each task, an hour of one core, and the page that shows them.
+results: $(INSTALLED)
+	$(RUN) -m agents.results configs/results.toml
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
 # groups need pip 25.1.

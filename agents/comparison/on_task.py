@@ -1,0 +1,113 @@
+"""What is known on a task, measured: its best law, trainings, changed scenes and an episode."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.comparison.entries import Entry, Episodes
+from agents.comparison.robustness import outcomes
+from agents.comparison.trainings import Curve, OnTask, Trainings, slopes
+from agents.controllers.controller import columns
+from agents.controllers.learned import Learned
+from agents.evaluation.baselines import classical_laws
+from agents.evaluation.episodes import evaluate
+from agents.evaluation.headroom import EPISODES, SCORES
+from agents.evaluation.planner import Effort, Planner
+from agents.evolution.settings import EvolveSettings
+from agents.evolution.starts import start_of
+from agents.policies import load_policy
+from agents.sweeps.trials import algorithm_of
+from agents.training.config import TrainSettings
+from agents.training.parts import make_parts
+from agents.training.runs import Run, RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+    from typing import Any
+
+    from agents.controllers.controller import Controller
+    from agents.evaluation.episodes import Evaluation
+    from agents.training.config import RunSettings
+    from mm_gym import Scene
+
+EFFORT = Effort(random=3, kept=2, rounds=2)
+"""Of the plan of the episode that is shown."""
+
+
+def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
+    """Measure a task, with finished trainings in a folder and the committed scores.
+
+    Raises
+    ------
+    RunError
+        If the scores are of another scene.
+    """
+    scene = trials[0].load_scene()
+    scores = json.loads(SCORES.read_text("utf-8"))[task]
+    if scores["scene_digest"] != scene.digest:
+        msg = f"{task}: {SCORES.name} is of another scene; run: python -m agents.headroom {task}"
+        raise RunError(msg)
+    known: dict[str, float] = {}
+    for row in scores["rows"]:
+        known[row["role"]] = min(row["cost"], known.get(row["role"], np.inf))
+    plans = next(row for row in scores["rows"] if row["role"] == "planner")["plans"]
+    results = [(evaluate(scene, law, episodes=EPISODES), law) for law in classical_laws(scene)]
+    result, law = min(results, key=lambda pair: pair[0].cost)
+    names = list(dict.fromkeys(algorithm_of(trial) for trial in trials))
+    groups = {name: [t for t in trials if algorithm_of(t) == name] for name in names}
+    trainings = [_trainings(name, group, folder) for name, group in groups.items()]
+    middle = {of.algorithm: agent_of(groups[of.algorithm][of.median], folder) for of in trainings}
+    rows = [Entry("best law", [law]), *(Entry(name, [one]) for name, one in middle.items())]
+    return OnTask(
+        task,
+        result,
+        trainings,
+        known,
+        np.array([plan["cost"] for plan in plans]),
+        outcomes(scene, rows, Episodes(1, EPISODES)),
+        _slopes(scene, middle[names[0]]),
+        _examples(scene, law, middle[names[0]]),
+    )
+
+
+def agent_of(trial: RunSettings, folder: Path) -> Controller:
+    """Return the policy of a finished training as a controller."""
+    policy = load_policy(Run(trial.name, folder).policy)
+    if isinstance(trial, TrainSettings):
+        return make_parts(trial).controller(policy, trial.name)
+    return Learned(policy, trial.name)
+
+
+def _trainings(algorithm: str, trials: Sequence[RunSettings], folder: Path) -> Trainings:
+    results = [
+        evaluate(trial.load_scene(), agent_of(trial, folder), episodes=EPISODES) for trial in trials
+    ]
+    return Trainings(algorithm, results, [_curve(Run(trial.name, folder)) for trial in trials])
+
+
+def _curve(run: Run) -> Curve:
+    (steps, costs), (_, seconds) = (
+        np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T for path in (run.metrics, run.times)
+    )
+    return Curve(steps, seconds, costs)
+
+
+def _slopes(scene: Scene, agent: Controller) -> np.ndarray[Any, Any] | None:
+    """Return (3, n): the LQR's slopes, and the agent's at rest and at full scale."""
+    if columns(scene) != ("force",) or not isinstance(agent, Learned):
+        return None
+    start = start_of(scene, EvolveSettings(law="regulator"), np.random.default_rng(0))
+    return np.stack([start.direct[0, 1:], *(slopes(agent.policy, at) for at in (0.01, 0.5))])
+
+
+def _examples(scene: Scene, law: Controller, agent: Controller) -> list[Evaluation]:
+    """Return the first held-out episode, by the law, the agent and the planner."""
+    if scene.actuation.stretch is None:
+        return []
+    found = [evaluate(scene, one, episodes=2) for one in (law, agent)]
+    starts = {result.name: result.applied for result in found}
+    return [*found, evaluate(scene, Planner(scene, starts, EFFORT), episodes=2)]

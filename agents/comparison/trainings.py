@@ -1,0 +1,159 @@
+"""Finished trainings of a task in the same held-out episodes, beside its best law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.evaluation.aggregates import (
+    LEVEL,
+    RESAMPLES,
+    Estimate,
+    Sample,
+    estimate,
+    interquartile_mean,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.comparison.robustness import Outcome
+    from agents.evaluation.episodes import Evaluation
+    from agents.policies import Policy
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The validations of one training.
+
+    Attributes
+    ----------
+    steps, seconds, costs
+        (validations,) control steps of all lanes [-], time [s] and cost [-].
+    """
+
+    steps: Array
+    seconds: Array
+    costs: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Trainings:
+    """The trainings of one algorithm on a task.
+
+    Attributes
+    ----------
+    algorithm
+        Its name.
+    results
+        Of each seed, in the same held-out episodes.
+    curves
+        Of each seed.
+    """
+
+    algorithm: str
+    results: Sequence[Evaluation]
+    curves: Sequence[Curve]
+
+    @property
+    def penalties(self) -> Array:
+        """(seeds, episodes) as in `Evaluation`."""
+        return np.array([result.penalties for result in self.results])
+
+    @property
+    def costs(self) -> Array:
+        """(seeds,) cost of each training [-]."""
+        return np.array([result.cost for result in self.results])
+
+    @property
+    def median(self) -> int:
+        """The seed whose cost is in the middle; of two, the better."""
+        return int(np.argsort(self.costs)[(len(self.costs) - 1) // 2])
+
+
+@dataclass(frozen=True, eq=False)
+class OnTask:
+    """What is known on a task.
+
+    Attributes
+    ----------
+    task
+        Its id.
+    law
+        The best classical law, in the same episodes.
+    trainings
+        Of each algorithm.
+    known
+        Role -> the least cost of `docs/task_scores.json` [-].
+    plans
+        (episodes,) costs of the best known plans [-].
+    outcomes
+        Of the law and of each algorithm's middle training on changed scenes.
+    slopes
+        Of a force alone: the LQR's, the middle training's at rest and at full scale, see `slopes`.
+    examples
+        Of a stretch: an episode by the law, by the middle training and by the planner.
+    """
+
+    task: str
+    law: Evaluation
+    trainings: Sequence[Trainings]
+    known: Mapping[str, float]
+    plans: Array
+    outcomes: Sequence[Outcome]
+    slopes: Array | None
+    examples: Sequence[Evaluation]
+
+    def scores(self, costs: Array) -> Array:
+        """Return s = (J_constant - J) / (J_constant - J_best known) of costs J."""
+        constant = self.known["constant"]
+        return (constant - costs) / (constant - self.known["planner"])
+
+
+def middle_cost(trainings: Trainings) -> Estimate:
+    """Return the interquartile mean of the seeds' costs, with its interval over seeds."""
+    sample = Sample(trainings.penalties[None], np.ones(1, np.bool_))
+    drawn = np.sqrt(sample.resampled(np.random.default_rng(0))[0])[:, None]
+    costs = trainings.costs[None]
+    return estimate(
+        float(interquartile_mean(costs)),
+        interquartile_mean(drawn),
+        costs,
+        drawn,
+        trained=True,
+        episodes=sample.penalties.shape[2],
+    )
+
+
+def improvement(trainings: Trainings, law: Evaluation) -> Estimate:
+    """Return the probability that a training's cost is below the law's, with its interval.
+
+    Seeds and episodes are drawn anew, the episodes the same for all: they are paired.
+    """
+    generator, own = np.random.default_rng(0), trainings.penalties
+    seeds, episodes = own.shape
+    found = np.empty(RESAMPLES)
+    for k in range(RESAMPLES):
+        rows = generator.integers(seeds, size=seeds)
+        columns = generator.integers(episodes, size=episodes)
+        means = own[rows][:, columns].mean(axis=1)
+        found[k] = (means < law.penalties[columns].mean()).mean()
+    value = (trainings.costs < law.cost).mean()
+    return Estimate(float(value), *(float(end) for end in np.percentile(found, LEVEL)))
+
+
+def episodes_won(trainings: Trainings, law: Evaluation) -> float:
+    """Return which part of all episodes of all seeds costs less than with the law."""
+    return float((trainings.penalties < law.penalties).mean())
+
+
+def slopes(policy: Policy, at: float) -> Array:
+    """Return the mean slope (n,) of the first action over each observed number, from -at to at."""
+    ends = at * np.eye(policy.sizes[0])
+    return (policy.act(ends) - policy.act(-ends))[:, 0] / (2.0 * at)

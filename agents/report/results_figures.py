@@ -1,0 +1,146 @@
+"""The figures of the page of results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.comparison.robustness import DELAY, NOISE, NOMINAL
+from agents.evaluation.aggregates import performance_profile
+from agents.report.figures import logarithmic
+from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from agents.comparison.trainings import OnTask
+
+THRESHOLDS = np.linspace(-0.2, 1.05, 126)
+"""Scores at which the performance profile is taken."""
+
+STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
+"""What is changed -> the level of the scene as designed, if no level is it."""
+
+WINDOW = 90
+"""Control steps of an episode that are shown."""
+
+
+def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
+    """Draw all figures into a folder, which is made if need be; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found = [folder / f"{name}.png" for name in ("curves", "profile", "robustness", "episodes")]
+    with style():
+        for draw, path in zip((_curves, _profile, _robustness, _episodes), found, strict=True):
+            draw(known, path)
+    return found
+
+
+def _short(one: OnTask) -> str:
+    return one.task.removeprefix("mm_gym/").removesuffix("-v0")
+
+
+def _curves(known: Sequence[OnTask], path: Path) -> None:
+    """Draw the least cost so far of each training over time, a panel a task."""
+    rows = -(-len(known) // 2)
+    figure, axes = panels(1.7 * rows + 0.4, rows, 2)
+    for panel in axes[len(known) :]:
+        panel.set_visible(False)
+    for one, panel in zip(known, axes, strict=False):
+        for k, trainings in enumerate(one.trainings):
+            for seed, curve in enumerate(trainings.curves):
+                label = {} if seed else {"label": trainings.algorithm}
+                least = np.minimum.accumulate(curve.costs)
+                panel.plot(curve.seconds, least, color=COLOURS[k], linewidth=0.7, **label)
+        panel.axhline(one.law.cost, color="0.4", linestyle="--", label="best law")
+        panel.axhline(one.known["planner"], color="0.4", linestyle=":", label="best known plan")
+        panel.set(title=_short(one), ylabel="cost [-]")
+        logarithmic(panel)
+    for panel in axes[max(len(known) - 2, 0) : len(known)]:
+        panel.set_xlabel("time [s]")
+    legend_below(figure, axes[0], 4)
+    save(figure, path)
+
+
+def _profile(known: Sequence[OnTask], path: Path) -> None:
+    """Draw which part of all trainings and tasks has more than a score."""
+    figure, (panel,) = panels(2.6, 1, 1)
+    names = [of.algorithm for of in known[0].trainings]
+    everywhere = [name for name in names if all(_has(one, name) for one in known)]
+    rows = {name: [one.scores(_costs(one, name)) for one in known] for name in everywhere}
+    rows["best law"] = [one.scores(np.array([one.law.cost])) for one in known]
+    for k, (name, scores) in enumerate(rows.items()):
+        parts = np.mean([performance_profile(own[None], THRESHOLDS) for own in scores], axis=0)
+        panel.plot(THRESHOLDS, parts, STYLES[k], color=COLOURS[k], label=name)
+    panel.set(
+        xlabel="score s (0: best constant, 1: best known plan)", ylabel="part of trainings above s"
+    )
+    panel.set_ylim(-0.02, 1.02)
+    legend_below(figure, panel, len(rows))
+    save(figure, path)
+
+
+def _has(one: OnTask, name: str) -> bool:
+    return any(of.algorithm == name for of in one.trainings)
+
+
+def _costs(one: OnTask, name: str) -> NDArray[np.float64]:
+    return next(of.costs for of in one.trainings if of.algorithm == name)
+
+
+def _robustness(known: Sequence[OnTask], path: Path) -> None:
+    """Draw costs on changed scenes, a row a task and a column for what is changed."""
+    figure, axes = panels(1.15 * len(known) + 0.5, len(known), len(STUDIES))
+    for row, one in enumerate(known):
+        own = axes[row * len(STUDIES) : (row + 1) * len(STUDIES)]
+        for panel, study in zip(own, STUDIES, strict=True):
+            _study(panel, one, study)
+        own[0].set_title(_short(one), loc="left")
+    for panel, study in zip(axes[-len(STUDIES) :], STUDIES, strict=True):
+        panel.set_xlabel(study if study != "carriage.stiffness" else "stiffness over the scene's")
+    for panel in axes[:: len(STUDIES)]:
+        panel.set_ylabel("cost [-]")
+    legend_below(figure, axes[0], 4)
+    save(figure, path)
+
+
+def _study(panel: Axes, one: OnTask, study: str) -> None:
+    for k, label in enumerate(dict.fromkeys(outcome.label for outcome in one.outcomes)):
+        own = [outcome for outcome in one.outcomes if outcome.label == label]
+        points = [(outcome.level, outcome.cost) for outcome in own if outcome.study == study]
+        designed = STUDIES[study]
+        if designed is not None:
+            cost = next(outcome.cost for outcome in own if outcome.study == NOMINAL)
+            points.append((designed, cost))
+        look = {"color": COLOURS[k], "linestyle": STYLES[k], "marker": ".", "label": label}
+        panel.plot(*np.array(sorted(points)).T, **look)
+    panel.margins(x=0.05)
+    logarithmic(panel)
+
+
+def _episodes(known: Sequence[OnTask], path: Path) -> None:
+    """Draw displacement and stretch around the largest displacement, a column a task."""
+    shown = [one for one in known if one.examples]
+    if not shown:
+        return
+    figure, axes = panels(3.4, 2, len(shown), sharex="col")
+    for column, one in enumerate(shown):
+        upper, lower = axes[column], axes[len(shown) + column]
+        peak = int(np.abs(one.examples[1].displacement[:, 0]).argmax())
+        first = min(max(peak - WINDOW // 3, 0), len(one.examples[1].time) - WINDOW)
+        part = slice(first, first + WINDOW)
+        labels = ("best law", one.trainings[0].algorithm, "best known plan")
+        for k, (label, result) in enumerate(zip(labels, one.examples, strict=True)):
+            look = {"color": COLOURS[k], "linestyle": STYLES[k], "label": label, "linewidth": 0.9}
+            upper.plot(result.time[part], result.displacement[part, 0], **look)
+            lower.plot(result.time[part], result.applied[part, 0, -1], **look)
+        upper.set_title(_short(one))
+        lower.set_xlabel("time [s]")
+    axes[0].set_ylabel("x1 / scale [-]")
+    axes[len(shown)].set_ylabel("stretch λ [-]")
+    legend_below(figure, axes[0], 3)
+    save(figure, path)

@@ -1,0 +1,205 @@
+"""The page of what agents reach, ``docs/results.md``."""
+
+from __future__ import annotations
+
+import platform
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.comparison.trainings import episodes_won, improvement, middle_cost
+from agents.evaluation.aggregates import tail_mean
+from agents.report.tables import markdown, percent
+from mm_gym import compile_scene, load_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from agents.comparison.trainings import OnTask, Trainings
+    from agents.evaluation.aggregates import Estimate
+
+HEAD = """# Results
+
+<!-- Written by `python -m agents.results`; do not edit. -->
+
+    python -m agents.results configs/results.toml
+
+trains on all tasks, goes on where it was stopped, and writes this page; `--no-train` writes it of
+what is trained already. `python -m agents.sweep configs/results.toml` trains alone, also on a Ray
+cluster. Generations, and not time, end a search, so each cost can be repeated. This page was made
+on {machine}, one processor a training.
+
+Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
+tuning has seen. The interquartile mean is over the seeds of the training, its 95 % interval a
+bootstrap over seeds and episodes. The best law is the best of the classical laws in these very
+episodes; predictive control and the best known plan, which knows the episode, are those of
+`docs/ranking.md`. Improvement is the probability that a training costs less than the best law, with
+the same bootstrap's interval; episodes won is the part of single episodes that cost less.
+"""
+
+CURVES = """## Learning curves
+
+The least cost so far on the 100 validation episodes, which are not those of the lines of law and
+plan. The time is that of the training as it was, on a machine that did other work besides.
+
+![Cost over time of training]({curves})
+"""
+
+PROFILE = """## Performance profile
+
+Which part of all trainings, over the tasks, has more than a score.
+
+![Part of all trainings above a score]({profile})
+"""
+
+ENERGY = """## Energy that the stretch puts in
+
+The most that stretching has put in by any time, less what it has taken out: the mean over the
+episodes.
+"""
+
+ROBUSTNESS = """## Robustness
+
+Law and agents as they are, on scenes that neither was made for; of the trainings, the one in the
+middle.
+
+![Costs on changed scenes]({robustness})
+"""
+
+STRETCHES = """The first held-out episode of each task with a stretch, around its largest
+displacement. Law and agent know the past alone, the plan what is to come.
+
+![Displacement and stretch by law, agent and plan]({episodes})
+"""
+
+SLOPES = """The slope of the force's action over each observed number, as the environment scales
+it: of the LQR, and of the agent in the middle of the seeds, at rest (from -0.01 to 0.01) and over
+half of the scale (from -0.5 to 0.5).
+"""
+
+FAILURES = """## Where agents fail
+
+The cost of each held-out episode over that of its best known plan, for the training in the middle;
+and the mean of the ten dearest episodes.
+"""
+
+
+def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
+    """Return the page, with figures that stand in a folder beside it."""
+    curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
+    parts = [
+        HEAD.format(machine=_machine()),
+        "## Costs",
+        _costs(known),
+        *_missing(known),
+        CURVES.format(curves=curves),
+        PROFILE.format(profile=profile),
+        ENERGY,
+        _energy(known),
+        ROBUSTNESS.format(robustness=robustness),
+        "## What was learned",
+        *([STRETCHES.format(episodes=episodes)] if any(one.examples for one in known) else []),
+        *([SLOPES, _slopes(known)] if any(one.slopes is not None for one in known) else []),
+        FAILURES,
+        _failures(known),
+    ]
+    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def _machine() -> str:
+    return f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
+
+
+def _name(one: OnTask) -> str:
+    return one.task.removeprefix("mm_gym/").removesuffix("-v0")
+
+
+def _span(found: Estimate, digits: int = 4) -> str:
+    return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+
+
+def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Trainings]]:
+    for one in known:
+        for trainings in one.trainings:
+            yield one, trainings
+
+
+def _costs(known: Sequence[OnTask]) -> str:
+    header = [
+        *("task", "algorithm", "seeds", "interquartile mean", "least and most", "best law"),
+        *("predictive control", "best known plan", "improvement", "episodes won"),
+    ]
+    rows = [
+        [
+            _name(one),
+            trainings.algorithm,
+            str(len(trainings.costs)),
+            _span(middle_cost(trainings)),
+            f"{trainings.costs.min():.4f} to {trainings.costs.max():.4f}",
+            f"{one.law.cost:.4f} ({one.law.name})",
+            f"{one.known['predictive']:.4f}",
+            f"{one.known['planner']:.4f}",
+            _span(improvement(trainings, one.law), 2),
+            percent(episodes_won(trainings, one.law)),
+        ]
+        for one, trainings in _each(known)
+    ]
+    return markdown(header, rows)
+
+
+def _missing(known: Sequence[OnTask]) -> Iterator[str]:
+    """Yield a sentence on what was not run: algorithms that are not on all tasks."""
+    names = dict.fromkeys(trainings.algorithm for _, trainings in _each(known))
+    for name in names:
+        without = [_name(one) for one in known if name not in {t.algorithm for t in one.trainings}]
+        if without:
+            yield f"Not run with {name}: {', '.join(without)}."
+
+
+def _energy(known: Sequence[OnTask]) -> str:
+    rows: list[list[str]] = []
+    for one, trainings in _each(known):
+        of_seeds = [r.injected.mean() for r in trainings.results if r.injected is not None]
+        if one.law.injected is not None:
+            values = np.median(of_seeds), one.law.injected.mean()
+            rows.append([_name(one), trainings.algorithm, *(f"{1e3 * v:.2f}" for v in values)])
+    return markdown(["task", "algorithm", "median of the seeds [mJ]", "best law [mJ]"], rows)
+
+
+def _slopes(known: Sequence[OnTask]) -> str:
+    rows: list[list[str]] = []
+    channels: list[str] = []
+    for one in known:
+        if one.slopes is not None:
+            channels = [c.name for c in compile_scene(load_scene(one.task)).observed]
+            labels = "LQR", "agent, at rest", "agent, half the scale"
+            pairs = zip(labels, one.slopes, strict=True)
+            rows += [[_name(one), label, *(f"{v:.2f}" for v in own)] for label, own in pairs]
+    return markdown(["task", "slope of", *channels], rows)
+
+
+def _failures(known: Sequence[OnTask]) -> str:
+    rows: list[list[str]] = []
+    for one in known:
+        trainings = one.trainings[0]
+        penalties = trainings.penalties[trainings.median]
+        ratios = np.sqrt(penalties) / one.plans
+        worst = int(ratios.argmax())
+        rows.append(
+            [
+                _name(one),
+                f"{np.median(ratios):.2f}",
+                f"{ratios[worst]:.2f} (episode {worst})",
+                f"{_tail(penalties):.4f}",
+                f"{_tail(one.law.penalties):.4f}",
+            ]
+        )
+    header = ["task", "median over plan", "most over plan", "worst tenth", "worst tenth of the law"]
+    return markdown(header, rows)
+
+
+def _tail(penalties: NDArray[np.float64]) -> float:
+    return float(np.sqrt(tail_mean(penalties)))

@@ -1,0 +1,59 @@
+"""Train on all tasks and write docs/results.md: ``python -m agents.results configs/results.toml``.
+
+The file is that of a sweep, see agents.sweep. What is trained already is not trained again, and
+``--no-train`` writes the page of what there is.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from agents.comparison.on_task import on_task
+from agents.report.results_figures import draw_results
+from agents.report.results_page import page
+from agents.sweep import sweep
+from agents.sweeps.trials import SweepSettings, result_file
+from agents.training.config import settings_from_command_line
+from agents.training.runs import Run, RunError
+from mm_gym import SceneError
+from mm_gym.files import write_text
+
+
+class ResultsSettings(SweepSettings):
+    """The trainings of a sweep, and the page that is written of them."""
+
+    name: str = "results"
+    """folder under `runs`, with a folder for each training"""
+    train: bool = True
+    """train what is not trained yet"""
+    out: str = "docs/results.md"
+    """the page; its figures are written to a folder of its name"""
+
+
+def main() -> str | int | None:
+    """Train and write from the command line."""
+    try:
+        settings = settings_from_command_line(ResultsSettings, __doc__ or "")
+        problem = sweep(settings) if settings.train else None
+        return write(settings) if problem is None else problem
+    except (SceneError, RunError, OSError) as error:
+        return f"error: {error}"
+
+
+def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
+    """Write the page and its figures; return what is wrong, or None."""
+    folder, out = root / settings.name, Path(settings.out)
+    done = [trial for trial in settings.trials() if result_file(Run(trial.name, folder)).exists()]
+    if not done:
+        return f"error: {folder}: no finished training here; leave --no-train out"
+    tasks = dict.fromkeys(trial.task for trial in done)
+    known = [on_task(task, [t for t in done if t.task == task], folder) for task in tasks]
+    figures = draw_results(known, out.with_suffix(""))
+    write_text(out, page(known, figures))
+    print(f"written: {out}")
+    return None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,132 @@
+"""Does the page of results say what the trainings did, and are its statistics what they claim?"""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from agents import results as command
+from agents.comparison.trainings import (
+    Curve,
+    Trainings,
+    episodes_won,
+    improvement,
+    middle_cost,
+    slopes,
+)
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import LQR
+from agents.evaluation.episodes import Evaluation
+from agents.evolution.network import Network
+from agents.evolution.settings import EvolveSettings
+from agents.evolution.starts import start_of
+from mm_gym import load_scene
+
+SWEEP = """
+name = "small"
+tasks = ["CarriageForce"]
+algorithms = ["evolution"]
+seeds = 2
+
+[settings]
+"evolution.generations" = 2
+"evolution.candidates" = 4
+"evolution.episodes" = 2
+"evolution.evaluations" = 2
+"""
+
+
+def evaluation(penalties):
+    penalties, none = np.asarray(penalties, float), np.empty(0)
+    return Evaluation("law", "observation", penalties, none, None, none, none, none, None)
+
+
+def trainings(penalties):
+    curve = Curve(np.array([1.0]), np.array([1.0]), np.array([1.0]))
+    return Trainings("evolution", [evaluation(own) for own in penalties], [curve] * len(penalties))
+
+
+class TestStatistics:
+    rng = np.random.default_rng(0)
+    episodes = rng.uniform(0.5, 1.5, 100)
+
+    def test_interquartile_mean_is_of_the_middle_half_of_the_seeds(self):
+        factors = np.array([0.5, 0.9, 1.0, 1.0, 1.0, 1.1, 1.2, 9.0])
+        found = middle_cost(trainings(factors[:, None] * self.episodes))
+        want = np.sqrt(factors[2:6] * self.episodes.mean()).mean()
+        assert found.value == pytest.approx(want, rel=1e-12)
+        assert found.low < found.value < found.high
+
+    def test_improvement_is_the_part_of_the_trainings_that_cost_less(self):
+        # Three of four are better, by far more than episodes differ.
+        own = trainings(np.array([0.1, 0.2, 0.3, 7.0])[:, None] * self.episodes)
+        found = improvement(own, evaluation(self.episodes))
+        assert found.value == 0.75
+        # Of four seeds drawn, a part of 0 to 1 is better; in 95 %, a quarter or more.
+        assert 0.0 < found.low <= 0.5
+        assert found.high == 1.0
+        assert episodes_won(own, evaluation(self.episodes)) == 0.75
+
+    def test_pairs_of_episodes_tell_small_differences(self):
+        # One per cent, on episodes that differ by a factor of three.
+        own = trainings(np.tile(0.99 * self.episodes, (5, 1)))
+        assert improvement(own, evaluation(self.episodes)).low == 1.0
+
+    @pytest.mark.parametrize(("factors", "want"), [([3, 1, 2], 2), ([4, 1, 3, 2], 3), ([1], 0)])
+    def test_middle_training_is_the_median_or_the_better_of_two(self, factors, want):
+        assert trainings(np.array(factors)[:, None] * self.episodes).median == want
+
+    def test_slopes_of_a_regulator_are_its_gain(self):
+        scene, rng = load_scene("mm_gym/CarriageForce-v0"), np.random.default_rng(0)
+        start = start_of(scene, EvolveSettings(), rng)
+        network = Network(start, 3, odd=True)
+        found = slopes(network.policy(network.first(rng)), 0.01)
+        # Weights are of single precision.
+        np.testing.assert_allclose(found, start.direct[0, 1:], rtol=1e-5, atol=1e-6)
+
+
+class TestCommand:
+    @pytest.fixture
+    def call(self, tmp_path, monkeypatch):
+        (tmp_path / "small.toml").write_text(SWEEP)
+        monkeypatch.chdir(tmp_path)
+        law = lambda scene: [Feedback(scene, LQR(scene))]  # noqa: E731 - tuning takes longer
+        monkeypatch.setattr("agents.comparison.on_task.classical_laws", law)
+
+        def call(*flags):
+            monkeypatch.setattr(sys, "argv", ["results", "small.toml", "--out", "page.md", *flags])
+            return command.main()
+
+        return call
+
+    def test_page_has_the_costs_of_the_trainings(self, call, tmp_path, monkeypatch):
+        assert call("--processes", "1") is None
+        text = (tmp_path / "page.md").read_text()
+        files = sorted((tmp_path / "runs" / "small").glob("*/result.json"))
+        costs = [json.loads(path.read_text())["cost"] for path in files]
+        assert len(costs) == 2
+        row = next(line for line in text.splitlines() if line.startswith("| CarriageForce |"))
+        cells = [cell.strip() for cell in row.split("|")]
+        assert cells[2:4] == ["evolution", "2"]
+        assert cells[4].startswith(f"{np.mean(costs):.4f} [")
+        assert cells[5] == f"{min(costs):.4f} to {max(costs):.4f}"
+        figures = [line for line in text.splitlines() if line.startswith("![")]
+        names = [line.partition("(")[2].rstrip(")") for line in figures]
+        assert names == ["page/curves.png", "page/profile.png", "page/robustness.png"]
+        assert all((tmp_path / name).exists() for name in names)
+
+        def refuse(*_):
+            pytest.fail("trained again")
+
+        monkeypatch.setattr("agents.sweep.work_here", refuse)
+        assert call("--no-train") is None
+        assert (tmp_path / "page.md").read_text() == text
+
+    def test_nothing_trained_is_named(self, call, tmp_path):
+        assert "no finished training here" in call("--no-train")
+        assert not (tmp_path / "page.md").exists()
+
+    def test_unknown_setting_is_named(self, call):
+        with pytest.raises(SystemExit):
+            call("--seds", "3")
