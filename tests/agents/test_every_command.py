@@ -19,9 +19,9 @@ import pytest
 from pages import ROOT
 
 from agents.policies import Policy
+from agents.sweeps.workers import _done
 from agents.training.bases import base_controller
 from agents.training.runs import Run
-from agents.training.workers import _done
 from mm_gym import files
 
 TRAINING = {
