@@ -8,6 +8,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from agents.training.sweeps import do_trial
 from pages import ROOT, blocks
 from tasks import CARRIAGE_FORCE
 
@@ -21,7 +22,6 @@ from agents.training.own_cost import OwnCost
 from agents.training.parts import make_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
-from agents.training.sweeps import do_trial
 from mm_gym import SceneError, load_scene
 from mm_gym.tasks import ids
 
