@@ -59,6 +59,8 @@ class Arguments:
     """compare with the best known plans, and write nothing"""
     foresight: bool = False
     """measure what foresight of random excitation is worth, and nothing else"""
+    seed: int = 0
+    """of the search"""
     plans: Path | None = None
     """folder where the plans are kept, a file a task, and from which the next search begins"""
     out: Path = SCORES
@@ -81,13 +83,15 @@ def agents_of(texts: tuple[str, ...]) -> dict[str, list[Controller]]:
     return found
 
 
-def score(name: str, agents: list[Controller], earlier: list[Row], plans: Path | None) -> list[Row]:
+def score(
+    name: str, agents: list[Controller], earlier: list[Row], plans: Path | None, seed: int
+) -> list[Row]:
     """Return the rows of a task, and print them; plans are read from a folder and kept there."""
     began, file = time.perf_counter(), None
     if plans is not None:
         file = plans / f"{path_of(name).stem}.npy"
     kept = np.load(file) if file is not None and file.exists() else None
-    found = headroom(load_scene(path_of(name)), agents, kept)
+    found = headroom(load_scene(path_of(name)), agents, kept, seed)
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         np.save(file, found.plans)
@@ -147,7 +151,7 @@ def main() -> str | None:
                 earlier["foresight"] = foresight(scene)
                 print(f"{name}: {earlier['foresight']}")
             elif not arguments.foresight:
-                rows = score(name, own, earlier.get("rows", []), arguments.plans)
+                rows = score(name, own, earlier.get("rows", []), arguments.plans, arguments.seed)
                 new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
                 same = earlier.get("scene_digest") == scene.digest
                 scores[name] = (earlier if same else {}) | new

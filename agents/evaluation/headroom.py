@@ -20,7 +20,7 @@ from agents.evaluation.baselines import (
     predictive_control,
 )
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
-from agents.evaluation.planner import Planner
+from agents.evaluation.planner import Effort, Planner
 from agents.evaluation.replanner import Replanner
 from agents.evaluation.statistics import interval
 from mm_gym import DesignError
@@ -74,12 +74,13 @@ def headroom(
     scene: Scene,
     learned: Sequence[Controller] = (),
     kept: NDArray[np.float64] | None = None,
+    seed: int = 0,
 ) -> Headroom:
     """Score every controller, the planner last, on the same held-out episodes.
 
     The planner starts from what all others but the passive damper applied, learned agents too, and
     from the plans that were kept from an earlier search, as `Headroom.plans`. So it is no worse
-    than any of them in any episode.
+    than any of them in any episode. Another seed finds other plans.
     """
     controllers = [*controllers_of(scene), *((LEARNED, agent) for agent in learned)]
     results = [(role, evaluate(scene, it, episodes=EPISODES)) for role, it in controllers]
@@ -88,7 +89,7 @@ def headroom(
     starts = {result.name: result.applied for _, result in results}
     if kept is not None:
         starts[KEPT] = kept
-    row, plans = planned(scene, starts)
+    row, plans = planned(scene, starts, seed)
     return Headroom([*rows, row], plans)
 
 
@@ -159,10 +160,10 @@ def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:
 
 
 def planned(
-    scene: Scene, starts: Mapping[str, NDArray[np.float64]]
+    scene: Scene, starts: Mapping[str, NDArray[np.float64]], seed: int = 0
 ) -> tuple[Row, NDArray[np.float64]]:
     """Return the planner's row and what it applied, given what others did (steps, episodes, k)."""
-    planner = Planner(scene, starts)
+    planner = Planner(scene, starts, Effort(seed=seed))
     result = evaluate(scene, planner, episodes=EPISODES)
     pairs = zip(result.episode_costs, planner.origins, strict=True)
     plans = [{"cost": float(f"{cost:.6g}"), "start": start} for cost, start in pairs]

@@ -54,7 +54,7 @@ class Effort:
     kept: int = 3
     first: int = 12
     second: int = 40
-    rounds: int = 6
+    rounds: int = 12
     steps: int = 20
     last: int = 60
     seed: int = 0
