@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import control
 import numpy as np
 
+from agents.controllers.controller import require_number
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
 from agents.controllers.stable_rest import require_stable_rest
@@ -43,6 +44,7 @@ class ClippedLQR:
 
     def __init__(self, scene: Scene, stretch: float, price: float) -> None:
         require_stable_rest(scene, "clipped LQR")
+        require_number("price", price, np.finfo(np.float64).tiny)
         self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"
         self.command, self.lead = StretchCommand(scene), Lead(scene)
         self.about, self.stiffness = stretch, scene.springs.stiffness

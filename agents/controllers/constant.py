@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.controllers.both import Both
-from agents.controllers.controller import columns
+from agents.controllers.controller import columns, require_actuator, require_number
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ class ConstantForce:
     """Push with one force [N]."""
 
     def __init__(self, scene: Scene, force: float = 0.0) -> None:
+        require_actuator(scene, "force")
         actuator = scene.actuation.force
-        if actuator is None:
-            msg = "actuation.force: missing; there is no force to hold"
-            raise ValueError(msg)
+        assert actuator is not None  # noqa: S101 - as required
+        require_number("force", force, -actuator.limit, actuator.limit)
         self.name = f"constant force {force:.3f} N" if force else "no force"
         self.value = force / actuator.limit
 
@@ -60,6 +60,10 @@ class ConstantStretch:
         self.name = "initial stretch" if stretch is None else f"constant stretch {stretch:.3f}"
         self.stretch = stretch
         self.command = StretchCommand(scene)
+        if stretch is not None:
+            require_number(
+                "stretch", stretch, self.command.actuator.minimum, self.command.actuator.maximum
+            )
 
     def begin(self, lanes: int) -> None:
         """Forget the last episode's stretch."""

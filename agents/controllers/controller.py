@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,3 +88,18 @@ def columns(scene: Scene) -> tuple[str, ...]:
     return tuple(
         name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None
     )
+
+
+def require_actuator(scene: Scene, name: str) -> None:
+    """Raise `DesignError` if the scene lacks an actuator, "force" or "stretch"."""
+    if getattr(scene.actuation, name) is None:
+        msg = f"actuation.{name}: missing; the scene must have a {name} actuator"
+        raise DesignError(msg)
+
+
+def require_number(name: str, value: float, low: float = 0.0, high: float = inf) -> None:
+    """Raise `DesignError` unless a number is finite, at least `low` and at most `high`."""
+    if not (low <= value <= high and abs(value) < inf):
+        end = "" if high == inf else f" and at most {high:g}"
+        msg = f"{name}: got {value!r}; allowed: a finite number of at least {low:g}{end}"
+        raise DesignError(msg)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import require_number
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ class ExtremumSeeking:
     def __init__(
         self, scene: Scene, wobble: float = 0.07, period: float = 8.0, gain: float = 0.03
     ) -> None:
+        for name, value in (("wobble", wobble), ("period", period), ("gain", gain)):
+            require_number(name, value, np.finfo(np.float64).tiny)
         self.name = f"extremum seeking, gain {gain:.2g}"
         self.command = StretchCommand(scene)
         actuator, step = self.command.actuator, scene.control.time_step

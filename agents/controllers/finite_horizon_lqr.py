@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.lqg import force_price
-from agents.controllers.lqr import state_weight, states_that_matter
-from mm_gym import compile_scene
+from agents.controllers.lqr import force_price, state_weight, states_that_matter
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
     from mm_gym import Scene
+
+
+MOST_STEPS = 100_000
+"""Longest episode: its gains are found and kept step by step."""
 
 
 class FiniteHorizonLQR:
@@ -39,13 +42,20 @@ class FiniteHorizonLQR:
     Raises
     ------
     DesignError
-        If there is no force, it is commanded by its rate or costs nothing.
+        If there is no force, it is commanded by its rate or costs nothing, the motion has no
+        weight, or the episode is too long.
     """
 
     name = "finite-horizon LQR"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        price = force_price(scene)
+        price, steps = force_price(scene), scene.control.steps
+        if steps > MOST_STEPS:
+            msg = (
+                f"control.steps: got {steps}; allowed for a finite-horizon LQR: at most "
+                f"{MOST_STEPS}; the LQR is its limit for long episodes"
+            )
+            raise DesignError(msg)
         assert scene.actuation.force is not None  # noqa: S101 - `force_price` refuses otherwise
         self.limit = scene.actuation.force.limit
         plant, weight = compile_scene(scene), state_weight(scene)
@@ -53,9 +63,9 @@ class FiniteHorizonLQR:
         a, b = plant.discrete(stretch)
         rows = np.ix_(self.states, self.states)
         a, b, weight = a[rows], b[list(self.states), :1], weight[rows]
-        self.gains = np.empty((scene.control.steps, len(a)))
+        self.gains = np.empty((steps, len(a)))
         cost = np.zeros_like(a)
-        for step in reversed(range(scene.control.steps)):
+        for step in reversed(range(steps)):
             ahead = weight + cost  # the reward is of the state at the step's end
             gain = (b.T @ ahead @ a) / (price + b.T @ ahead @ b)
             closed = a - b @ gain

@@ -10,9 +10,10 @@ import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.controllers.lqg import MOTION, force_price, hidden_mode, require_detectable
-from agents.controllers.lqr import state_weight
+from agents.controllers.lqg import MOTION, hidden_mode, require_detectable
+from agents.controllers.lqr import force_price, state_weight
 from mm_gym import DesignError, compile_scene
+from mm_gym.errors import suggest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -186,7 +187,14 @@ def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, 
     plant = compile_scene(scene)
     measured = [name for name in plant.channels if name.startswith("carriage_")]
     if channels is not None:
-        measured = list(channels)
+        measured = [name for name in plant.channels if name in channels]
+    unknown = sorted(set(channels or ()) - set(measured))
+    if unknown:
+        msg = (
+            f"channels: got {unknown[0]!r}{suggest(unknown[0], plant.channels)}; allowed, as they "
+            f"are observed: {', '.join(plant.channels)}"
+        )
+        raise DesignError(msg)
     if not measured:
         names = ", ".join(plant.channels)
         msg = f"sensors.channels: got {names}; allowed for H-infinity: at least one of the carriage"

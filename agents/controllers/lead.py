@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm
 
+from agents.controllers.controller import require_actuator
 from mm_gym import compile_scene
 from mm_gym.analysis import spring_stiffness
 
@@ -27,10 +28,9 @@ class Lead:
     """
 
     def __init__(self, scene: Scene) -> None:
+        require_actuator(scene, "stretch")
         actuator = scene.actuation.stretch
-        if actuator is None:
-            msg = "actuation.stretch: missing; the scene must have a stretch actuator"
-            raise ValueError(msg)
+        assert actuator is not None  # noqa: S101 - as required
         self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
         rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
         crossing = self.range / rate

@@ -9,13 +9,15 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.sparse import csc_matrix
 
-from agents.controllers.lqg import force_price
-from agents.controllers.lqr import design, state_weight, states_that_matter
+from agents.controllers.lqr import design, force_price, state_weight, states_that_matter
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
     from mm_gym import Scene
+
+MOST_STEPS = 1000
+"""Longest horizon; the matrices have the square of its size."""
 
 SETTINGS = {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000}
 
@@ -38,12 +40,16 @@ class LinearMPC:
     Raises
     ------
     DesignError
-        If there is no force, it is commanded by its rate or costs nothing.
+        If there is no force, it is commanded by its rate or costs nothing, the motion has no
+        weight, or the horizon is not allowed.
     gymnasium.error.DependencyNotInstalled
         Without OSQP (extra: mpc).
     """
 
     def __init__(self, scene: Scene, horizon: int = 30) -> None:
+        if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
+            msg = f"horizon: got {horizon!r}; allowed: 1 to {MOST_STEPS} control steps"
+            raise DesignError(msg)
         price = force_price(scene)
         actuator = scene.actuation.force
         assert actuator is not None  # noqa: S101 - `force_price` refuses otherwise
@@ -59,10 +65,12 @@ class LinearMPC:
         self.slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
         most = np.inf if actuator.rate_limit is None else actuator.rate_limit / self.limit
         self.travel = most * scene.control.time_step
-        self.solver = _solver(both + price * self.limit**2 * np.eye(horizon), self.travel)
+        self.hessian = both + price * self.limit**2 * np.eye(horizon)
+        self.begin(0)  # or tell at once that there is no solver
 
     def begin(self, lanes: int) -> None:
-        """Begin without plans."""
+        """Begin without plans, and with a solver that remembers no other episodes."""
+        self.solver = _solver(self.hessian, self.travel)
         self.plans = np.zeros((lanes, len(self.slope)))
 
     def action(self, state: Values, applied: Values) -> Values:

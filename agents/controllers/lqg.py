@@ -9,7 +9,8 @@ import control
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.lqr import state_weight
+from agents.controllers.controller import require_number
+from agents.controllers.lqr import force_price, state_weight
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
         a mode that does not decay, or an equation has no stabilising solution.
     """
     price = force_price(scene)
+    require_number("unmodelled", unmodelled)
     plant = compile_scene(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
@@ -102,21 +104,6 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
     return LQGDesign(system, regulated, gain, filters, error, cost)
-
-
-def force_price(scene: Scene) -> float:
-    """Return the cost of the force [1/N^2]."""
-    actuator, weight = scene.actuation.force, scene.objective.effort_weight
-    if actuator is None:
-        msg = "actuation.force: missing; an LQG needs a force"
-        raise DesignError(msg)
-    if actuator.command == "rate":
-        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
-        raise DesignError(msg)
-    if weight == 0.0:
-        msg = "objective.effort_weight: got 0; allowed: greater than 0, as for an LQR"
-        raise DesignError(msg)
-    return weight / actuator.limit**2
 
 
 def regulator(

@@ -62,28 +62,16 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     Raises
     ------
     DesignError
-        If the scene has no force actuator or no weight on the force, or is not stabilisable, or
-        if the solution fails its checks: residual, definiteness, closed-loop eigenvalues.
+        If there is no force, it is commanded by its rate or costs nothing, the motion has no
+        weight or is not stabilisable, or the solution fails its checks: residual, definiteness,
+        closed-loop eigenvalues.
     """
-    actuator, objective = scene.actuation.force, scene.objective
-    if actuator is None:
-        msg = (
-            "actuation.force: missing; "
-            "an LQR needs a force (a stretch does not enter the linear plant)"
-        )
-        raise DesignError(msg)
-    if objective.effort_weight == 0.0:
-        msg = (
-            "objective.effort_weight: got 0; "
-            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
-        )
-        raise DesignError(msg)
+    price = np.array([[force_price(scene)]])
     plant = compile_scene(scene)
     weight = state_weight(scene)
     states = states_that_matter(plant.linear(stretch)[0], weight)
     a, b = plant.discrete(stretch)
     a, b, weight = a[np.ix_(states, states)], b[list(states)], weight[np.ix_(states, states)]
-    price = np.array([[objective.effort_weight / actuator.limit**2]])
     _require_stabilisable(a, b, states)
     try:
         gain, cost, _ = control.dlqr(a, b, weight, price, method="scipy")
@@ -95,8 +83,41 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     return solution
 
 
+def force_price(scene: Scene) -> float:
+    """Return the cost of the force [1/N^2].
+
+    Raises
+    ------
+    DesignError
+        If there is no force, it is commanded by its rate or costs nothing.
+    """
+    actuator, weight = scene.actuation.force, scene.objective.effort_weight
+    if actuator is None:
+        msg = (
+            "actuation.force: missing; "
+            "a regulator needs a force (a stretch does not enter the linear plant)"
+        )
+        raise DesignError(msg)
+    if actuator.command == "rate":
+        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
+        raise DesignError(msg)
+    if weight == 0.0:
+        msg = (
+            "objective.effort_weight: got 0; "
+            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
+        )
+        raise DesignError(msg)
+    return weight / actuator.limit**2
+
+
 def state_weight(scene: Scene) -> NDArray[np.float64]:
-    """Return the (4, 4) weight of the state in the scene's reward."""
+    """Return the (4, 4) weight of the state in the scene's reward.
+
+    Raises
+    ------
+    DesignError
+        If the motion has no weight.
+    """
     objective = scene.objective
     stroke = objective.stroke_weight / objective.stroke_scale**2
     weight = np.zeros((4, 4))
@@ -104,6 +125,12 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
     weight[1, 1] = stroke
     weight[0, 1] = weight[1, 0] = -stroke
     weight[2, 2] = objective.velocity_weight / objective.velocity_scale**2
+    if not weight.any():
+        msg = (
+            "objective: displacement_weight, velocity_weight and stroke_weight are 0; allowed: one "
+            "greater than 0, for a motion to keep small"
+        )
+        raise DesignError(msg)
     return weight
 
 

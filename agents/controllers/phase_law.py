@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import require_number
 from agents.controllers.stable_rest import require_stable_rest
 from agents.controllers.stretch_command import StretchCommand
 
@@ -27,6 +28,7 @@ class PhaseLaw:
 
     def __init__(self, scene: Scene, gain: float = 1.0) -> None:
         require_stable_rest(scene, "phase law")
+        require_number("gain", gain, low=-np.finfo(np.float64).max)
         self.name = f"phase law, gain {gain:.2g}"
         self.gain = gain
         self.command = StretchCommand(scene)

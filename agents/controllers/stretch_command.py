@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import require_actuator
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -16,10 +18,9 @@ class StretchCommand:
     """Turn a wanted stretch into the action towards it, whether position or rate is commanded."""
 
     def __init__(self, scene: Scene) -> None:
+        require_actuator(scene, "stretch")
         actuator = scene.actuation.stretch
-        if actuator is None:
-            msg = "actuation.stretch: missing; the scene must have a stretch actuator"
-            raise ValueError(msg)
+        assert actuator is not None  # noqa: S101 - as required
         self.actuator = actuator
         self.time_step = scene.control.time_step
 

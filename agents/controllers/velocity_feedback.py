@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import require_actuator, require_number
+
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
     from mm_gym import Scene
@@ -19,10 +21,10 @@ class VelocityFeedback:
     """
 
     def __init__(self, scene: Scene, gain: float) -> None:
+        require_actuator(scene, "force")
         actuator = scene.actuation.force
-        if actuator is None:
-            msg = "actuation.force: missing; there is nothing to push with"
-            raise ValueError(msg)
+        assert actuator is not None  # noqa: S101 - as required
+        require_number("gain", gain)
         self.name = f"velocity feedback, {gain:.2g} N s/m"
         self.gain = gain / actuator.limit
 

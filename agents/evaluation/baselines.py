@@ -191,14 +191,13 @@ def predictive_control(scene: Scene, law: Law) -> Feedback:
 
 def regulators(scene: Scene) -> list[Feedback]:
     """Return the LQR if one can be designed, without the stroke's weight if it must be."""
-    if scene.objective.effort_weight == 0.0:
-        return []
-    try:
+    with suppress(DesignError):
         return [Feedback(scene, LQR(scene))]
-    except DesignError:
+    with suppress(DesignError):
         regulator = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
         regulator.name = "LQR, blind to the stroke"
         return [Feedback(scene, regulator)]
+    return []
 
 
 def resetting_laws(scene: Scene) -> list[Feedback]:

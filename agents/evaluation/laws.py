@@ -76,8 +76,13 @@ TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
     found = {**ALWAYS, **LAWS[columns(scene)]}
-    if scene.actuation.force is not None and scene.objective.effort_weight == 0.0:
-        for name in ("lqr", "lqg", "lqr-and-clipped-lqr"):  # they need a price of the force
+    force = scene.actuation.force
+    if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
+        for name in (
+            "lqr",
+            "lqg",
+            "lqr-and-clipped-lqr",
+        ):  # they need a force with a price, by position
             found.pop(name, None)
     if columns(scene) == ("stretch",):
         if {part.kind for part in scene.excitation} == {"harmonic"}:
