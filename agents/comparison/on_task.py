@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from agents.training.config import RunSettings
     from mm_gym import Scene
 
-EFFORT = Effort(random=3, kept=2, rounds=2)
+EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, last=8)
 """Of the plan of the episode that is shown."""
 
 
