@@ -133,7 +133,7 @@ def _episodes(known: Sequence[OnTask], path: Path) -> None:
         peak = int(np.abs(one.examples[1].displacement[:, 0]).argmax())
         first = min(max(peak - WINDOW // 3, 0), len(one.examples[1].time) - WINDOW)
         part = slice(first, first + WINDOW)
-        labels = ("best law", one.trainings[0].algorithm, "best known plan")
+        labels = ("best law", one.trainings[0].algorithm, "plan from the agent's")
         for k, (label, result) in enumerate(zip(labels, one.examples, strict=True)):
             look = {"color": COLOURS[k], "linestyle": STYLES[k], "label": label, "linewidth": 0.9}
             upper.plot(result.time[part], result.displacement[part, 0], **look)
