@@ -1,4 +1,4 @@
-"""The disturbing force to come: its conditional mean, by linear prediction from the past."""
+"""The disturbance to come: its conditional mean, from the past."""
 
 from __future__ import annotations
 
@@ -6,12 +6,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.disturbance import ORDER, ForceObserver, prediction_weights
+from agents.controllers.disturbance import (
+    ORDER,
+    ForceObserver,
+    force_column,
+    prediction_weights,
+)
+from agents.controllers.excitation_filter import ExcitationFilter
 from agents.controllers.frequency_estimators import LinearPrediction
+from agents.controllers.lqg import MOTION
+from mm_gym import compile_scene
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
     from mm_gym import Scene
+
+SHAPED = ("noise", "kanai_tajimi", "clough_penzien")
+"""Kinds of excitation whose next values follow from the state of a filter."""
 
 
 class Forecast:
@@ -59,3 +70,40 @@ class Forecast:
             force[:] = sum(weight * value for weight, value in zip(self.weights, past, strict=True))
             past = [force, *past[:-1]]
         return forces
+
+
+class PushForecast:
+    """Predict what the disturbance adds to the motion in each control step.
+
+    Noise that a filter shapes, on the carriage or the ground, by the filter's state; see
+    `ExcitationFilter`. Other excitation as the force of a `Forecast`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.silent = not scene.excitation
+        self.filter: ExcitationFilter | None = None
+        if any(part.kind in SHAPED for part in scene.excitation):
+            system = compile_scene(scene).state_space([], MOTION, sampled=True)
+            self.filter = ExcitationFilter(scene, system)
+        else:
+            self.forces, self.column = Forecast(scene), force_column(scene)
+
+    def begin(self, lanes: int) -> None:
+        """Forget the last episodes."""
+        if self.filter is None:
+            self.forces.begin(lanes)
+        else:
+            self.filter.begin(lanes)
+
+    def ahead(self, state: Values, applied: Values, steps: int) -> Values | None:
+        """Return what is added to x1, x2 [m], v1, v2 [m/s], (steps, 4, lanes), or None for nothing.
+
+        Call it at each step.
+        """
+        if self.silent:
+            return None
+        if self.filter is None:
+            forces = self.forces.ahead(state, applied, steps)
+            return forces[:, None] * self.column[:, None]
+        self.filter.observe(state, applied)
+        return np.moveaxis(self.filter.ahead(steps), 1, 2)

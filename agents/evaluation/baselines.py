@@ -36,6 +36,7 @@ from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.observed_state import ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
@@ -184,7 +185,14 @@ def _remembers(law: Law) -> bool:
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:
-    """Return predictive control around a law without memory, in real time."""
+    """Return predictive control in real time.
+
+    Plans are improved by derivatives where a force acts, if actuators and control steps allow it;
+    elsewhere they are searched around a law without memory.
+    """
+    if scene.actuation.force is not None and scene.control.time_step > QUICK:
+        with suppress(DesignError):
+            return Feedback(scene, NewtonPredictiveControl(scene))
     horizon = SHORT if scene.control.time_step <= QUICK else SEARCH.horizon
     return Feedback(scene, PredictiveControl(scene, law, replace(SEARCH, horizon=horizon)))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluation.trajectories import Trajectories
+from agents.controllers.trajectories import Trajectories
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Reads
-    from agents.evaluation.trajectories import Trajectory
+    from agents.controllers.trajectories import Trajectory
     from mm_gym import MovingMassVectorEnv, Scene
 
     Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluation.trajectories import Trajectories
+from agents.controllers.trajectories import Trajectories
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mm_gym import DesignError
 from mm_gym.sensitivity import Sensitivities, expected, sweep
 
 if TYPE_CHECKING:
@@ -67,6 +68,12 @@ class Trajectories:
         Steps that are planned; by default an episode's.
     foresees
         Whether noise and random impulses to come are known, or their mean is expected.
+
+    Attributes
+    ----------
+    pushes
+        (steps, 4, episodes) what is added to x1, x2 [m], v1, v2 [m/s] after each step, or None:
+        what a disturbance that the plant does not have would do.
     """
 
     def __init__(
@@ -81,7 +88,7 @@ class Trajectories:
         objective = scene.objective
         if objective.displacement_limit or objective.rail_half_length:
             msg = "objective: the planner needs episodes that do not end early"
-            raise ValueError(msg)
+            raise DesignError(msg)
         self.start = start["values"], start["streams"]
         self.support, self.constants = plant.support, (plant.model, plant.task)
         if not foresees:
@@ -96,13 +103,16 @@ class Trajectories:
                     f"actuation.{actuator.name}: the planner needs actuators without lag, and no "
                     "objective.effort_weight beside a rate limit of what is commanded by value"
                 )
-                raise ValueError(msg)
+                raise DesignError(msg)
         low, high, rate = np.array([(a.low, a.high, a.rate) for a in self.actuators]).T
         at_once = ~np.isfinite(rate)
         self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
         kept, step = np.where(at_once, 0.0, 1.0), np.where(at_once, self.half, rate)
         self._limits = np.stack([low, high, kept, step])
         self._by_change = ~at_once & np.array([not a.is_rate for a in self.actuators])
+        # What is applied at once has no bounds but those of its control.
+        bounds = np.where(at_once, -np.inf, low), np.where(at_once, np.inf, high), step
+        self._bounds = np.stack(bounds)[:, :, None]
         self.weights = np.array(
             [
                 objective.displacement_weight / objective.displacement_scale**2,
@@ -111,6 +121,7 @@ class Trajectories:
             ]
         )
         self.effort = objective.effort_weight
+        self.pushes: Array | None = None
 
     def controls_of(self, applied: Array) -> Array:
         """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
@@ -150,9 +161,13 @@ class Trajectories:
             u = found.controls[k] = self._bounded(u, state[4:])
             found.actions[k] = self._action(u, state[4:])
             found.motion[k] = lanes.step(found.actions[k])[1][:, :n]
+            if self.pushes is not None:
+                lanes.lanes[:4] += self.pushes[k][:, episodes]
             state = found.states[k + 1] = lanes.state
-            squares = np.stack([state[0], state[2], state[1] - state[0]]) ** 2
-            found.cost[:] += self.weights @ squares + self.effort * (u**2).sum(axis=0)
+        x1, x2, v1 = np.moveaxis(found.states[1:, :3], 1, 0)
+        for weight, value in zip(self.weights, (x1, v1, x2 - x1), strict=True):
+            found.cost[:] += weight * (value**2).sum(axis=0)
+        found.cost[:] += self.effort * (found.controls**2).sum(axis=(0, 1))
         return found
 
     def improve(
@@ -184,13 +199,15 @@ class Trajectories:
 
     def _bounded(self, controls: Array, applied: Array) -> Array:
         """Return controls within their bounds, given what is applied before the step."""
-        low, high, kept, step = self._limits[:, :, None]
-        least = np.where(kept > 0.0, np.maximum(-1.0, (low - applied) / step), -1.0)
-        most = np.where(kept > 0.0, np.minimum(1.0, (high - applied) / step), 1.0)
-        return np.clip(controls, least, most)
+        low, high, step = self._bounds
+        least = np.maximum(-1.0, (low - applied) / step)
+        most = np.minimum(1.0, (high - applied) / step)
+        return np.minimum(np.maximum(controls, least), most)
 
     def _action(self, controls: Array, applied: Array) -> Array:
         """Return the actions (k, lanes) of controls."""
+        if not self._by_change.any():
+            return controls
         reached = applied + self._limits[3][:, None] * controls
         asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
         return np.where(self._by_change[:, None], asked, controls)

@@ -1,0 +1,110 @@
+"""Does predictive control by Gauss-Newton steps find the plans that a search by chance misses?"""
+
+import numpy as np
+import pytest
+from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, TASKS
+
+from agents.controllers.excitation_filter import ExcitationFilter
+from agents.controllers.feedback import Feedback
+from agents.controllers.forecast import PushForecast
+from agents.controllers.lqr import LQR
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
+from agents.controllers.predictive_control import PredictiveControl
+from agents.controllers.true_state import TrueState
+from agents.controllers.velocity_feedback import VelocityFeedback
+from agents.evaluation.baselines import predictive_control
+from agents.evaluation.episodes import evaluate
+from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
+
+SHAKEN = CARRIAGE_FORCE.replace(
+    **{
+        "excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}],
+        "actuation.force.limit": 400.0,
+        "objective.effort_weight": 100.0,
+        "initial": {},
+    }
+)
+
+
+def test_linear_plant_costs_what_the_riccati_equation_says():
+    planned = evaluate(
+        CARRIAGE_FORCE,
+        Feedback(CARRIAGE_FORCE, NewtonPredictiveControl(CARRIAGE_FORCE)),
+        episodes=10,
+    )
+    optimal = evaluate(CARRIAGE_FORCE, Feedback(CARRIAGE_FORCE, LQR(CARRIAGE_FORCE)), episodes=10)
+    # The LQR is optimal but for the limit of the force, which the plans know.
+    assert planned.cost <= optimal.cost * (1.0 + 1e-4)
+    assert planned.cost >= 0.99 * optimal.cost
+
+
+def test_friction_costs_a_third_of_the_best_constant_from_the_observation():
+    law = NewtonPredictiveControl(CARRIAGE_FORCE_FRICTION)
+    planned = evaluate(CARRIAGE_FORCE_FRICTION, Feedback(CARRIAGE_FORCE_FRICTION, law), episodes=8)
+    assert planned.reads == "observation"
+    still = evaluate(
+        CARRIAGE_FORCE_FRICTION,
+        Feedback(CARRIAGE_FORCE_FRICTION, VelocityFeedback(CARRIAGE_FORCE_FRICTION, 0.0)),
+        episodes=8,
+    )
+    assert planned.cost < 0.36 * still.cost
+
+
+def test_hybrid_uses_what_the_filter_of_the_soil_tells_in_advance():
+    scene = HYBRID.replace(**{"control.steps": 120})
+    law, blind = NewtonPredictiveControl(scene), NewtonPredictiveControl(scene)
+    blind.forecast.ahead = lambda *_: None
+    with_it, without = (evaluate(scene, Feedback(scene, it), episodes=16) for it in (law, blind))
+    assert with_it.cost < 0.97 * without.cost
+
+
+def test_forecast_of_a_filter_is_the_conditional_mean_of_the_sampled_plant():
+    system = compile_scene(HYBRID).state_space([], ("x1", "x2", "v1", "v2"), sampled=True)
+    found = ExcitationFilter(HYBRID, system)
+    found.begin(2)
+    found.state = np.array([[1.0, -2.0], [0.5, 0.3]])
+    ahead = found.ahead(7)
+    for lane, start in enumerate(found.state):
+        state = np.concatenate([np.zeros(4), start])
+        for step in ahead:
+            state[:4] = 0.0  # what a step adds to the motion, not what the motion makes of it
+            state = system.A @ state
+            np.testing.assert_allclose(step[lane], state[:4], rtol=1e-12, atol=1e-18)
+
+
+def test_push_of_a_harmonic_force_is_what_the_plant_does():
+    forecast = PushForecast(SHAKEN)
+    env = MovingMassVectorEnv(SHAKEN, 2)
+    _, info = env.reset(seed=3)
+    forecast.begin(2)
+    undisturbed = compile_scene(SHAKEN).discrete()[0]
+    for _ in range(12):
+        pushes = forecast.ahead(info["state"], info["applied"], 3)
+        before = info["state"].copy()
+        *_, info = env.step(np.zeros((2, 1)))
+    missed = info["state"] - before @ undisturbed.T
+    # A held force differs from one that turns by 0.5 rad in the step by 0.5**2 / 24, 1 %.
+    np.testing.assert_allclose(pushes[0][2], missed[:, 2], rtol=0.03)
+
+
+def test_plans_of_a_silent_scene_do_not_depend_on_the_lanes_beside():
+    # Two lanes of one state differ by the random plans alone, and both are improved.
+    law = NewtonPredictiveControl(CARRIAGE_FORCE, Steps(near=0, fresh=0, rounds=8))
+    law.begin(2)
+    state = np.tile([0.004, 0.01, 0.1, -0.1], (2, 1))
+    first, second = law.action(state, np.zeros((2, 1)))
+    assert first == second
+
+
+def test_it_is_taken_where_a_force_acts_and_time_allows():
+    damper = VelocityFeedback(CARRIAGE_FORCE, 5.0)
+    lagging = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.02})
+    laws = [
+        predictive_control(scene, damper).law
+        for scene in (CARRIAGE_FORCE, HYBRID, TASKS["mm_gym/CarriageForceDuffing-v0"], lagging)
+    ]
+    assert [isinstance(law, NewtonPredictiveControl) for law in laws] == [True, True, False, False]
+    assert isinstance(laws[-1], PredictiveControl)
+    with pytest.raises(DesignError, match="without lag"):
+        NewtonPredictiveControl(lagging)
+    assert Feedback(CARRIAGE_FORCE, laws[0], TrueState()).reads == "full state"
