@@ -42,6 +42,7 @@ from agents.evaluation.baselines import (
     best_constant_stretch,
     best_phase_law,
     classical_laws,
+    further_laws,
     informed_laws,
     regulators,
 )
@@ -136,8 +137,10 @@ def test_regulator_beats_no_control_on_the_yardstick() -> None:
 
 @cache
 def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
+    for extra in ("osqp", "slycot"):
+        pytest.importorskip(extra)
     scene = TASKS[name].replace(**{"control.steps": 10})
-    return scene, baselines(scene)
+    return scene, [*baselines(scene), *further_laws(scene)]
 
 
 @pytest.mark.parametrize("name", TASKS)
