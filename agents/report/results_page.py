@@ -32,16 +32,18 @@ what is trained already. `python -m agents.sweep configs/results.toml` trains al
 cluster. Generations, and not time, end a search, so each cost can be repeated. This page was made
 on {machine}, one processor a training.
 
-It was made within one busy hour: the tasks with fewer than ten seeds were stopped by the clock, not
-chosen, PPO and the other algorithms were not run, and the same command trains the rest. Longer
-searches of single seeds are in `docs/training.md`.
-
-Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
+{note}Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
 tuning has seen. The interquartile mean is over the seeds of the training, its 95 % interval a
 bootstrap over seeds and episodes. The best law is the best of the classical laws in these very
 episodes; predictive control and the best known plan, which knows the episode, are those of
 `docs/ranking.md`. Improvement is the probability that a training costs less than the best law, with
 the same bootstrap's interval; episodes won is the part of single episodes that cost less.
+"""
+
+NOTE = """It was made within one busy hour: the tasks with fewer than ten seeds were stopped by the
+clock, not chosen, PPO and the other algorithms were not run, and the same command trains the rest.
+Longer searches of single seeds are in `docs/training.md`.
+
 """
 
 CURVES = """## Learning curves
@@ -110,7 +112,7 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
     """Return the page, with figures that stand in a folder beside it."""
     curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
     parts = [
-        HEAD.format(machine=_machine()),
+        HEAD.format(machine=_machine(), note=NOTE if _is_partial(known) else ""),
         "## Costs",
         _costs(known),
         *_missing(known),
@@ -128,6 +130,11 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
         FARTHEST,
     ]
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def _is_partial(known: Sequence[OnTask]) -> bool:
+    """Tell whether some tasks have fewer trainings than others."""
+    return len({len(trainings.costs) for _, trainings in _each(known)}) > 1
 
 
 def _machine() -> str:
