@@ -1,7 +1,8 @@
 """The steady motion under dry friction to its first harmonic: friction as a damping of its own.
 
-Den Hartog, Mechanical Vibrations, 4th ed. (1956), section 8.9: at a slip of amplitude V friction
-takes as much energy in a period as a damping c(V), and the response is that of a linear system.
+Jacobsen, *Steady forced vibration as influenced by damping*, Trans. ASME 52 (1930): at a slip of
+amplitude V friction takes as much energy in a period as a damping c(V), and the response is that of
+a linear system.
 """
 
 from __future__ import annotations
