@@ -30,16 +30,15 @@ NOISY = Scene(
 )
 LANES, SETTLED = 300, 200
 
-EPISODES, SEED = 10_000, 100_000
-"""Of the seeds 0, 1e5, 3e5, 5e5 and 7e5 the first is 2.3 standard errors off, the others and all
-fifty thousand together are within the interval."""
+EPISODES = 50_000
+"""The first ten thousand alone are 2.3 standard errors off."""
 
 
 @pytest.mark.slow
-def test_cost_is_the_riccati_equations_in_the_interval_of_ten_thousand_episodes():
+def test_cost_is_the_riccati_equations_in_the_interval_of_fifty_thousand_episodes():
     law = LQG(NOISY, unmodelled=1e-6)
     env = MovingMassVectorEnv(NOISY, EPISODES, autoreset_mode="Disabled")
-    observation, info = env.reset(seed=SEED)
+    observation, info = env.reset(seed=0)
     law.reset(env)
     costs, steps = np.zeros(EPISODES), NOISY.control.steps
     for step in range(steps):
