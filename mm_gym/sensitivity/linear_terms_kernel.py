@@ -9,9 +9,11 @@ from __future__ import annotations
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.jit import borrowing_kernel
-from mm_gym.methods.base import ROUND_OFF
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.layout import CAUSES, COLUMNS
+
+ROUND_OFF = 2.0**-54
+"""Terms that are smaller, over the first one, do not change a sum."""
 
 
 @borrowing_kernel

@@ -8,7 +8,6 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from agents.training.sweeps import do_trial
 from pages import ROOT, blocks
 from tasks import CARRIAGE_FORCE
 
@@ -16,6 +15,7 @@ from agents.evaluate import report_run
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.laws import laws
 from agents.policies import PolicyError
+from agents.sweeps.trials import do_trial
 from agents.training.bases import base_controller
 from agents.training.config import TrainSettings, read_settings
 from agents.training.own_cost import OwnCost
