@@ -24,9 +24,6 @@ SEEKING = (
     "short, and the wobble itself costs."
 )
 LINEAR = "Its model is linear about rest, where the sphere sticks: it does not break it loose."
-QUADRATIC = (
-    "A quadratic program finds the optimum on this linear plant; a search by chance nears it."
-)
 
 EXPLAINED: dict[tuple[str, str, str], str] = {
     ("CarriageForceDuffing", "velocity feedback", "LQR"): (
@@ -53,14 +50,9 @@ EXPLAINED: dict[tuple[str, str, str], str] = {
         "83 % of the matching stretch's cost comes in the first half second, while springs and "
         "motion settle; the law is that of the steady motion, and the plans use the transient."
     ),
-    ("CarriageForce", "law", "predictive"): QUADRATIC,
-    ("CarriageForce", "linear MPC", "planner"): QUADRATIC,
+    ("CarriageForceFriction", "H-infinity", NO_BETTER): LINEAR,
     ("CarriageForceFriction", "finite-horizon LQR", NO_BETTER): LINEAR,
     ("CarriageForceFriction", "linear MPC", NO_BETTER): LINEAR,
-    ("Hybrid", "law", "predictive"): (
-        "The law knows the ground's spectrum; predictive control takes the disturbance for "
-        "a force on the carriage alone, predicted from its past."
-    ),
     ("PreStretch", "extremum seeking", NO_BETTER): SEEKING,
     ("PreStretchNoise", "extremum seeking", NO_BETTER): SEEKING,
     ("PreStretchShock", "extremum seeking", NO_BETTER): SEEKING,
