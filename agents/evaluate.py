@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from gymnasium.error import DependencyNotInstalled
 
 from agents.comparison.command import compare
 from agents.comparison.contestants import BASELINES, read_field
@@ -219,6 +220,7 @@ def main() -> str | int | None:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
     except (
+        DependencyNotInstalled,
         DesignError,
         OSError,
         PolicyError,

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING
 
 from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
+from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
+from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
+from agents.controllers.h_infinity import HInfinity
+from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
@@ -53,6 +57,9 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     ("force",): {
         "lqr": lambda scene: regulators(scene)[0],
         "lqg": LQG,
+        "finite-horizon-lqr": lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
+        "linear-mpc": lambda scene: Feedback(scene, LinearMPC(scene)),
+        "h-infinity": HInfinity,
         "velocity-feedback": best_velocity_feedback,
     },
     ("stretch",): {
@@ -61,6 +68,7 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "on-off-stiffness": best_on_off_stiffness,
         "resetting-stiffness-passive": lambda scene: resetting_laws(scene)[0],
         "resetting-stiffness": lambda scene: resetting_laws(scene)[1],
+        "extremum-seeking": lambda scene: Feedback(scene, ExtremumSeeking(scene)),
     },
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
@@ -68,6 +76,9 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     },
 }
 """Laws for the actuators that a scene has."""
+
+PRICED = ("lqr", "lqg", "finite-horizon-lqr", "linear-mpc", "h-infinity", "lqr-and-clipped-lqr")
+"""Laws that need a force with a price, commanded by value."""
 
 TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
 """Laws that look for the frequency of a harmonic force, by how they do, as `frequency_trackers`."""
@@ -78,11 +89,7 @@ def laws(scene: Scene) -> dict[str, Make]:
     found = {**ALWAYS, **LAWS[columns(scene)]}
     force = scene.actuation.force
     if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
-        for name in (
-            "lqr",
-            "lqg",
-            "lqr-and-clipped-lqr",
-        ):  # they need a force with a price, by position
+        for name in PRICED:
             found.pop(name, None)
     if columns(scene) == ("stretch",):
         if {part.kind for part in scene.excitation} == {"harmonic"}:

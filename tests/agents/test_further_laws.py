@@ -15,6 +15,7 @@ from agents.controllers.lqr import LQR, design
 from agents.controllers.true_state import TrueState
 from agents.evaluation.baselines import further_laws
 from agents.evaluation.episodes import evaluate
+from agents.evaluation.laws import laws
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 UNLIMITED = CARRIAGE_FORCE.replace(
@@ -135,3 +136,17 @@ def test_pages_of_the_tasks_score_them() -> None:
     names = [law.name for law in further_laws(CARRIAGE_FORCE)]
     assert names == ["finite-horizon LQR", "linear MPC, 30 steps ahead", "H-infinity"]
     assert [law.name for law in further_laws(PRE_STRETCH)] == ["extremum seeking, gain 0.03"]
+
+
+def test_commands_know_them_by_name() -> None:
+    named = {
+        "finite-horizon-lqr": CARRIAGE_FORCE,
+        "linear-mpc": CARRIAGE_FORCE,
+        "h-infinity": CARRIAGE_FORCE,
+        "extremum-seeking": PRE_STRETCH,
+    }
+    made = {laws(scene)[name](scene).name for name, scene in named.items()}
+    scored = [*further_laws(CARRIAGE_FORCE), *further_laws(PRE_STRETCH)]
+    assert made == {law.name for law in scored}
+    free = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0})
+    assert not set(named) & set(laws(free))
