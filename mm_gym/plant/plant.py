@@ -11,7 +11,6 @@ import numpy as np
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import FIRST
-from mm_gym.plant.jacobian import jacobian_of
 from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of
@@ -237,6 +236,8 @@ class Plant:
         SimulationError
             If the step cannot be completed.
         """
+        from mm_gym.plant.jacobian import jacobian_of  # noqa: PLC0415 - a first step needs none
+
         constants = self.model, self.task
         return jacobian_of(self.support, constants, (state, action), at, parameters)
 
