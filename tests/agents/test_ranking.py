@@ -117,8 +117,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
         policy_of(gain).save(folder / "policy.npz")
         assert ranking.main() is None
         rows = json.loads(scores.read_text())[FORCE]["rows"]
-        learned = [one for one in rows if one["role"] == "learned"]
-        assert [one["controller"] for one in learned] == ["ppo-1"]
+        assert [one["role"] for one in rows if one["controller"] == "ppo-1"] == ["learned"]
     assert EPISODES == 100
     assert re.search(r"\| ppo-1 \| observation \| 0\.0\d+ \|", page_file.read_text())
     assert "written:" in capsys.readouterr().out
