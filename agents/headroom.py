@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from agents.comparison.contestants import finished_runs
+from agents.comparison.contestants import agents_of
 from agents.evaluation.headroom import (
     EPISODES,
     KEPT,
@@ -34,7 +34,6 @@ from agents.evaluation.headroom import (
     over_plans,
 )
 from agents.policies import PolicyError
-from agents.recording.laws import law_of
 from agents.training.runs import RunError
 from mm_gym import SceneError, compile_scene, load_scene
 from mm_gym.files import write_text
@@ -65,22 +64,6 @@ class Arguments:
     """folder where the plans are kept, a file a task, and from which the next search begins"""
     out: Path = SCORES
     """file that the scores are written to; those of other tasks in it are kept"""
-
-
-def agents_of(texts: tuple[str, ...]) -> dict[str, list[Controller]]:
-    """Return the agents of finished runs by their task; raise `RunError` for another scene."""
-    found: dict[str, list[Controller]] = {}
-    for text in texts:
-        for task, runs in finished_runs(text).items():
-            scene = load_scene(task)
-            for run in runs:
-                if run.read()["scene_digest"] != scene.digest:
-                    msg = f"{run.folder}: trained on another scene than that of {task}"
-                    raise RunError(msg)
-                agent = law_of(str(run.folder), scene, np.random.default_rng(0))
-                agent.name = run.folder.name
-                found.setdefault(task, []).append(agent)
-    return found
 
 
 def score(

@@ -13,8 +13,8 @@ from typing import Annotated
 
 import tyro
 
+from agents.comparison.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, SCORES, scored
-from agents.headroom import agents_of
 from agents.policies import PolicyError
 from agents.report.ranking_page import PAGE, page
 from agents.training.runs import RunError

@@ -19,7 +19,7 @@ from agents.policies import PolicyError
 from agents.recording.dataset import DatasetError, free_id, write
 from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
-from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
+from agents.training.config import Changes, short_name
 from agents.training.runs import RunError
 from mm_gym import ActionError, DesignError, SceneError, SimulationError, load_scene
 from mm_gym.scene import Part
@@ -61,8 +61,7 @@ class RecordSettings(Part):
         """The dataset's id, of which the version may be missing."""
         if self.out is not None:
             return self.out
-        task = self.task.removeprefix("mm_gym/").rpartition("-v")[0]
-        return f"mm_gym/{task}/{PurePath(self.controller).stem}"
+        return f"mm_gym/{short_name(self.task)}/{PurePath(self.controller).stem}"
 
 
 def record(settings: RecordSettings) -> str:

@@ -16,7 +16,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
 from agents.policies import PolicyError
@@ -137,7 +136,7 @@ def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
     except (KeyboardInterrupt, OSError):  # Optuna calls the trial failed, and would not repeat it
         repeat_later(trial)
         raise
-    return float(np.loadtxt(run.metrics, delimiter=",", skiprows=1, ndmin=2)[:, 1].min())
+    return float(run.validations()[1].min())
 
 
 def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:

@@ -19,7 +19,7 @@ from mm_gym.errors import suggest
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from agents.controllers.controller import Controller
     from mm_gym import Scene
@@ -146,6 +146,22 @@ def finished_runs(text: str) -> dict[str, list[Run]]:
         settings = run.read()["settings"]
         assert isinstance(settings, dict)  # noqa: S101 - as the run wrote it
         found.setdefault(str(settings["task"]), []).append(run)
+    return found
+
+
+def agents_of(texts: Iterable[str]) -> dict[str, list[Controller]]:
+    """Return the agents of finished runs by their task; raise `RunError` for another scene."""
+    found: dict[str, list[Controller]] = {}
+    for text in texts:
+        for task, runs in finished_runs(text).items():
+            scene = load_scene(task)
+            for run in runs:
+                if run.read()["scene_digest"] != scene.digest:
+                    msg = f"{run.folder}: trained on another scene than that of {task}"
+                    raise RunError(msg)
+                agent = law_of(str(run.folder), scene, np.random.default_rng(0))
+                agent.name = run.folder.name
+                found.setdefault(task, []).append(agent)
     return found
 
 

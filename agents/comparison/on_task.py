@@ -90,9 +90,7 @@ def _trainings(algorithm: str, trials: Sequence[RunSettings], folder: Path) -> T
 
 
 def _curve(run: Run) -> Curve:
-    (steps, costs), (_, seconds) = (
-        np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T for path in (run.metrics, run.times)
-    )
+    steps, costs, seconds = run.validations()
     return Curve(steps, seconds, costs)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from agents.evaluation.aggregates import (
     LEVEL,
-    RESAMPLES,
     Estimate,
     Sample,
     estimate,
     interquartile_mean,
 )
+from agents.training.config import short_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -110,6 +110,11 @@ class OnTask:
     slopes: Array | None
     examples: Sequence[Evaluation]
 
+    @property
+    def name(self) -> str:
+        """The short name of the task."""
+        return short_name(self.task)
+
     def scores(self, costs: Array) -> Array:
         """Return s = (J_constant - J) / (J_constant - J_best known) of costs J."""
         constant = self.known["constant"]
@@ -136,14 +141,10 @@ def improvement(trainings: Trainings, law: Evaluation) -> Estimate:
 
     Seeds and episodes are drawn anew, the episodes the same for all: they are paired.
     """
-    generator, own = np.random.default_rng(0), trainings.penalties
-    seeds, episodes = own.shape
-    found = np.empty(RESAMPLES)
-    for k in range(RESAMPLES):
-        rows = generator.integers(seeds, size=seeds)
-        columns = generator.integers(episodes, size=episodes)
-        means = own[rows][:, columns].mean(axis=1)
-        found[k] = (means < law.penalties[columns].mean()).mean()
+    own = trainings.penalties
+    both = np.stack([own, np.broadcast_to(law.penalties, own.shape)])
+    drawn = Sample(both, np.array([True, False])).resampled(np.random.default_rng(0))
+    found = (drawn[0] < drawn[1]).mean(axis=1)
     value = (trainings.costs < law.cost).mean()
     return Estimate(float(value), *(float(end) for end in np.percentile(found, LEVEL)))
 

@@ -48,7 +48,7 @@ from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -63,6 +63,17 @@ CENTRED = np.linspace(-0.5, 0.5, 17)
 
 QUICK, SHORT = 0.005, 20
 """Control steps [s] up to which predictive control plans fewer steps ahead, to keep up."""
+
+FURTHER: Mapping[tuple[str, ...], Mapping[str, Callable[[Scene], Controller]]] = {
+    ("force",): {
+        "finite-horizon-lqr": lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
+        "linear-mpc": lambda scene: Feedback(scene, LinearMPC(scene)),
+        "h-infinity": HInfinity,
+    },
+    ("stretch",): {"extremum-seeking": lambda scene: Feedback(scene, ExtremumSeeking(scene))},
+    ("force", "stretch"): {},
+}
+"""By the actuators of a scene, laws that are slow or take extras, by the names of commands."""
 
 REMEMBER = (
     *(ResettingStiffness, FrequencyTracking, FeedforwardLQR),
@@ -120,19 +131,10 @@ def further_laws(scene: Scene) -> list[Controller]:
     gymnasium.error.DependencyNotInstalled
         Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
     """
-    makers: tuple[Callable[[], Controller], ...] = (
-        lambda: Feedback(scene, FiniteHorizonLQR(scene)),
-        lambda: Feedback(scene, LinearMPC(scene)),
-        lambda: HInfinity(scene),
-    )
-    if columns(scene) == ("stretch",):
-        makers = (lambda: Feedback(scene, ExtremumSeeking(scene)),)
-    elif scene.actuation.stretch is not None:
-        makers = ()
     found: list[Controller] = []
-    for make in makers:
+    for make in FURTHER[columns(scene)].values():
         with suppress(DesignError):
-            found.append(make())
+            found.append(make(scene))
     return found
 
 

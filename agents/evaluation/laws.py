@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
-from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
-from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
-from agents.controllers.h_infinity import HInfinity
-from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
+    FURTHER,
     best_clipped_lqr,
     best_constant,
     best_lqr_at_constant_stretch,
@@ -57,9 +54,6 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     ("force",): {
         "lqr": lambda scene: regulators(scene)[0],
         "lqg": LQG,
-        "finite-horizon-lqr": lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
-        "linear-mpc": lambda scene: Feedback(scene, LinearMPC(scene)),
-        "h-infinity": HInfinity,
         "velocity-feedback": best_velocity_feedback,
     },
     ("stretch",): {
@@ -68,14 +62,13 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "on-off-stiffness": best_on_off_stiffness,
         "resetting-stiffness-passive": lambda scene: resetting_laws(scene)[0],
         "resetting-stiffness": lambda scene: resetting_laws(scene)[1],
-        "extremum-seeking": lambda scene: Feedback(scene, ExtremumSeeking(scene)),
     },
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
         "lqr-and-clipped-lqr": best_lqr_with_clipped_lqr,
     },
 }
-"""Laws for the actuators that a scene has."""
+"""Laws for the actuators that a scene has, beside those of `FURTHER`."""
 
 PRICED = ("lqr", "lqg", "finite-horizon-lqr", "linear-mpc", "h-infinity", "lqr-and-clipped-lqr")
 """Laws that need a force with a price, commanded by value."""
@@ -86,7 +79,7 @@ TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
 
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
-    found = {**ALWAYS, **LAWS[columns(scene)]}
+    found = {**ALWAYS, **LAWS[columns(scene)], **FURTHER[columns(scene)]}
     force = scene.actuation.force
     if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
         for name in PRICED:
@@ -114,7 +107,8 @@ def not_a_law(text: str, scene: Scene, what: str, others: str) -> SceneError:
         What else is allowed.
     """
     applicable = laws(scene)
-    known = {*ALWAYS, *TRACKERS, MATCHING, *(name for group in LAWS.values() for name in group)}
+    groups = (*LAWS.values(), *FURTHER.values())
+    known = {*ALWAYS, *TRACKERS, MATCHING, *(name for group in groups for name in group)}
     reason = ", which is for other actuators, excitations or weights" if text in known else ""
     return SceneError(
         f"{what}: got {text!r}{reason}{suggest(text, applicable)}; allowed for this scene: "

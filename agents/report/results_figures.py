@@ -40,10 +40,6 @@ def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
     return found
 
 
-def _short(one: OnTask) -> str:
-    return one.task.removeprefix("mm_gym/").removesuffix("-v0")
-
-
 def _curves(known: Sequence[OnTask], path: Path) -> None:
     """Draw the least cost so far of each training over time, a panel a task."""
     rows = -(-len(known) // 2)
@@ -58,7 +54,7 @@ def _curves(known: Sequence[OnTask], path: Path) -> None:
                 panel.plot(curve.seconds, least, color=COLOURS[k], linewidth=0.7, **label)
         panel.axhline(one.law.cost, color="0.4", linestyle="--", label="best law")
         panel.axhline(one.known["planner"], color="0.4", linestyle=":", label="best known plan")
-        panel.set(title=_short(one), ylabel="cost [-]")
+        panel.set(title=one.name, ylabel="cost [-]")
         logarithmic(panel)
     for panel in axes[max(len(known) - 2, 0) : len(known)]:
         panel.set_xlabel("time [s]")
@@ -99,7 +95,7 @@ def _robustness(known: Sequence[OnTask], path: Path) -> None:
         own = axes[row * len(STUDIES) : (row + 1) * len(STUDIES)]
         for panel, study in zip(own, STUDIES, strict=True):
             _study(panel, one, study)
-        own[0].set_title(_short(one), loc="left")
+        own[0].set_title(one.name, loc="left")
     for panel, study in zip(axes[-len(STUDIES) :], STUDIES, strict=True):
         panel.set_xlabel(study if study != "carriage.stiffness" else "stiffness over the scene's")
     for panel in axes[:: len(STUDIES)]:
@@ -138,7 +134,7 @@ def _episodes(known: Sequence[OnTask], path: Path) -> None:
             look = {"color": COLOURS[k], "linestyle": STYLES[k], "label": label, "linewidth": 0.9}
             upper.plot(result.time[part], result.displacement[part, 0], **look)
             lower.plot(result.time[part], result.applied[part, 0, -1], **look)
-        upper.set_title(_short(one))
+        upper.set_title(one.name)
         lower.set_xlabel("time [s]")
     axes[0].set_ylabel("x1 / scale [-]")
     axes[len(shown)].set_ylabel("stretch λ [-]")

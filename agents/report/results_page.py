@@ -141,10 +141,6 @@ def _machine() -> str:
     return f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
 
 
-def _name(one: OnTask) -> str:
-    return one.task.removeprefix("mm_gym/").removesuffix("-v0")
-
-
 def _span(found: Estimate, digits: int = 4) -> str:
     return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
 
@@ -162,7 +158,7 @@ def _costs(known: Sequence[OnTask]) -> str:
     ]
     rows = [
         [
-            _name(one),
+            one.name,
             trainings.algorithm,
             str(len(trainings.costs)),
             _span(middle_cost(trainings)),
@@ -182,7 +178,7 @@ def _missing(known: Sequence[OnTask]) -> Iterator[str]:
     """Yield a sentence on what was not run: algorithms that are not on all tasks."""
     names = dict.fromkeys(trainings.algorithm for _, trainings in _each(known))
     for name in names:
-        without = [_name(one) for one in known if name not in {t.algorithm for t in one.trainings}]
+        without = [one.name for one in known if name not in {t.algorithm for t in one.trainings}]
         if without:
             yield f"Not run with {name}: {', '.join(without)}."
 
@@ -193,7 +189,7 @@ def _energy(known: Sequence[OnTask]) -> str:
         of_seeds = [r.injected.mean() for r in trainings.results if r.injected is not None]
         if one.law.injected is not None:
             values = np.median(of_seeds), one.law.injected.mean()
-            rows.append([_name(one), trainings.algorithm, *(f"{1e3 * v:.2f}" for v in values)])
+            rows.append([one.name, trainings.algorithm, *(f"{1e3 * v:.2f}" for v in values)])
     return markdown(["task", "algorithm", "median of the seeds [mJ]", "best law [mJ]"], rows)
 
 
@@ -205,7 +201,7 @@ def _slopes(known: Sequence[OnTask]) -> str:
             channels = [c.name for c in compile_scene(load_scene(one.task)).observed]
             labels = "LQR", "agent, at rest", "agent, half the scale"
             pairs = zip(labels, one.slopes, strict=True)
-            rows += [[_name(one), label, *(f"{v:.2f}" for v in own)] for label, own in pairs]
+            rows += [[one.name, label, *(f"{v:.2f}" for v in own)] for label, own in pairs]
     return markdown(["task", "slope of", *channels], rows)
 
 
@@ -218,7 +214,7 @@ def _failures(known: Sequence[OnTask]) -> str:
         worst = int(ratios.argmax())
         rows.append(
             [
-                _name(one),
+                one.name,
                 f"{np.median(ratios):.2f}",
                 f"{ratios[worst]:.2f} (episode {worst})",
                 f"{_tail(penalties):.4f}",

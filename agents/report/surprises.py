@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from agents.training.config import short_name
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
@@ -124,7 +126,7 @@ def _name(row: Row) -> str:
 
 
 def _explanation(task: str, name: str, against: str) -> str | None:
-    short = task.removeprefix("mm_gym/").rpartition("-v")[0]
+    short = short_name(task)
     for (of_task, start, other), why in EXPLAINED.items():
         if of_task == short and name.startswith(start) and other == against:
             return why

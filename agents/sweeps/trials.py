@@ -172,22 +172,15 @@ def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
         run = Run(trial.name, folder)
         if not result_file(run).exists():
             continue
-        steps, costs = _validations(run)
+        steps, costs, _ = run.validations()
         cost = json.loads(result_file(run).read_text("utf-8"))["cost"]
         variant = trial.name.split("-", 2)[2].rpartition("-")[0]
         rows.append(
             (
                 *(short_name(trial.task), algorithm_of(trial), variant, trial.seed),
-                *(steps, min(costs), cost),
+                *(steps[-1], costs.min(), cost),
             )
         )
     path = folder / "results.csv"
     write_csv(path, COLUMNS, list(zip(*rows, strict=True)) or [[]] * len(COLUMNS))
     return path
-
-
-def _validations(run: Run) -> tuple[float, list[float]]:
-    """Return the steps of the last validation, and the costs of all."""
-    lines = run.metrics.read_text("utf-8").splitlines()[1:]
-    pairs = [tuple(map(float, line.split(","))) for line in lines]
-    return pairs[-1][0], [cost for _, cost in pairs]

@@ -13,12 +13,18 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from mm_gym.files import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from agents.training.config import RunSettings
+
+    Values = NDArray[np.float64]
 
 Settings = TypeVar("Settings", bound="RunSettings")
 
@@ -66,6 +72,14 @@ class Run:
     def finished(self) -> bool:
         """Whether training is over."""
         return self.policy.exists()
+
+    def validations(self) -> tuple[Values, Values, Values]:
+        """Return the control steps, cost and time [s] of each validation, (validations,)."""
+        (steps, costs), (_, seconds) = (
+            np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T
+            for path in (self.metrics, self.times)
+        )
+        return steps, costs, seconds
 
     @property
     def advice(self) -> str:

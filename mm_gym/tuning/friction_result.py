@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import write_text
 from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.toml_text import toml_of
-from mm_gym.tuning.result import columns_of
+from mm_gym.tuning.result import columns_of, own_stretch
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -81,10 +80,7 @@ class FrictionTuning:
 
     def table(self) -> str:
         """Return the scene's design and the best one as text."""
-        own = None
-        if self.scene.springs.kind != "none":
-            k0 = self.scene.springs.stiffness
-            own = float(stretch_for_stiffness(self.before.stiffness, k0))
+        own = own_stretch(self.scene, self.before.stiffness)
         rows = [HEADER, _row("scene", self.before, own), _row("tuned", self.after, self.stretch)]
         unit = "N on the carriage" if self.excitation == "force" else "m/s^2 of the ground"
         title = (

@@ -134,7 +134,8 @@ def _table(tuning: Tuning) -> str:
     """Return the scene's design, the optima and the closed forms as a table, and what it means."""
     values = linear_values(tuning.scene)
     w1 = float(np.sqrt(values.k1 / values.m1))
-    rows = [HEADER, _row("scene", tuning.before, _own_stretch(tuning))]
+    stretch = own_stretch(tuning.scene, tuning.before.stiffness)
+    rows = [HEADER, _row("scene", tuning.before, stretch)]
     if tuning.out_of_reach is not None:
         rows.append(_row("best springs", tuning.free, None))
     rows.append(_row("tuned", tuning.after, tuning.stretch))
@@ -191,12 +192,12 @@ def _notes(tuning: Tuning, damping: float) -> list[str]:
     return notes
 
 
-def _own_stretch(tuning: Tuning) -> float | None:
-    """Return the stretch of the scene's own design: of the middle of its range."""
-    springs = tuning.scene.springs
+def own_stretch(scene: Scene, stiffness: float) -> float | None:
+    """Return the stretch of the scene's own design, given its k2: of the middle of its range."""
+    springs = scene.springs
     if springs.kind == "none":
         return None
-    return float(stretch_for_stiffness(tuning.before.stiffness, springs.stiffness))
+    return float(stretch_for_stiffness(stiffness, springs.stiffness))
 
 
 def _draw(tuning: Tuning) -> Figure:
