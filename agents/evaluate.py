@@ -5,10 +5,10 @@ in the folder is run: policies are files of numbers. An archive of Stable-Baseli
 when it is opened; it needs ``--trust``.
 
 A controller of your own, whose file is run, see docs/controllers.md:
-``python -m agents.evaluate mm_gym/PreStretch-v0 --controller my_file.py:MyLaw``.
+``python -m agents.evaluate PreStretch --controller my_file.py:MyLaw``.
 
 Several runs and controllers in one table, on one task or many, see docs/evaluation.md:
-``python -m agents.evaluate baselines lqr "runs/ppo-*" --tasks mm_gym/CarriageForce-v0``.
+``python -m agents.evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import Policy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
+from agents.training.config import task_or_scene
 from agents.training.parts import recorded_parts
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import DesignError, Scene, SceneError, load_scene
@@ -51,12 +52,12 @@ class Arguments:
     """What to evaluate."""
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
-    """one: the folder of a finished run, runs/NAME, or with --controller a task's id or a scene
+    """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
     file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
     "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
     training, a policy's .npz file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
-    """ids or scene files to compare on; by default those of the runs, or all tasks"""
+    """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
     episodes: int | None = None
     """held-out episodes: 200, or 64 of each seed"""
     seeds: int | None = None
@@ -208,7 +209,7 @@ def main() -> str | int | None:
             return None
         subject = Path(arguments.subjects[0])
         if arguments.controller is not None:
-            scene = load_scene(subject.as_posix())
+            scene = load_scene(task_or_scene(subject.as_posix()))
             own = user_defined(arguments.controller, scene)
             report(own, scene, episodes, arguments.out)
             return None

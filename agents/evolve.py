@@ -1,7 +1,8 @@
 """Evolve a small network around a law: ``python -m agents.evolve PreStretchShock --seed 1``.
 
 A task or a file of settings comes first, then flags over it. An interrupted run continues from its
-last checkpoint when the same command is given again; the best network of the validations is kept.
+last checkpoint when the same command is given again, and a finished one goes on with more
+``--generations`` or ``--time-budget``; the best network of the validations is kept.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from agents.controllers.user_defined import user_defined
 from agents.evaluation.laws import laws
 from agents.policies import load_policy
 from agents.recording.laws import law_of
+from agents.training.config import task_or_scene
 from agents.training.runs import Run, RunError
 from agents.user_code import is_path
 from mm_gym import SceneError, load_scene
@@ -100,6 +101,7 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
         msg = f"{twice[0]}: given twice; allowed: once"
         raise SceneError(msg)
     runs = {text: finished_runs(text) for text in texts if _may_be_runs(text)}
+    tasks = [task_or_scene(task) for task in tasks]
     if not tasks:
         own = {task: None for of_task in runs.values() for task in of_task}
         tasks = [name for name in ids() if name in own] or list(own) or ids()

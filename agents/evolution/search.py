@@ -44,7 +44,8 @@ BETWEEN_SAVES = 5.0
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one.
+    An interrupted run continues from its last checkpoint; Ctrl-C writes one. A finished run goes on
+    where the settings differ in that they have more generations or time.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -44,3 +44,5 @@ class EvolveSettings(RunSettings):
     scene's"""
     threads: Count = 2
     """among which a generation is divided; results do not depend on it"""
+
+    growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self, TypeVar
+from pathlib import Path
+from typing import Annotated, ClassVar, Self, TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 from tyro import cli
@@ -28,9 +29,6 @@ from mm_gym.errors import suggest
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
 from mm_gym.tasks import ids, path_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Changes = Annotated[
     dict[str, JsonValue],
@@ -69,7 +67,7 @@ class RunSettings(Part):
     """of the training; no two seeds have an episode in common, nor one with the evaluations"""
 
     growing: ClassVar[tuple[str, ...]] = ()
-    """Settings of which a finished run can be given more to go on."""
+    """Settings of which a finished run can be given more to go on; its size comes first."""
 
     def code(self) -> dict[str, str]:
         """Return the texts of the user's files that the settings name, by path."""
@@ -191,7 +189,7 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)
     elif arguments and not arguments[0].startswith("-"):
-        task = _task_called(arguments.pop(0))
+        task = _task_called(arguments.pop(0), "settings file", ", before the flags")
         default = kind.of({"task": task, "name": short_name(task)})
     return cli(kind, default=default, args=arguments, description=description)
 
@@ -201,13 +199,24 @@ def short_name(task: str) -> str:
     return task.removeprefix("mm_gym/").removesuffix("-v0")
 
 
-def _task_called(name: str) -> str:
-    """Return the id of a task by its whole name or a short one."""
+def task_or_scene(text: str) -> str:
+    """Return the id of a task, whose name may be short, or the path of a scene file as it is.
+
+    Raises
+    ------
+    SceneError
+        If a name without a path's ending is that of no task.
+    """
+    return text if "/" in text or Path(text).suffix else _task_called(text, "scene file")
+
+
+def _task_called(name: str, file: str, where: str = "") -> str:
+    """Return the id of a task by its whole name or a short one, in whose place a file can be."""
     tasks = {short_name(task): task for task in ids()}
     if short_name(name) not in tasks:
         msg = (
-            f"task or settings file: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
-            f"{', '.join(tasks)}, or a path that ends in .toml, before the flags"
+            f"task or {file}: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
+            f"{', '.join(tasks)}, or a path that ends in .toml{where}"
         )
         raise SceneError(msg)
     return tasks[short_name(name)]

@@ -135,9 +135,9 @@ class Run:
     def open(self, settings: RunSettings) -> None:
         """Begin the run, or continue one of the same settings.
 
-        A run that is given more steps or time goes on: its policy so far is kept beside, under a
-        name with the steps. Raise `RunError` if the folder holds a run of other settings or another
-        scene.
+        A run that is given more steps, generations or time goes on: its policy so far is kept
+        beside, under a name with the steps or generations. Raise `RunError` if the folder holds a
+        run of other settings or another scene.
         """
         if not self.fits(settings):
             msg = f"{self.folder}: holds a run with other settings; choose another name with --name"
@@ -150,7 +150,8 @@ class Run:
             stage = {name: record["settings"][name] for name in settings.growing}
             earlier = [*record.get("earlier", []), {**stage, "command": record["command"]}]
             if self.policy.exists():
-                self.policy.rename(self.folder / f"policy-{record['settings']['steps']}.npz")
+                size = record["settings"][settings.growing[0]]
+                self.policy.rename(self.folder / f"policy-{size}.npz")
         contents = {
             **_identity(settings),
             **({"earlier": earlier} if earlier else {}),

@@ -199,6 +199,9 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
     )
     assert "phase-law" not in refused(SceneError, ["lqx"], (FORCE,))
     assert "is not a task of mm_gym; did you mean" in refused(SceneError, ["lqr"], (FORCE + "0",))
+    assert "task or scene file: got 'Hybrit'; did you mean 'Hybrid'" in refused(
+        SceneError, ["lqr"], ("Hybrit",)
+    )
     run(tmp_path / "runs" / "first")
     assert "runs/fist: no finished run here; did you mean 'first'?" in refused(
         RunError, ["runs/fist"]
@@ -206,6 +209,13 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
     assert "runs/none*: no finished run here" in refused(RunError, ["runs/none*"])
     assert "no such file" in refused(PolicyError, ["missing.npz"], (FORCE,))
     assert "lqr: given twice" in refused(SceneError, ["lqr", "lqr"], (FORCE,))
+
+
+def test_tasks_have_short_names_beside_paths_of_scenes(tmp_path) -> None:
+    scene = tmp_path / "own.toml"
+    scene.write_text("[control]\nsteps = 7\n")
+    assert list(read_field(["lqr"], ["CarriageForce"]).scenes) == [FORCE]
+    assert read_field(["baselines"], ["CarriageForce", str(scene)]).scenes[str(scene)]
 
 
 def test_runs_that_cannot_stand_in_one_table_are_refused(tmp_path, monkeypatch) -> None:

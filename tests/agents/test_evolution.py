@@ -288,6 +288,18 @@ class TestRuns:
         left = {path.name for path in run.folder.iterdir()}
         assert left == {path.name for path in unbroken.folder.iterdir()}
 
+    def test_finished_run_goes_on_with_more_generations(self, unbroken, tmp_path):
+        run = Run("tiny", tmp_path)
+        evolve(changed(generations=8, evaluations=2), run)
+        policy = run.policy.read_bytes()
+        with pytest.raises(RunError, match="other settings"):
+            evolve(changed(generations=7, evaluations=2), run)
+        evolve(changed(generations=12, evaluations=2), run)
+        assert (run.folder / "policy-8.npz").read_bytes() == policy
+        assert run.read()["earlier"][0]["generations"] == 8
+        # Validated at 4 and 8, then at the end: the search is that of a run that never stopped.
+        assert run.metrics.read_bytes() == unbroken.metrics.read_bytes()
+
     def test_run_of_other_settings_is_left_alone(self, unbroken):
         with pytest.raises(RunError, match="other settings"):
             evolve(changed(seed=1), unbroken)
