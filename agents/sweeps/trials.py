@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from copy import deepcopy
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
 from pydantic import Field, JsonValue, Strict
 
@@ -24,13 +25,16 @@ from mm_gym.scene import Part
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-EVOLUTION = "evolution"
-"""The algorithm that is agents.evolve; the others are those of agents.train."""
+EVOLUTION, RESIDUAL = "evolution", "residual"
+"""The algorithm that is agents.evolve, and PPO with settings of its own, such as the law to which
+it is added; the others are those of agents.train."""
 
-Learner: TypeAlias = Literal["evolution", Algorithm]
+Learner: TypeAlias = Literal["evolution", "residual", Algorithm]
+
+LEARNERS = (EVOLUTION, RESIDUAL, *get_args(Algorithm))
 
 EPISODES = 100
 """Held-out episodes on which each policy is scored."""
@@ -47,12 +51,14 @@ class SweepSettings(Part):
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for agents.train, or evolution: agents.evolve"""
+    """as for agents.train, evolution: agents.evolve, or residual: ppo with own settings"""
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
-    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of agents.evolve
-    begin with evolution, as "evolution.hidden" """
+    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of evolution and
+    residual alone begin with their names, as "evolution.hidden" and "residual.base" """
+    algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
+    """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each task's short name the settings in which it differs, by dotted name"""
     variants: Changes = Field(default_factory=lambda: dict[str, JsonValue]({"plain": {}}))
@@ -71,31 +77,37 @@ class SweepSettings(Part):
             If a setting is wrong; the message names the training.
         """
         tasks = [short_name(task) for task in self.tasks]
-        unknown = [name for name in self.task_settings if name not in map(short_name, ids())]
-        if unknown:
-            known = ", ".join(map(short_name, ids()))
-            msg = f"task_settings: got {unknown[0]!r}{suggest(unknown[0], tasks)}; allowed: {known}"
-            raise SceneError(msg)
+        _check_names("task_settings", self.task_settings, [short_name(task) for task in ids()])
+        _check_names("algorithm_settings", self.algorithm_settings, LEARNERS)
         choices = itertools.product(tasks, self.algorithms, self.variants, range(self.seeds))
         return [self._trial(*choice) for choice in choices]
 
     def _trial(self, task: str, algorithm: Learner, variant: str, seed: int) -> RunSettings:
         name = f"{task}-{algorithm}-{variant}-{seed}"
-        own = _table({task: {}} | self.task_settings, task, "task_settings")
-        data = _nested({**self.settings, **own, **_table(self.variants, variant, "variants")})
-        evolution = data.pop(EVOLUTION, {})
+        tables = (
+            self.settings,
+            _table({algorithm: {}} | self.algorithm_settings, algorithm, "algorithm_settings"),
+            _table({task: {}} | self.task_settings, task, "task_settings"),
+            _table(self.variants, variant, "variants"),
+        )
+        data = _nested(item for table in tables for item in table.items())
+        own = {learner: data.pop(learner, {}) for learner in (EVOLUTION, RESIDUAL)}
         fixed: dict[str, JsonValue] = {"task": f"mm_gym/{task}-v0", "seed": seed, "name": name}
         try:
             if algorithm == EVOLUTION:
-                chosen = evolution if isinstance(evolution, dict) else {EVOLUTION: evolution}
-                return EvolveSettings.of({**chosen, **fixed, "threads": 1})
+                return EvolveSettings.of({**_table(own, EVOLUTION), **fixed, "threads": 1})
+            if algorithm == RESIDUAL:
+                data = _nested([*data.items(), *_table(own, RESIDUAL).items()])
+                algorithm = "ppo"
             return TrainSettings.of({**data, **fixed, "algorithm": algorithm})
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
             raise SceneError(msg) from None
 
 
-def _table(tables: Mapping[str, JsonValue], name: str, what: str) -> dict[str, JsonValue]:
+def _table(
+    tables: Mapping[str, JsonValue], name: str, what: str = "settings"
+) -> dict[str, JsonValue]:
     """Return one of several tables of settings; refuse what is none."""
     own = tables[name]
     if not isinstance(own, dict):
@@ -104,10 +116,10 @@ def _table(tables: Mapping[str, JsonValue], name: str, what: str) -> dict[str, J
     return own
 
 
-def _nested(settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
-    """Return settings by dotted name as tables in tables."""
+def _nested(settings: Iterable[tuple[str, JsonValue]]) -> dict[str, JsonValue]:
+    """Return settings by dotted name as tables in tables; the later of two goes over the other."""
     nested: dict[str, JsonValue] = {}
-    for name, value in settings.items():
+    for name, value in settings:
         table, (*path, last) = nested, name.split(".")
         for word in path:
             inner = table.setdefault(word, {})
@@ -116,10 +128,19 @@ def _nested(settings: dict[str, JsonValue]) -> dict[str, JsonValue]:
                 raise SceneError(msg)
             table = inner
         old = table.get(last)
-        table[last] = (
-            {**old, **value} if isinstance(old, dict) and isinstance(value, dict) else value
-        )
+        if isinstance(old, dict) and isinstance(value, dict):
+            table[last] = {**old, **value}
+        else:
+            table[last] = deepcopy(value)  # the next name may go into it
     return nested
+
+
+def _check_names(what: str, tables: Mapping[str, JsonValue], allowed: Sequence[str]) -> None:
+    """Refuse a table of settings for a name that there is not."""
+    for name in tables:
+        if name not in allowed:
+            msg = f"{what}: got {name!r}{suggest(name, allowed)}; allowed: {', '.join(allowed)}"
+            raise SceneError(msg)
 
 
 def do_trial(text: str, folder: str | Path) -> None:
@@ -156,8 +177,8 @@ def _cost_of_training(settings: TrainSettings | EvolveSettings, run: Run) -> flo
 
 
 def algorithm_of(trial: RunSettings) -> str:
-    """Return the algorithm of a training."""
-    return trial.algorithm if isinstance(trial, TrainSettings) else EVOLUTION
+    """Return the algorithm of a training of a sweep, by its name."""
+    return trial.name.split("-")[1]
 
 
 def result_file(run: Run) -> Path:

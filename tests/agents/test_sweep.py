@@ -12,7 +12,7 @@ from agents import sweep as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.sweep import sweep
-from agents.sweeps.trials import SweepSettings, do_trial, write_results
+from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from mm_gym import SceneError
@@ -110,6 +110,32 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     assert float(rows[1].split(",")[-1]) == cost
 
 
+def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
+    common = {"steps": 10, "ppo": {"epochs": 3}}
+    settings = SweepSettings(
+        tasks=("CarriageForce", "Hybrid"),
+        algorithms=("ppo", "residual", "sac"),
+        settings=common,
+        algorithm_settings={"residual": {"steps": 20}, "sac": {"lanes": 4}},
+        task_settings={
+            "CarriageForce": {
+                "ppo.discount": 0.9,
+                "residual.base": "lqr",
+                "residual.ppo.initial_log_std": -1.0,
+            }
+        },
+    )
+    ppo, residual, sac, other, *_ = settings.trials()
+    assert [algorithm_of(trial) for trial in (ppo, residual, sac)] == ["ppo", "residual", "sac"]
+    assert [trial.algorithm for trial in (ppo, residual, sac)] == ["ppo", "ppo", "sac"]
+    assert [trial.steps for trial in (ppo, residual, sac)] == [10, 20, 10]
+    assert [trial.base for trial in (ppo, residual, sac)] == [None, "lqr", None]
+    assert (residual.ppo.epochs, residual.ppo.discount) == (3, 0.9)
+    assert (residual.ppo.initial_log_std, ppo.ppo.initial_log_std) == (-1.0, -0.5)
+    assert (sac.lanes, ppo.lanes) == (4, 128)
+    assert other.ppo.discount == 0.97  # the tables themselves are left alone
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -124,7 +150,12 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
             {"algorithms": ("evolution",), "settings": {"evolution.hiddens": 3}},
             "hiddens: unknown key; did you mean 'hidden'",
         ),
-        ({"algorithms": ("evolution",), "settings": {"evolution": 3}}, "evolution: unknown key"),
+        (
+            {"algorithms": ("evolution",), "settings": {"evolution": 3}},
+            "settings.evolution: got 3; allowed: a table",
+        ),
+        ({"algorithm_settings": {"pqo": {}}}, "algorithm_settings: got 'pqo'; did you mean 'ppo'"),
+        ({"algorithm_settings": {"ppo": 3}}, "algorithm_settings.ppo: got 3; allowed: a table"),
     ],
 )
 def test_wrong_sweep_is_refused_before_a_folder_is_made(tmp_path, fields, words):
