@@ -12,12 +12,13 @@ from pathlib import Path
 from agents.controllers.learned import Learned
 from agents.evaluation.headroom import EPISODES
 from agents.evaluation.planner import Effort, Planner
+from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.evolve import evolve_and_score
 from agents.policies import load_policy
 from agents.train import train_and_report
 from agents.training.config import TrainSettings, read_settings
 from agents.training.runs import Run, numbered
+from agents.training.search_command import search_and_score
 
 SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
 
@@ -37,7 +38,7 @@ def main() -> str | int | None:
         generations=GENERATIONS,
         time_budget=60.0,  # also of compilation, the first time
     )
-    status = evolve_and_score(evolved)
+    status = search_and_score(evolved, evolve)
     if status is not None:
         return status
     network = Learned(load_policy(Run(evolved.name).policy), "evolved network")

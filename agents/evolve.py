@@ -9,55 +9,14 @@ from __future__ import annotations
 
 import sys
 
-from gymnasium.error import DependencyNotInstalled
-
-from agents.controllers.learned import Learned
-from agents.evaluation.episodes import evaluate
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.policies import PolicyError, load_policy
-from agents.training.config import settings_from_command_line
-from agents.training.runs import INTERRUPTED, Run, RunError
-from mm_gym import CompileError, DesignError, SceneError
-
-ERRORS = (
-    SceneError,
-    CompileError,
-    DesignError,
-    RunError,
-    PolicyError,
-    DependencyNotInstalled,
-    OSError,  # a full disk
-)
-
-EPISODES = 100
-"""Held-out episodes of the cost that is printed."""
+from agents.training.search_command import search_from_command_line
 
 
 def main() -> str | int | None:
     """Evolve from the command line, and print the cost on the held-out episodes."""
-    try:
-        settings = settings_from_command_line(EvolveSettings, __doc__ or "")
-    except SceneError as error:
-        return f"error: {error}"
-    return evolve_and_score(settings)
-
-
-def evolve_and_score(settings: EvolveSettings) -> str | int | None:
-    """Evolve and score; return what `sys.exit` takes."""
-    run = Run(settings.name)
-    try:
-        evolve(settings, run)
-        learned = Learned(load_policy(run.policy), "evolved")
-        cost = evaluate(settings.load_scene(), learned, episodes=EPISODES).cost
-    except ERRORS as error:
-        return f"error: {error}"
-    except KeyboardInterrupt:
-        print(run.advice, file=sys.stderr)
-        return INTERRUPTED
-    print(f"{cost:.4f} is its cost on {EPISODES} held-out episodes")
-    print(f"beside every law: python -m agents.evaluate {run.folder}")
-    return None
+    return search_from_command_line(EvolveSettings, evolve, __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from unittest import mock
 from agents import train as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
 from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
@@ -32,6 +34,11 @@ def begin_training(settings: TrainSettings, root: Path, touches: int | None = No
 def begin_evolution(settings: EvolveSettings, root: Path, touches: int | None = None):
     """Evolve in a new process, as `begin_training` does."""
     return _begin(_run, evolve, settings, Run(settings.name, root), touches)
+
+
+def begin_descent(settings: GradientSettings, root: Path, touches: int | None = None):
+    """Train by gradients in a new process, as `begin_training` does."""
+    return _begin(_run, descend, settings, Run(settings.name, root), touches)
 
 
 def begin_tuning(settings: TuneSettings, root: Path, touches: int | None = None):

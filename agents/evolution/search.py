@@ -8,22 +8,17 @@ of numbers alone, whatever pycma's own state is.
 
 from __future__ import annotations
 
-import time
 import warnings
 from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from tqdm import tqdm
 
-from agents.controllers.learned import Learned
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.evolution.network import Network
 from agents.evolution.population import Population
 from agents.evolution.starts import start_of
-from agents.training.arrays import load_checkpoint, save_checkpoint
-from agents.training.progress import Progress
+from agents.training.search import Search
 from agents.training.seeds import training_seeds
 
 if TYPE_CHECKING:
@@ -31,14 +26,11 @@ if TYPE_CHECKING:
 
     from agents.evolution.settings import EvolveSettings
     from agents.policies import Policy
+    from agents.training.arrays import Arrays
     from agents.training.runs import Run
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
-
-
-BETWEEN_SAVES = 5.0
-"""Time between checkpoints [s]."""
 
 
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
@@ -54,28 +46,25 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    search = Search(settings, settings.load_scene())
-    with closing(search.population), run.locked():
-        run.open(settings)
-        if not run.finished:
-            if run.checkpoint.exists():
-                search.repeat(run)
-            search.to_the_end(run, bar=bar)
+    search = Evolution(settings, settings.load_scene())
+    with closing(search.population):
+        search.finish(run, bar=bar)
 
 
-class Search:
+class Evolution(Search):
     """A search of parameters around their first values.
 
     Attributes
     ----------
     costs
-        Of all candidates, an array (candidates,) for each generation so far.
-    progress
-        The validations, of the mean of the distribution.
+        (generations, candidates): of all candidates, of the generations so far.
     """
 
+    unit = "generation"
+
     def __init__(self, settings: EvolveSettings, scene: Scene) -> None:
-        self.settings, self.scene = settings, scene
+        super().__init__(settings, scene)
+        self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
         self.network = Network(start, settings.hidden, odd=scene.actuation.stretch is None)
@@ -88,10 +77,14 @@ class Search:
             self.population = Population(
                 coarse, self.network, settings.candidates, settings.episodes, settings.threads
             )
+        self.frames = self.population.frames
         self.strategy = self._strategy(self.first[self.free])
-        self.costs: list[Values] = []
-        self.progress = Progress()
-        self._note()
+        self.costs: Values = np.empty((self.total, settings.candidates))
+
+    @property
+    def total(self) -> int:
+        """Number of generations."""
+        return self.settings.generations
 
     def _strategy(self, mean: Values):  # noqa: ANN202 - pycma has no types
         try:
@@ -111,44 +104,14 @@ class Search:
             warnings.simplefilter("ignore")
             return cma.CMAEvolutionStrategy(mean, self.settings.spread, options)
 
-    def repeat(self, run: Run) -> None:
-        """Repeat the search up to the checkpoint, with the costs that it holds."""
-        arrays = load_checkpoint(run.checkpoint)
-        self.progress = Progress.of(arrays)
-        for costs in arrays["evolution/costs"]:
+    def _restore(self, arrays: Arrays) -> None:
+        """Repeat the search, with the costs of the checkpoint."""
+        for costs in np.asarray(arrays["evolution/costs"], np.float64):
             self._tell(self._asked(), costs)
-        self._note()
+            self.rounds += 1
 
-    def to_the_end(self, run: Run, *, bar: bool) -> None:
-        """Search on, validate, and write the best policy; draw a progress bar if asked to."""
-        settings, progress = self.settings, self.progress
-        every = -(-settings.generations // settings.evaluations)
-        began = time.perf_counter() - progress.seconds
-        saved, done = progress.seconds, len(self.costs) >= settings.generations
-        total, initial = settings.generations, len(self.costs)
-        with tqdm(total=total, initial=initial, unit="generation", disable=not bar) as shown:
-            try:
-                while not done:
-                    self._advance()
-                    shown.update()
-                    progress.seconds = time.perf_counter() - began
-                    late = progress.seconds >= settings.time_budget
-                    done = late or len(self.costs) == settings.generations
-                    if done or len(self.costs) % every == 0:
-                        self._validate()
-                        shown.set_postfix(cost=f"{progress.least_cost:.4f}")
-                    self._note()
-                    if done or progress.seconds > saved + BETWEEN_SAVES:
-                        self._save(run)
-                        saved = progress.seconds
-            except KeyboardInterrupt:
-                self._save(run)
-                raise
-        self.policy().save(run.policy)
-
-    def policy(self) -> Policy:
-        """Return the best policy of the validations."""
-        return self.network.policy(self.progress.best["vector"])
+    def _state(self) -> Arrays:
+        return {"evolution/costs": self.costs[: self.rounds]}
 
     def _asked(self) -> Values:
         return np.array(self.strategy.ask())
@@ -161,27 +124,17 @@ class Search:
 
     def _tell(self, vectors: Values, costs: Values) -> None:
         self.strategy.tell(list(vectors), costs.tolist())
-        self.costs.append(costs)
+        self.costs[self.rounds] = costs
 
     def _advance(self) -> None:
         settings, vectors = self.settings, self._asked()
-        first = len(self.costs) * settings.episodes
+        first = self.rounds * settings.episodes
         seeds = training_seeds(settings.seed, settings.episodes, first)
         self._tell(vectors, self.population.costs(self._whole(vectors), seeds))
 
-    def _validate(self) -> None:
+    def _present(self) -> Arrays:
         (vector,) = self._whole(np.asarray(self.strategy.mean)[None])
-        learned = Learned(self.network.policy(vector))
-        cost = evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=100).cost
-        if cost < self.progress.least_cost:
-            self.progress.best = {"vector": vector}
-        self.progress.add(len(self.costs) * self.population.frames, cost)
+        return {"vector": vector}
 
-    def _note(self) -> None:
-        """Note where an interrupted search begins again: between two generations."""
-        self.state, self.count = self.progress.arrays(), len(self.costs)
-
-    def _save(self, run: Run) -> None:
-        costs = np.array(self.costs[: self.count]).reshape(-1, self.settings.candidates)
-        save_checkpoint(run.checkpoint, self.state | {"evolution/costs": costs})
-        self.progress.write_metrics(run)
+    def _policy(self, parameters: Arrays) -> Policy:
+        return self.network.policy(np.asarray(parameters["vector"], np.float64))

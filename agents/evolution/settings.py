@@ -1,4 +1,4 @@
-"""The settings of an evolution."""
+"""The settings of searches around a law, and of an evolution."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from agents.training.config import Count, Positive, RunSettings
 LawName = Literal["auto", "regulator", "switching", "tracking", "none"]
 
 
-class EvolveSettings(RunSettings):
-    """What is evolved, around which law, for how long, and where it is written."""
+class SearchSettings(RunSettings):
+    """What is searched around a law, and where it is written."""
 
     law: LawName = "auto"
     """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
@@ -25,16 +25,21 @@ class EvolveSettings(RunSettings):
     """correlation units beside those of the law, drawn at random"""
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
     """states of a linear memory that foretells a random force, where two frames show it"""
+    time_budget: Positive = 300.0
+    """[s] without interruptions, after which it stops even if rounds are left"""
+    evaluations: Count = 20
+    """validations during the run; the best network is kept"""
+
+
+class EvolveSettings(SearchSettings):
+    """How networks are evolved."""
+
     candidates: Annotated[int, Field(ge=4)] = 48
     """networks in a generation"""
     episodes: Count = 32
     """of each network in a generation, the same for all, new ones in the next"""
     generations: Count = 200
     """of the whole run"""
-    time_budget: Positive = 300.0
-    """[s] without interruptions, after which it stops even if generations are left"""
-    evaluations: Count = 20
-    """validations during the run; the best network is kept"""
     spread: Positive = 0.3
     """of the first generation, over the size of each parameter"""
     separable: bool = False

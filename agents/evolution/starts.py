@@ -19,7 +19,7 @@ from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.evolution.settings import EvolveSettings, LawName
+    from agents.evolution.settings import LawName, SearchSettings
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Start:
     enter: Values = field(default_factory=lambda: np.empty((0, 0)))
 
 
-def start_of(scene: Scene, settings: EvolveSettings, generator: np.random.Generator) -> Start:
+def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
     """Return the start that is asked for, with its further correlation units and its memory.
 
     Raises

@@ -13,6 +13,8 @@ from agents.controllers.learned import Learned
 from agents.evaluation.episodes import evaluate
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.training.algorithm_settings import Algorithm, Count
 from agents.training.config import Changes, RunSettings, TrainSettings, short_name
@@ -28,13 +30,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-EVOLUTION, RESIDUAL = "evolution", "residual"
-"""The algorithm that is agents.evolve, and PPO with settings of its own, such as the law to which
-it is added; the others are those of agents.train."""
+EVOLUTION, GRADIENT, RESIDUAL = "evolution", "gradient", "residual"
+"""The algorithms that are agents.evolve and agents.descend, and PPO with settings of its own, such
+as the law to which it is added; the others are those of agents.train."""
 
-Learner: TypeAlias = Literal["evolution", "residual", Algorithm]
+Learner: TypeAlias = Literal["evolution", "gradient", "residual", Algorithm]
 
-LEARNERS = (EVOLUTION, RESIDUAL, *get_args(Algorithm))
+LEARNERS = (EVOLUTION, GRADIENT, RESIDUAL, *get_args(Algorithm))
 
 EPISODES = 100
 """Held-out episodes on which each policy is scored."""
@@ -51,12 +53,13 @@ class SweepSettings(Part):
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for agents.train, evolution: agents.evolve, or residual: ppo with own settings"""
+    """as for agents.train, evolution: agents.evolve, gradient: agents.descend, or residual: ppo
+    with own settings"""
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
-    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of evolution and
-    residual alone begin with their names, as "evolution.hidden" and "residual.base" """
+    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of
+    evolution, gradient and residual alone begin with their names, as "evolution.hidden" """
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])
@@ -91,11 +94,13 @@ class SweepSettings(Part):
             _table(self.variants, variant, "variants"),
         )
         data = _nested(item for table in tables for item in table.items())
-        own = {learner: data.pop(learner, {}) for learner in (EVOLUTION, RESIDUAL)}
+        own = {learner: data.pop(learner, {}) for learner in (EVOLUTION, GRADIENT, RESIDUAL)}
         fixed: dict[str, JsonValue] = {"task": f"mm_gym/{task}-v0", "seed": seed, "name": name}
         try:
             if algorithm == EVOLUTION:
                 return EvolveSettings.of({**_table(own, EVOLUTION), **fixed, "threads": 1})
+            if algorithm == GRADIENT:
+                return GradientSettings.of({**_table(own, GRADIENT), **fixed})
             if algorithm == RESIDUAL:
                 data = _nested([*data.items(), *_table(own, RESIDUAL).items()])
                 algorithm = "ppo"
@@ -154,7 +159,8 @@ def do_trial(text: str, folder: str | Path) -> None:
         The sweep's folder.
     """
     data = json.loads(text)
-    kind = TrainSettings if "algorithm" in data else EvolveSettings
+    kinds = {"algorithm": TrainSettings, "generations": EvolveSettings}
+    kind = next((kinds[name] for name in kinds if name in data), GradientSettings)
     settings = kind.of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
@@ -162,10 +168,13 @@ def do_trial(text: str, folder: str | Path) -> None:
         write_text(result_file(run), json.dumps({"cost": cost}) + "\n")
 
 
-def _cost_of_training(settings: TrainSettings | EvolveSettings, run: Run) -> float:
+def _cost_of_training(settings: RunSettings, run: Run) -> float:
     """Train, and return the policy's cost on the held-out episodes."""
-    if isinstance(settings, EvolveSettings):
-        evolve(settings, run, bar=False)
+    if not isinstance(settings, TrainSettings):
+        if isinstance(settings, EvolveSettings):
+            evolve(settings, run, bar=False)
+        else:
+            descend(settings, run, bar=False)
         agent = Learned(load_policy(run.policy))
         return evaluate(settings.load_scene(), agent, episodes=EPISODES).cost
     from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone

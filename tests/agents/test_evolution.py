@@ -271,7 +271,7 @@ class TestRuns:
                 raise KeyboardInterrupt
             return evaluate(*arguments, **options)
 
-        monkeypatch.setattr("agents.evolution.search.evaluate", interrupted)
+        monkeypatch.setattr("agents.training.search.evaluate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             evolve(TINY, run)
         evolve(TINY, run)
@@ -344,7 +344,7 @@ class TestCommand:
             raise OSError(28, "No space left on device")
 
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr("agents.evolution.search.save_checkpoint", refuse)
+        monkeypatch.setattr("agents.training.search.save_checkpoint", refuse)
         error = self.call(monkeypatch, "CarriageForce", "--generations", "1", "--candidates", "4")
         assert "No space left on device" in error
 

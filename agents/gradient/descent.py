@@ -1,0 +1,153 @@
+"""The search: Adam on the gradient of the cost of whole episodes through the exact physics.
+
+That is the analytic policy gradient, or backpropagation through time: Freeman, Frey, Raichuk and
+others, *Brax - a differentiable physics engine*, NeurIPS 2021; Adam: Kingma and Ba, ICLR 2015. The
+policy that is validated is the mean over the last iterations, weighted exponentially (Polyak and
+Juditsky, SIAM J. Control Optim. 30, 1992).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.evolution.network import Network as Evolved
+from agents.evolution.starts import start_of
+from agents.gradient.episodes import Episodes
+from agents.gradient.network import Network, hold_stable, parameters_of, policy_of
+from agents.gradient.oscillators import with_oscillators
+from agents.training.arrays import part_of
+from agents.training.search import Search
+from agents.training.seeds import training_seeds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.gradient.settings import GradientSettings
+    from agents.policies import Policy
+    from agents.training.arrays import Arrays
+    from agents.training.runs import Run
+    from mm_gym import Scene
+
+    Single = NDArray[np.float32]
+
+FIRST, SECOND = 0.9, 0.99
+"""Adam's memory of the gradients, and of their squares."""
+
+LAST_RATE = 0.03
+"""Part of the learning rate that is left at the end."""
+
+AVERAGED = 0.03
+"""Weight of an iteration in the mean that is validated."""
+
+BIASES = ("bias", "last")
+
+
+def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
+    """Train until iterations or time are used up, and write the best policy to the run's folder.
+
+    An interrupted run continues from its last checkpoint; Ctrl-C writes one.
+
+    Raises
+    ------
+    SceneError, CompileError, DesignError
+        If there is nothing to search on, or the law or gradients do not apply. No folder is made.
+    RunError
+        If the folder holds another run, or another process uses it.
+    """
+    Descent(settings, settings.load_scene()).finish(run, bar=bar)
+
+
+class Descent(Search):
+    """A descent from a law along the gradient.
+
+    Attributes
+    ----------
+    network
+        With the parameters as they are.
+    """
+
+    unit = "iteration"
+
+    def __init__(self, settings: GradientSettings, scene: Scene) -> None:
+        super().__init__(settings, scene)
+        self.settings: GradientSettings = settings
+        generator = np.random.default_rng(settings.seed)
+        start = start_of(scene, settings, generator)
+        start = with_oscillators(start, settings.oscillators, generator)
+        self.odd = scene.actuation.stretch is None
+        evolved = Evolved(start, settings.hidden, odd=self.odd)
+        self.start = evolved.policy(evolved.first(generator))
+        if settings.floor is not None:
+            self.start.units[:, 1] = settings.floor
+        self.episodes = Episodes(scene, settings.episodes)
+        self.network = Network(self.start, scene.control.steps, settings.episodes)
+        self.mean = parameters_of(self.start)
+        zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
+        self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
+        self.frames = settings.episodes * scene.control.steps
+
+    @property
+    def total(self) -> int:
+        """Number of iterations."""
+        return self.settings.iterations
+
+    def _advance(self) -> None:
+        settings, count = self.settings, self.settings.episodes
+        done = self.rounds / self.total
+        first, last = np.log(settings.first_horizon), np.log(settings.horizon)
+        horizon = np.exp(first + (last - first) * done)
+        self.episodes.run(self.network, training_seeds(settings.seed, count, self.rounds * count))
+        self.episodes.back(self.network, float(np.exp(-1.0 / horizon)))
+        warmth = 0.5 * (1.0 + np.cos(np.pi * done))
+        self._follow(settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth))
+
+    def _follow(self, rate: float) -> None:
+        """Make a step of Adam along the gradient, of which only the direction counts."""
+        gradient, count = self.network.gradient, self.rounds + 1
+        if self.odd:
+            for name in BIASES:
+                gradient[name][:] = 0.0
+        size = np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values()))
+        if not (0.0 < size < np.inf):
+            return
+        own = self.network.parameters
+        for name in own:
+            slope = gradient[name] / size
+            self.slopes[name] += (1.0 - FIRST) * (slope - self.slopes[name])
+            self.squares[name] += (1.0 - SECOND) * (slope**2 - self.squares[name])
+            spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
+            own[name] -= rate / (1.0 - FIRST**count) * self.slopes[name] / spread
+        hold_stable(own["keep"])
+        for name, value in own.items():
+            self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
+
+    def _present(self) -> Arrays:
+        return {name: array.copy() for name, array in self.mean.items()}
+
+    def _policy(self, parameters: Arrays) -> Policy:
+        return policy_of(
+            {name: np.asarray(array, np.float32) for name, array in parameters.items()}, self.start
+        )
+
+    @property
+    def _parts(self) -> dict[str, dict[str, Single]]:
+        return {
+            "parameters": self.network.parameters,
+            "mean": self.mean,
+            "slopes": self.slopes,
+            "squares": self.squares,
+        }
+
+    def _state(self) -> Arrays:
+        rounds: Arrays = {"gradient/rounds": np.asarray(self.rounds)}
+        for part, own in self._parts.items():
+            rounds |= {f"{part}/{name}": array.copy() for name, array in own.items()}
+        return rounds
+
+    def _restore(self, arrays: Arrays) -> None:
+        self.rounds = int(arrays["gradient/rounds"])
+        for part, own in self._parts.items():
+            for name, array in part_of(arrays, part).items():
+                own[name][:] = array

@@ -1,0 +1,166 @@
+"""Episodes side by side, and the slopes of their cost, carried back through the exact physics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.observed_state import ROWS
+from mm_gym import DesignError, MovingMassVectorEnv
+from mm_gym.sensitivity import Sensitivities
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.gradient.network import Network
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
+"""Channels that no action changes."""
+
+APPLIED = {"stretch": "stretch", "applied_force": "force"}
+"""Channel -> name of the actuator that it shows."""
+
+MOST = 3.0
+"""Largest slope of a lane over the median of all lanes."""
+
+
+class Episodes:
+    """Episodes of a scene as lanes.
+
+    A slope of the cost over the motion is carried back by the Jacobians of the control steps.
+    Parametric springs can pump energy: near a switching law slopes grow without bound from step to
+    step, in few lanes by many orders of magnitude. So they fade by a factor in each step, which
+    forgets what an action does long after, and no lane has more than `MOST` times the median.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    lanes
+        Number of episodes.
+
+    Raises
+    ------
+    DesignError
+        If an episode may end early, or a channel's slope over the state is not known.
+    """
+
+    def __init__(self, scene: Scene, lanes: int) -> None:
+        objective = scene.objective
+        if objective.displacement_limit or objective.rail_half_length:
+            msg = "objective: gradients need episodes that do not end early; remove its limits"
+            raise DesignError(msg)
+        self.lanes, self.steps = lanes, scene.control.steps
+        self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled", info="none")
+        self._begin(range(lanes))
+        self.shown = _shown(self.env, self.physics)
+        size = len(self.physics.actuators)
+        self.weights = np.array(
+            [
+                objective.displacement_weight / objective.displacement_scale**2,
+                objective.velocity_weight / objective.velocity_scale**2,
+                objective.stroke_weight / objective.stroke_scale**2,
+            ]
+        )
+        self.effort = objective.effort_weight
+        self.states: Values = np.empty((self.steps, 4, lanes))
+        self.actions: Values = np.empty((self.steps, size, lanes))
+        self.free = np.empty((self.steps, size, lanes), np.bool_)
+
+    def _begin(self, seeds: Sequence[int]) -> NDArray[np.float32]:
+        """Begin the episodes of the seeds; return what they show."""
+        observation, _ = self.env.reset(seed=list(seeds))
+        start, plant = self.env.get_state(), self.env.plant
+        lanes = start["values"], start["streams"]
+        self.physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
+        return observation
+
+    def run(self, network: Network, seeds: Sequence[int]) -> float:
+        """Return the mean of -reward of the episodes of the seeds, as `evaluate` has."""
+        observation = self._begin(seeds)
+        self.jacobians = []
+        for step in range(self.steps):
+            asked = network.act(step, observation.T)
+            actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
+            self.free[step] = np.abs(asked) <= 1.0
+            found = self.physics.jacobian(actions)[1]
+            self.jacobians.append((found.state, found.action))
+            self.states[step] = found.end[:, :4].T
+            observation, *_ = self.env.step(actions.T)
+        x1, x2, v1, _ = np.moveaxis(self.states, 1, 0)
+        terms = (x1, v1, x2 - x1)
+        cost = sum(w * np.mean(x**2) for w, x in zip(self.weights, terms, strict=True))
+        return float(cost + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
+
+    def back(self, network: Network, fade: float) -> None:
+        """Write the gradient of the mean cost, as far as it does not fade, into the network.
+
+        Parameters
+        ----------
+        network
+            That of the last `run`.
+        fade
+            Factor in each step; with 1, and `MOST` out of reach, the gradient is exact.
+        """
+        network.begin_back()
+        part = 2.0 / (self.lanes * self.steps)
+        history, delay = self.env.plant.history, self.env.plant.delay
+        rows, size = self.shown.shape
+        state: Values = np.zeros((size, self.lanes))
+        frames: Values = np.zeros((history + delay, rows, self.lanes))  # of this step and before
+        scale = np.zeros(size)
+        scale[:4] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
+        for step in range(self.steps - 1, -1, -1):
+            self._add_cost(step, part, state)
+            by_state, by_action = self.jacobians[step]
+            action = np.einsum("lij,il->jl", by_action, state)
+            action += part * self.effort * self.actions[step]
+            action *= self.free[step]
+            state = np.einsum("lij,il->jl", by_state, state)
+            factor = fade * _bounded(scale @ np.abs(state))
+            state *= factor
+            frames *= factor
+            network.fade(factor)
+            shown = network.back(step, action)
+            frames[delay:] += shown.reshape(history, rows, self.lanes)[::-1]
+            state += self.shown.T @ frames[0]
+            frames[:-1] = frames[1:]
+            frames[-1] = 0.0
+
+    def _add_cost(self, step: int, part: float, state: Values) -> None:
+        """Add the slopes of a step's cost over the state at its end."""
+        x1, x2, v1, _ = self.states[step]
+        displacement, velocity, stroke = part * self.weights
+        state[0] += displacement * x1 - stroke * (x2 - x1)
+        state[1] += stroke * (x2 - x1)
+        state[2] += velocity * v1
+
+
+def _bounded(sizes: Values) -> Values:
+    """Return the factors (lanes,) that make no size larger than `MOST` times the median."""
+    most = max(MOST * float(np.median(sizes)), np.finfo(float).tiny)
+    return most / np.maximum(sizes, most)
+
+
+def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values:
+    """Return the slopes (channels, state) of a frame over the state of the Jacobians."""
+    names = [actuator.name for actuator in physics.actuators]
+    remembered = sum(actuator.has_memory_of_command for actuator in physics.actuators)
+    slopes = np.zeros((len(env.plant.observed), 4 + len(names) + remembered))
+    for row, channel in enumerate(env.plant.observed):
+        if channel.name in ROWS:
+            slopes[row, :4] = ROWS[channel.name]
+        elif APPLIED.get(channel.name) in names:
+            slopes[row, 4 + names.index(APPLIED[channel.name])] = 1.0
+        elif channel.name not in (*APPLIED, *FROM_OUTSIDE):
+            allowed = ", ".join((*ROWS, *APPLIED, *FROM_OUTSIDE))
+            msg = f"sensors.channels: got {channel.name!r}; allowed for gradients: {allowed}"
+            raise DesignError(msg)
+        slopes[row] *= channel.factor
+    return slopes

@@ -1,0 +1,183 @@
+"""A policy over lanes, followed forwards through an episode and back to its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.policies import Policy
+
+    Single = NDArray[np.float32]
+    Values = NDArray[np.float64]
+
+    Parameters = dict[str, Single]
+
+REAL = np.float32
+"""Of the passes; the physics is in double precision."""
+
+LONGEST = 0.995
+"""Largest eigenvalue of a memory: what is older than some 200 steps is forgotten."""
+
+
+def parameters_of(policy: Policy) -> Parameters:
+    """Return what is trained of a policy with one hidden layer, copied."""
+    (hidden, output), (bias, last) = policy.weights, policy.biases
+    parameters = {
+        "keep": policy.keep,
+        "enter": policy.enter,
+        "pairs": policy.pairs.reshape(2 * len(policy.units), policy.pairs.shape[2]),
+        "direct": policy.direct,
+        "hidden": hidden,
+        "bias": bias,
+        "output": output,
+        "last": last,
+    }
+    return {name: array.astype(REAL) for name, array in parameters.items()}
+
+
+def policy_of(parameters: Parameters, policy: Policy) -> Policy:
+    """Return a policy with other parameters, copied; the numbers of its units stay."""
+    own = {name: array.astype(np.float32) for name, array in parameters.items()}
+    return replace(
+        policy,
+        keep=own["keep"],
+        enter=own["enter"],
+        pairs=own["pairs"].reshape(policy.pairs.shape),
+        direct=own["direct"],
+        weights=(own["hidden"], own["output"]),
+        biases=(own["bias"], own["last"]),
+    )
+
+
+def hold_stable(keep: Single) -> None:
+    """Scale a memory's weights so that it forgets."""
+    if keep.size:
+        keep *= min(1.0, LONGEST / np.abs(np.linalg.eigvals(keep)).max())
+
+
+class Network:
+    """The passes of an evolved policy (`agents.policies.Policy`) through episodes side by side.
+
+    What the way back needs is recorded on the way forwards.
+
+    Parameters
+    ----------
+    policy
+        Its sizes, and the numbers of its correlation units, which are not trained.
+    steps, lanes
+        Of the episodes.
+
+    Attributes
+    ----------
+    parameters
+        Those of the next pass, by name; replace them between passes.
+    gradient
+        The slopes of the cost over them, after the way back.
+    """
+
+    def __init__(self, policy: Policy, steps: int, lanes: int) -> None:
+        self.parameters, self.gradient = parameters_of(policy), parameters_of(policy)
+        self.floor, self.offset, self.scale = policy.units.T[1:, :, None]
+        self.kept = policy.units[:, 0, None]
+        units, self.memory = len(policy.units), len(policy.keep)
+        self.observed, hidden, _ = policy.sizes
+        self.shown = self.observed + self.memory
+        sizes = self.shown + units, 2 * units, units, units, hidden, hidden
+        records = (np.empty((steps, rows, lanes), REAL) for rows in sizes)
+        self.inputs, self.pairs, self.products, self.squares, self.sums, self.hidden = records
+        # Slopes of the cost over what is remembered after a step.
+        self.by_memory = np.empty((self.memory, lanes), REAL)
+        self.by_products, self.by_squares = np.empty((2, units, lanes), REAL)
+
+    def act(self, step: int, observation: Single) -> Single:
+        """Return the actions (k, lanes), not clipped, for observations (n, lanes)."""
+        own, inputs, n = self.parameters, self.inputs[step], self.observed
+        inputs[:n] = observation
+        if self.memory:
+            memory = np.matmul(own["enter"], inputs[:n], out=inputs[n : self.shown])
+            if step > 0:
+                memory += own["keep"] @ self.inputs[step - 1, n : self.shown]
+        if self.kept.size:
+            inputs[self.shown :] = self._correlate(step, inputs[: self.shown])
+        sums = np.matmul(own["hidden"], inputs, out=self.sums[step])
+        sums += own["bias"][:, None]
+        np.clip(sums, -3.0, 3.0, out=sums)
+        square = sums * sums
+        hidden = np.divide(27.0 + square, 27.0 + 9.0 * square, out=self.hidden[step])
+        hidden *= sums
+        return own["direct"] @ inputs + own["output"] @ hidden + own["last"][:, None]
+
+    def _correlate(self, step: int, shown: Single) -> Single:
+        pairs = np.matmul(self.parameters["pairs"], shown, out=self.pairs[step])
+        a, b = pairs[::2], pairs[1::2]
+        products, squares = self.products[step], self.squares[step]
+        np.multiply(2.0 * a, b, out=products)
+        np.add(a * a, b * b, out=squares)
+        if step > 0:
+            products += self.kept * self.products[step - 1]
+            squares += self.kept * self.squares[step - 1]
+        return (products / (self.floor + squares) - self.offset) * self.scale
+
+    def begin_back(self) -> None:
+        """Begin the way back, at an episode's end."""
+        for slopes in (*self.gradient.values(), *self._remembered):
+            slopes[:] = 0.0
+
+    def back(self, step: int, by_action: Values) -> Single:
+        """Return the slopes over the observation (n, lanes), given those over the actions.
+
+        Those over the parameters are added to the gradient. Steps come from the last to the first.
+        """
+        own, add, inputs, n = self.parameters, self.gradient, self.inputs[step], self.observed
+        by_asked = by_action.astype(REAL)
+        add["last"] += by_asked.sum(axis=1)
+        add["direct"] += by_asked @ inputs.T
+        add["output"] += by_asked @ self.hidden[step].T
+        square = self.sums[step] ** 2
+        by_sums = np.square((9.0 - square) / (9.0 + 3.0 * square))  # the slope of the activation
+        by_sums *= own["output"].T @ by_asked
+        add["bias"] += by_sums.sum(axis=1)
+        add["hidden"] += by_sums @ inputs.T
+        by_inputs = own["hidden"].T @ by_sums
+        by_inputs += own["direct"].T @ by_asked
+        by_shown = by_inputs[: self.shown]
+        if self.kept.size:
+            by_pairs = self._correlate_back(step, by_inputs[self.shown :])
+            add["pairs"] += by_pairs @ inputs[: self.shown].T
+            by_shown += own["pairs"].T @ by_pairs
+        if self.memory:
+            self.by_memory += by_shown[n:]
+            if step > 0:
+                add["keep"] += self.by_memory @ self.inputs[step - 1, n : self.shown].T
+            add["enter"] += self.by_memory @ inputs[:n].T
+            by_shown[:n] += own["enter"].T @ self.by_memory
+            self.by_memory[:] = own["keep"].T @ self.by_memory
+        return by_shown[:n]
+
+    def _correlate_back(self, step: int, by_units: Single) -> Single:
+        a, b = self.pairs[step, ::2], self.pairs[step, 1::2]
+        over = 1.0 / (self.floor + self.squares[step])
+        slope = by_units * self.scale * over
+        self.by_products += slope
+        self.by_squares -= slope * over * self.products[step]
+        by_pairs = np.empty_like(self.pairs[step])
+        by_pairs[::2] = 2.0 * (b * self.by_products + a * self.by_squares)
+        by_pairs[1::2] = 2.0 * (a * self.by_products + b * self.by_squares)
+        self.by_products *= self.kept
+        self.by_squares *= self.kept
+        return by_pairs
+
+    def fade(self, factor: Values) -> None:
+        """Multiply the slopes over what is remembered by a factor (lanes,)."""
+        own = factor.astype(REAL)
+        for slopes in self._remembered:
+            np.multiply(slopes, own, out=slopes)
+
+    @property
+    def _remembered(self) -> tuple[Single, Single, Single]:
+        return self.by_memory, self.by_products, self.by_squares

@@ -1,0 +1,139 @@
+"""A search of a policy, round by round, that any kill leaves resumable."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+from tqdm import tqdm
+
+from agents.controllers.learned import Learned
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.training.arrays import load_checkpoint, save_checkpoint
+from agents.training.progress import Progress
+
+if TYPE_CHECKING:
+    from agents.evolution.settings import SearchSettings
+    from agents.policies import Policy
+    from agents.training.arrays import Arrays
+    from agents.training.runs import Run
+    from mm_gym import Scene
+
+BETWEEN_SAVES = 5.0
+"""Time between checkpoints [s]."""
+
+
+class Search(ABC):
+    """A search that validates the policy it has come to, and keeps the best.
+
+    Attributes
+    ----------
+    unit
+        The name of a round.
+    rounds
+        Those that are done.
+    frames
+        Control steps of a round.
+    progress
+        The validations.
+    """
+
+    unit: ClassVar[str]
+    frames: int
+
+    def __init__(self, settings: SearchSettings, scene: Scene) -> None:
+        self.settings, self.scene = settings, scene
+        self.rounds, self.progress = 0, Progress()
+
+    @property
+    @abstractmethod
+    def total(self) -> int:
+        """Number of rounds of the whole search."""
+
+    @abstractmethod
+    def _advance(self) -> None:
+        """Do a round."""
+
+    @abstractmethod
+    def _present(self) -> Arrays:
+        """Return the parameters of the policy that is validated, copied."""
+
+    @abstractmethod
+    def _policy(self, parameters: Arrays) -> Policy:
+        """Return the policy of parameters."""
+
+    @abstractmethod
+    def _state(self) -> Arrays:
+        """Return the arrays from which the next rounds follow; no round writes to them."""
+
+    @abstractmethod
+    def _restore(self, arrays: Arrays) -> None:
+        """Go on from what `_state` returned, and count the rounds."""
+
+    def policy(self) -> Policy:
+        """Return the best policy of the validations."""
+        return self._policy(self.progress.best)
+
+    def finish(self, run: Run, *, bar: bool = True) -> None:
+        """Search until rounds or time are used up, and write the best policy to the run's folder.
+
+        An interrupted run continues from its last checkpoint; Ctrl-C writes one.
+
+        Raises
+        ------
+        RunError
+            If the folder holds another run, or another process uses it.
+        """
+        with run.locked():
+            run.open(self.settings)
+            if not run.finished:
+                if run.checkpoint.exists():
+                    arrays = load_checkpoint(run.checkpoint)
+                    self.progress = Progress.of(arrays)
+                    self._restore(arrays)
+                self._to_the_end(run, bar=bar)
+
+    def _to_the_end(self, run: Run, *, bar: bool) -> None:
+        """Search on, validate, and write the best policy; draw a progress bar if asked to."""
+        progress, total = self.progress, self.total
+        every = -(-total // self.settings.evaluations)
+        began = time.perf_counter() - progress.seconds
+        saved, done = progress.seconds, self.rounds >= total
+        self._note()
+        with tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar) as shown:
+            try:
+                while not done:
+                    self._advance()
+                    self.rounds += 1
+                    shown.update()
+                    progress.seconds = time.perf_counter() - began
+                    late = progress.seconds >= self.settings.time_budget
+                    done = late or self.rounds == total
+                    if done or self.rounds % every == 0:
+                        self._validate()
+                        shown.set_postfix(cost=f"{progress.least_cost:.4f}")
+                    self._note()
+                    if done or progress.seconds > saved + BETWEEN_SAVES:
+                        self._save(run)
+                        saved = progress.seconds
+            except KeyboardInterrupt:
+                self._save(run)
+                raise
+        self.policy().save(run.policy)
+
+    def _validate(self) -> None:
+        present = self._present()
+        learned = Learned(self._policy(present))
+        cost = evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=100).cost
+        if cost < self.progress.least_cost:
+            self.progress.best = present
+        self.progress.add(self.rounds * self.frames, cost)
+
+    def _note(self) -> None:
+        """Note where an interrupted search begins again: between two rounds."""
+        self.noted = self.progress.arrays() | self._state()
+
+    def _save(self, run: Run) -> None:
+        save_checkpoint(run.checkpoint, self.noted)
+        self.progress.write_metrics(run)

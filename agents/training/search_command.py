@@ -1,0 +1,65 @@
+"""A search around a law as a command: settings, the search, the cost on held-out episodes."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, TypeVar
+
+from gymnasium.error import DependencyNotInstalled
+
+from agents.controllers.learned import Learned
+from agents.evaluation.episodes import evaluate
+from agents.policies import PolicyError, load_policy
+from agents.training.config import settings_from_command_line
+from agents.training.runs import INTERRUPTED, Run, RunError
+from mm_gym import CompileError, DesignError, SceneError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from agents.evolution.settings import SearchSettings
+
+Settings = TypeVar("Settings", bound="SearchSettings")
+
+ERRORS = (
+    SceneError,
+    CompileError,
+    DesignError,
+    RunError,
+    PolicyError,
+    DependencyNotInstalled,
+    OSError,  # a full disk
+)
+
+EPISODES = 100
+"""Held-out episodes of the cost that is printed."""
+
+
+def search_from_command_line(
+    kind: type[Settings], search: Callable[[Settings, Run], None], description: str
+) -> str | int | None:
+    """Search with the settings of the command line, and score; return what `sys.exit` takes."""
+    try:
+        settings = settings_from_command_line(kind, description)
+    except SceneError as error:
+        return f"error: {error}"
+    return search_and_score(settings, search)
+
+
+def search_and_score(
+    settings: Settings, search: Callable[[Settings, Run], None]
+) -> str | int | None:
+    """Search, and print the cost on the held-out episodes; return what `sys.exit` takes."""
+    run = Run(settings.name)
+    try:
+        search(settings, run)
+        learned = Learned(load_policy(run.policy))
+        cost = evaluate(settings.load_scene(), learned, episodes=EPISODES).cost
+    except ERRORS as error:
+        return f"error: {error}"
+    except KeyboardInterrupt:
+        print(run.advice, file=sys.stderr)
+        return INTERRUPTED
+    print(f"{cost:.4f} is its cost on {EPISODES} held-out episodes")
+    print(f"beside every law: python -m agents.evaluate {run.folder}")
+    return None
