@@ -15,6 +15,7 @@ from agents.gradient.network import Network, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
+from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, load_scene
 
@@ -200,3 +201,14 @@ class TestRuns:
         assert run.validations()[0][-1] == 14 * 8 * 40
         with pytest.raises(RunError, match="other settings"):
             descend(TINY.model_copy(update={"seed": 1}), run)
+
+    def test_gradient_is_an_algorithm_of_a_sweep(self, unbroken, tmp_path):
+        own = {"hidden": 4, "extra": 1, "episodes": 8, "iterations": 12, "evaluations": 3}
+        settings = {f"gradient.{name}": value for name, value in own.items()}
+        settings["gradient.changes"] = TINY.changes
+        sweep = SweepSettings(tasks=("Hybrid",), algorithms=("gradient",), settings=settings)
+        (trial,) = sweep.trials()
+        assert trial == TINY.model_copy(update={"name": "Hybrid-gradient-plain-0"})
+        do_trial(trial.model_dump_json(), tmp_path)
+        assert_same_outcome(Run(trial.name, tmp_path), unbroken)
+        assert "Hybrid,gradient,plain,0," in write_results([trial], tmp_path).read_text()
