@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.comparison.entries import Entry, Episodes
+from agents.comparison.entries import Entry, Episodes, validation_cost
 from agents.comparison.robustness import outcomes
-from agents.comparison.trainings import Curve, OnTask, Trainings, slopes
+from agents.comparison.trainings import Curve, OnTask, Trainings, best_of, slopes
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
 from agents.evaluation.baselines import classical_laws
@@ -21,7 +21,7 @@ from agents.evolution.starts import start_of
 from agents.policies import load_policy
 from agents.sweeps.trials import algorithm_of
 from agents.training.config import TrainSettings
-from agents.training.parts import make_parts
+from agents.training.parts import Parts, make_parts
 from agents.training.runs import Run, RunError
 
 if TYPE_CHECKING:
@@ -57,36 +57,48 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     plans = next(row for row in scores["rows"] if row["role"] == "planner")["plans"]
     results = [(evaluate(scene, law, episodes=EPISODES), law) for law in classical_laws(scene)]
     result, law = min(results, key=lambda pair: pair[0].cost)
-    names = list(dict.fromkeys(algorithm_of(trial) for trial in trials))
-    groups = {name: [t for t in trials if algorithm_of(t) == name] for name in names}
-    trainings = [_trainings(name, group, folder) for name, group in groups.items()]
-    middle = {of.algorithm: agent_of(groups[of.algorithm][of.median], folder) for of in trainings}
+    agents: dict[str, list[Controller]] = {}
+    curves: dict[str, list[Curve]] = {}
+    for trial, agent in zip(trials, agents_of(trials, folder), strict=True):
+        agents.setdefault(algorithm_of(trial), []).append(agent)
+        curves.setdefault(algorithm_of(trial), []).append(_curve(Run(trial.name, folder)))
+    trainings = [
+        Trainings(name, [evaluate(scene, one, episodes=EPISODES) for one in own], curves[name])
+        for name, own in agents.items()
+    ]
+    middle = {of.algorithm: agents[of.algorithm][of.median] for of in trainings}
     rows = [Entry("best law", [law]), *(Entry(name, [one]) for name, one in middle.items())]
+    best = middle[best_of(trainings).algorithm]
     return OnTask(
         task,
         result,
+        validation_cost(scene, law),
         trainings,
         known,
         np.array([plan["cost"] for plan in plans]),
         outcomes(scene, rows, Episodes(1, EPISODES)),
-        _slopes(scene, middle[names[0]]),
-        _examples(scene, law, middle[names[0]]),
+        _slopes(scene, best),
+        _examples(scene, law, best),
     )
 
 
-def agent_of(trial: RunSettings, folder: Path) -> Controller:
-    """Return the policy of a finished training as a controller."""
-    policy = load_policy(Run(trial.name, folder).policy)
-    if isinstance(trial, TrainSettings):
-        return make_parts(trial).controller(policy, trial.name)
-    return Learned(policy, trial.name)
+def agents_of(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:
+    """Return the policies of finished trainings as controllers.
 
-
-def _trainings(algorithm: str, trials: Sequence[RunSettings], folder: Path) -> Trainings:
-    results = [
-        evaluate(trial.load_scene(), agent_of(trial, folder), episodes=EPISODES) for trial in trials
-    ]
-    return Trainings(algorithm, results, [_curve(Run(trial.name, folder)) for trial in trials])
+    Trainings that differ in their seed alone have one base in common, which is tuned once.
+    """
+    parts: dict[str, Parts] = {}
+    found: list[Controller] = []
+    for trial in trials:
+        policy = load_policy(Run(trial.name, folder).policy)
+        if not isinstance(trial, TrainSettings):
+            found.append(Learned(policy, trial.name))
+            continue
+        same = trial.model_copy(update={"seed": 0, "name": ""}).model_dump_json()
+        if same not in parts:
+            parts[same] = make_parts(trial)
+        found.append(parts[same].controller(policy, trial.name))
+    return found
 
 
 def _curve(run: Run) -> Curve:

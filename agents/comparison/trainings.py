@@ -76,6 +76,21 @@ class Trainings:
         """The seed whose cost is in the middle; of two, the better."""
         return int(np.argsort(self.costs)[(len(self.costs) - 1) // 2])
 
+    def middle_curve(self) -> tuple[Array, Array]:
+        """Return what the seeds have in common, up to the shortest: time and least cost so far.
+
+        Returns
+        -------
+        seconds
+            (validations,) median over the seeds [s].
+        costs
+            (3, validations) least, median and most of the seeds [-].
+        """
+        count = min(len(curve.costs) for curve in self.curves)
+        seconds = np.median([curve.seconds[:count] for curve in self.curves], axis=0)
+        least = [np.minimum.accumulate(curve.costs[:count]) for curve in self.curves]
+        return seconds, np.percentile(least, (0.0, 50.0, 100.0), axis=0)
+
 
 @dataclass(frozen=True, eq=False)
 class OnTask:
@@ -87,6 +102,8 @@ class OnTask:
         Its id.
     law
         The best classical law, in the same episodes.
+    law_validation
+        Its cost in the validation episodes [-].
     trainings
         Of each algorithm.
     known
@@ -96,13 +113,15 @@ class OnTask:
     outcomes
         Of the law and of each algorithm's middle training on changed scenes.
     slopes
-        Of a force alone: the LQR's, the middle training's at rest and at full scale, see `slopes`.
+        Of a force alone: the LQR's, the best algorithm's middle training's at rest and at full
+        scale, see `slopes`.
     examples
-        Of a stretch: an episode by the law, by the middle training and by the planner.
+        Of a stretch: an episode by the law, by the same training and by the planner.
     """
 
     task: str
     law: Evaluation
+    law_validation: float
     trainings: Sequence[Trainings]
     known: Mapping[str, float]
     plans: Array
@@ -115,10 +134,20 @@ class OnTask:
         """The short name of the task."""
         return short_name(self.task)
 
+    @property
+    def best(self) -> Trainings:
+        """The trainings of the best algorithm."""
+        return best_of(self.trainings)
+
     def scores(self, costs: Array) -> Array:
         """Return s = (J_constant - J) / (J_constant - J_best known) of costs J."""
         constant = self.known["constant"]
         return (constant - costs) / (constant - self.known["planner"])
+
+
+def best_of(trainings: Sequence[Trainings]) -> Trainings:
+    """Return the trainings of the algorithm with the least interquartile mean cost."""
+    return min(trainings, key=lambda own: float(interquartile_mean(own.costs[None])))
 
 
 def middle_cost(trainings: Trainings) -> Estimate:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 IN_A_BIN = 10
 """Episodes that each point of a line stands for."""
 
+NARROW = 4.0
+"""Ratio of an axis's ends below which round numbers are better ticks than 1, 2 and 5."""
+
 *BASELINES, LEARNED = COLOURS
 """Colours: black is the learned controller's, the last of all results."""
 
@@ -82,18 +85,25 @@ def _excited(scene: Scene) -> str:
     return "ground motion" if scene.excitation[0].target == "ground" else "force"
 
 
-def logarithmic(axes: Axes) -> None:
-    """Let the ordinate be logarithmic, with ticks at 1, 2 and 5 in plain digits."""
+def logarithmic(axes: Axes, which: str = "y") -> None:
+    """Let an axis, x or y, be logarithmic with few ticks in plain digits; call it after drawing."""
     from matplotlib.ticker import (  # noqa: PLC0415 - optional
         LogLocator,
+        MaxNLocator,
         NullFormatter,
-        ScalarFormatter,
+        NullLocator,
     )
 
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(ScalarFormatter())
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set(**{f"{which}scale": "log"})
+    low, high = axes.get_ylim() if which == "y" else axes.get_xlim()
+    axis = axes.yaxis if which == "y" else axes.xaxis
+    if high < NARROW * low:
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]))
+        axis.set_minor_locator(NullLocator())
+    else:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path: Path) -> None:

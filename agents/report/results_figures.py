@@ -29,6 +29,15 @@ STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
 WINDOW = 90
 """Control steps of an episode that are shown."""
 
+MOST, MARGIN = 2.0, 1.01
+"""Most cost on a learning curve, over that of the best law; and its least, below all costs."""
+
+BEST = "best on each task"
+"""Label of the line that has the best algorithm's trainings of each task."""
+
+LAW = {"color": "0.4", "linestyle": ":", "label": "best law"}
+"""How the best law's line looks."""
+
 
 def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
     """Draw all figures into a folder, which is made if need be; return their paths."""
@@ -41,37 +50,53 @@ def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
 
 
 def _curves(known: Sequence[OnTask], path: Path) -> None:
-    """Draw the least cost so far of each training over time, a panel a task."""
+    """Draw the least cost so far over time, a panel a task: the median of the seeds, and all."""
     rows = -(-len(known) // 2)
     figure, axes = panels(1.7 * rows + 0.4, rows, 2)
     for panel in axes[len(known) :]:
         panel.set_visible(False)
     for one, panel in zip(known, axes, strict=False):
-        for k, trainings in enumerate(one.trainings):
-            for seed, curve in enumerate(trainings.curves):
-                label = {} if seed else {"label": trainings.algorithm}
-                least = np.minimum.accumulate(curve.costs)
-                panel.plot(curve.seconds, least, color=COLOURS[k], linewidth=0.7, **label)
-        panel.axhline(one.law.cost, color="0.4", linestyle="--", label="best law")
-        panel.axhline(one.known["planner"], color="0.4", linestyle=":", label="best known plan")
+        panel.axhline(one.law_validation, **LAW)
+        for trainings in one.trainings:
+            seconds, (least, median, most) = trainings.middle_curve()
+            look = _look(known, trainings.algorithm)
+            panel.fill_between(seconds, least, most, color=look["color"], alpha=0.2, linewidth=0)
+            panel.plot(seconds, median, **look)
         panel.set(title=one.name, ylabel="cost [-]")
+        low = min(curve.costs.min() for of in one.trainings for curve in of.curves)
+        panel.set_ylim(low / MARGIN, min(panel.get_ylim()[1], MOST * one.law_validation))
         logarithmic(panel)
+        logarithmic(panel, "x")
     for panel in axes[max(len(known) - 2, 0) : len(known)]:
         panel.set_xlabel("time [s]")
-    legend_below(figure, axes[0], 4)
+    legend_below(figure, axes[0], len(STYLES) + 1)
     save(figure, path)
+
+
+def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, str]:
+    """Return how the line of an algorithm or of the best law looks, the same on all figures."""
+    if algorithm == LAW["label"]:
+        return LAW
+    number = [*_names(known), BEST].index(algorithm)
+    style = STYLES[number % len(STYLES)]
+    return {"color": COLOURS[number], "linestyle": style, "label": algorithm}
+
+
+def _names(known: Sequence[OnTask]) -> list[str]:
+    """Return the names of all algorithms."""
+    return list(dict.fromkeys(of.algorithm for one in known for of in one.trainings))
 
 
 def _profile(known: Sequence[OnTask], path: Path) -> None:
     """Draw which part of all trainings and tasks has more than a score."""
     figure, (panel,) = panels(2.6, 1, 1)
-    names = [of.algorithm for of in known[0].trainings]
-    everywhere = [name for name in names if all(_has(one, name) for one in known)]
+    everywhere = [name for name in _names(known) if all(_has(one, name) for one in known)]
     rows = {name: [one.scores(_costs(one, name)) for one in known] for name in everywhere}
-    rows["best law"] = [one.scores(np.array([one.law.cost])) for one in known]
-    for k, (name, scores) in enumerate(rows.items()):
+    rows[BEST] = [one.scores(one.best.costs) for one in known]
+    rows[LAW["label"]] = [one.scores(np.array([one.law.cost])) for one in known]
+    for name, scores in rows.items():
         parts = np.mean([performance_profile(own[None], THRESHOLDS) for own in scores], axis=0)
-        panel.plot(THRESHOLDS, parts, STYLES[k], color=COLOURS[k], label=name)
+        panel.plot(THRESHOLDS, parts, **_look(known, name))
     panel.set(
         xlabel="score s (0: best constant, 1: best known plan)", ylabel="part of trainings above s"
     )
@@ -94,26 +119,25 @@ def _robustness(known: Sequence[OnTask], path: Path) -> None:
     for row, one in enumerate(known):
         own = axes[row * len(STUDIES) : (row + 1) * len(STUDIES)]
         for panel, study in zip(own, STUDIES, strict=True):
-            _study(panel, one, study)
+            _study(panel, one, study, known)
         own[0].set_title(one.name, loc="left")
     for panel, study in zip(axes[-len(STUDIES) :], STUDIES, strict=True):
         panel.set_xlabel(study if study != "carriage.stiffness" else "stiffness over the scene's")
     for panel in axes[:: len(STUDIES)]:
         panel.set_ylabel("cost [-]")
-    legend_below(figure, axes[0], 4)
+    legend_below(figure, axes[0], len(STYLES) + 1)
     save(figure, path)
 
 
-def _study(panel: Axes, one: OnTask, study: str) -> None:
-    for k, label in enumerate(dict.fromkeys(outcome.label for outcome in one.outcomes)):
+def _study(panel: Axes, one: OnTask, study: str, known: Sequence[OnTask]) -> None:
+    for label in dict.fromkeys(outcome.label for outcome in one.outcomes):
         own = [outcome for outcome in one.outcomes if outcome.label == label]
         points = [(outcome.level, outcome.cost) for outcome in own if outcome.study == study]
         designed = STUDIES[study]
         if designed is not None:
             cost = next(outcome.cost for outcome in own if outcome.study == NOMINAL)
             points.append((designed, cost))
-        look = {"color": COLOURS[k], "linestyle": STYLES[k], "marker": ".", "label": label}
-        panel.plot(*np.array(sorted(points)).T, **look)
+        panel.plot(*np.array(sorted(points)).T, marker=".", **_look(known, label))
     panel.margins(x=0.05)
     logarithmic(panel)
 
@@ -129,7 +153,7 @@ def _episodes(known: Sequence[OnTask], path: Path) -> None:
         peak = int(np.abs(one.examples[1].displacement[:, 0]).argmax())
         first = min(max(peak - WINDOW // 3, 0), len(one.examples[1].time) - WINDOW)
         part = slice(first, first + WINDOW)
-        labels = ("best law", one.trainings[0].algorithm, "plan from the agent's")
+        labels = ("best law", "best agent", "plan from the agent's")
         for k, (label, result) in enumerate(zip(labels, one.examples, strict=True)):
             look = {"color": COLOURS[k], "linestyle": STYLES[k], "label": label, "linewidth": 0.9}
             upper.plot(result.time[part], result.displacement[part, 0], **look)

@@ -29,34 +29,49 @@ HEAD = """# Results
 
 trains on all tasks, goes on where it was stopped, and writes this page; `--no-train` writes it of
 what is trained already. `python -m agents.sweep configs/results.toml` trains alone, also on a Ray
-cluster. Generations, and not time, end a search, so each cost can be repeated. This page was made
-on {machine}, one processor a training.
+cluster. Generations or steps, and not time, end a training, so each cost can be repeated. This page
+was made on {machine}, one processor a training.
 
-{note}Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
-tuning has seen. The interquartile mean is over the seeds of the training, its 95 % interval a
-bootstrap over seeds and episodes. The best law is the best of the classical laws in these very
-episodes; predictive control and the best known plan, which knows the episode, are those of
-`docs/ranking.md`. Improvement is the probability that a training costs less than the best law, with
-the same bootstrap's interval; episodes won is the part of single episodes that cost less.
+Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
+tuning has seen. Intervals of 95 % are a bootstrap over seeds and episodes. The best law is the best
+of the classical laws in these very episodes; predictive control and the best known plan, which
+knows the episode, are those of `docs/ranking.md`.
+
+| algorithm | is |
+|---|---|
+| evolution | a small network around a law, by evolution: `agents.evolve` |
+| gradient | the same with a wider network and its memory, by exact gradients: `agents.descend` |
+| ppo | a network that begins with nothing, by PPO |
+| residual | a network by PPO, added to the law that `configs/results.toml` names |
+| sac | a network that begins with nothing, by SAC |
 """
 
-NOTE = """It was made within one busy hour: the tasks with fewer than ten seeds were stopped by the
-clock, not chosen, PPO and the other algorithms were not run, and the same command trains the rest.
-Longer searches of single seeds are in `docs/training.md`.
+COSTS = """## Costs
 
+The interquartile mean over the seeds.
+"""
+
+DETAILS = """## Seeds
+
+Improvement is the probability that a training costs less than the best law, with its interval;
+episodes won is the part of single episodes that cost less. The time is the median of the trainings
+on one processor, on a machine that did other work besides.
 """
 
 CURVES = """## Learning curves
 
-The least cost so far on the 100 validation episodes, which are not those of the lines of law and
-plan. The time is that of the training as it was, on a machine that did other work besides.
+The least cost so far on the 100 validation episodes, on which the best law's cost is drawn too: the
+median of the seeds, and from the best to the worst of them. Costs above twice that of the law are
+left out. The time is that of the trainings as they were, on a machine that did other work besides,
+the median of the seeds.
 
 ![Cost over time of training]({curves})
 """
 
 PROFILE = """## Performance profile
 
-Which part of all trainings, over the tasks, has more than a score.
+Which part of all trainings, over the tasks, has more than a score, of the algorithms that were run
+on all tasks, and of each task's best.
 
 ![Part of all trainings above a score]({profile})
 """
@@ -112,9 +127,11 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
     """Return the page, with figures that stand in a folder beside it."""
     curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
     parts = [
-        HEAD.format(machine=_machine(), note=NOTE if _is_partial(known) else ""),
-        "## Costs",
+        HEAD.format(machine=_machine()),
+        COSTS,
         _costs(known),
+        DETAILS,
+        _details(known),
         *_missing(known),
         CURVES.format(curves=curves),
         PROFILE.format(profile=profile),
@@ -132,11 +149,6 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
 
-def _is_partial(known: Sequence[OnTask]) -> bool:
-    """Tell whether some tasks have fewer trainings than others."""
-    return len({len(trainings.costs) for _, trainings in _each(known)}) > 1
-
-
 def _machine() -> str:
     return f"{platform.machine()}, {platform.system()}, Python {platform.python_version()}"
 
@@ -152,22 +164,35 @@ def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Trainings]]:
 
 
 def _costs(known: Sequence[OnTask]) -> str:
+    """Return the table of costs: a row for each algorithm and what it is compared with."""
+    rows: list[list[str]] = [["best law", *(f"{one.law.cost:.4f}" for one in known)]]
+    for name in _algorithms(known):
+        found = [next((t for t in one.trainings if t.algorithm == name), None) for one in known]
+        rows.append([name, *("-" if t is None else _span(middle_cost(t)) for t in found)])
+    for label, role in (("predictive control", "predictive"), ("best known plan", "planner")):
+        rows.append([label, *(f"{one.known[role]:.4f}" for one in known)])
+    return markdown(["", *(one.name for one in known)], rows)
+
+
+def _algorithms(known: Sequence[OnTask]) -> list[str]:
+    return list(dict.fromkeys(trainings.algorithm for _, trainings in _each(known)))
+
+
+def _details(known: Sequence[OnTask]) -> str:
     header = [
-        *("task", "algorithm", "seeds", "interquartile mean", "least and most", "best law"),
-        *("predictive control", "best known plan", "improvement", "episodes won"),
+        *("task", "best law", "algorithm", "seeds", "least and most", "improvement"),
+        *("episodes won", "time [s]"),
     ]
     rows = [
         [
             one.name,
+            one.law.name,
             trainings.algorithm,
             str(len(trainings.costs)),
-            _span(middle_cost(trainings)),
             f"{trainings.costs.min():.4f} to {trainings.costs.max():.4f}",
-            f"{one.law.cost:.4f} ({one.law.name})",
-            f"{one.known['predictive']:.4f}",
-            f"{one.known['planner']:.4f}",
             _span(improvement(trainings, one.law), 2),
             percent(episodes_won(trainings, one.law)),
+            f"{np.median([curve.seconds[-1] for curve in trainings.curves]):.0f}",
         ]
         for one, trainings in _each(known)
     ]
@@ -175,12 +200,14 @@ def _costs(known: Sequence[OnTask]) -> str:
 
 
 def _missing(known: Sequence[OnTask]) -> Iterator[str]:
-    """Yield a sentence on what was not run: algorithms that are not on all tasks."""
-    names = dict.fromkeys(trainings.algorithm for _, trainings in _each(known))
-    for name in names:
-        without = [one.name for one in known if name not in {t.algorithm for t in one.trainings}]
-        if without:
-            yield f"Not run with {name}: {', '.join(without)}."
+    """Yield what the time did not suffice for: algorithms with fewer seeds than others, or none."""
+    counts = {(one.name, t.algorithm): len(t.costs) for one, t in _each(known)}
+    most = max(counts.values())
+    for name in _algorithms(known):
+        own = {one.name: counts.get((one.name, name), 0) for one in known}
+        fewer = [f"{task} {count}" for task, count in own.items() if count < most]
+        if fewer:
+            yield f"Not all seeds were run with {name}: {', '.join(fewer)} of {most}."
 
 
 def _energy(known: Sequence[OnTask]) -> str:
@@ -208,7 +235,7 @@ def _slopes(known: Sequence[OnTask]) -> str:
 def _failures(known: Sequence[OnTask]) -> str:
     rows: list[list[str]] = []
     for one in known:
-        trainings = one.trainings[0]
+        trainings = one.best
         penalties = trainings.penalties[trainings.median]
         ratios = np.sqrt(penalties) / one.plans
         worst = int(ratios.argmax())

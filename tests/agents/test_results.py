@@ -10,6 +10,7 @@ from agents import results as command
 from agents.comparison.trainings import (
     Curve,
     Trainings,
+    best_of,
     episodes_won,
     improvement,
     middle_cost,
@@ -85,6 +86,21 @@ class TestStatistics:
         # Weights are of single precision.
         np.testing.assert_allclose(found, start.direct[0, 1:], rtol=1e-5, atol=1e-6)
 
+    def test_curve_is_the_least_cost_so_far_up_to_the_shortest_seed(self):
+        steps = np.arange(3.0)
+        curves = [
+            Curve(steps, 1.0 + steps, np.array([3.0, 1.0, 2.0])),
+            Curve(steps[:2], 3.0 + steps[:2], np.array([5.0, 4.0])),
+        ]
+        seconds, costs = Trainings("ppo", [], curves).middle_curve()
+        np.testing.assert_array_equal(seconds, [2.0, 3.0])
+        np.testing.assert_array_equal(costs, [[3.0, 1.0], [4.0, 2.5], [5.0, 4.0]])
+
+    def test_best_algorithm_is_that_of_the_least_interquartile_mean(self):
+        steady = trainings(np.full((4, 1), 0.9) * self.episodes)
+        lucky = trainings(np.array([[0.1], [1.0], [1.1], [1.2]]) * self.episodes)
+        assert best_of([lucky, steady]) is steady
+
 
 class TestCommand:
     @pytest.fixture
@@ -106,11 +122,11 @@ class TestCommand:
         files = sorted((tmp_path / "runs" / "small").glob("*/result.json"))
         costs = [json.loads(path.read_text())["cost"] for path in files]
         assert len(costs) == 2
-        row = next(line for line in text.splitlines() if line.startswith("| CarriageForce |"))
-        cells = [cell.strip() for cell in row.split("|")]
-        assert cells[2:4] == ["evolution", "2"]
-        assert cells[4].startswith(f"{np.mean(costs):.4f} [")
-        assert cells[5] == f"{min(costs):.4f} to {max(costs):.4f}"
+        rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines()]
+        cost = next(cells for cells in rows if cells[1:2] == ["evolution"] and "[" in cells[2])
+        assert cost[2].startswith(f"{np.mean(costs):.4f} [")
+        details = next(cells for cells in rows if cells[1:2] == ["CarriageForce"])
+        assert details[3:6] == ["evolution", "2", f"{min(costs):.4f} to {max(costs):.4f}"]
         figures = [line for line in text.splitlines() if line.startswith("![")]
         names = [line.partition("(")[2].rstrip(")") for line in figures]
         assert names == ["page/curves.png", "page/profile.png", "page/robustness.png"]
