@@ -42,7 +42,7 @@ tasks: $(INSTALLED)
 	$(RUN) -m agents.task_page
 	$(RUN) -m agents.ranking
 
-# Ten trainings of each task, an hour of one core, and the page that shows them.
+# Ten trainings of each task by each algorithm, some seven hours of one core, and their page.
 results: $(INSTALLED)
 	$(RUN) -m agents.results configs/results.toml
 

@@ -36,7 +36,8 @@ def evolution() -> str:
         f"A network of 4-16-1 acts for {rate:.0f} M lanes a second on one core, {CANDIDATES} "
         f"networks of {EPISODES} lanes. `python -m agents.evolve TASK --time-budget SECONDS` with "
         "its default settings, two threads and a warm cache; the time is that of the search, with "
-        "its validations and the reading of compiled code. Cost on the same 100 held-out episodes."
+        "its validations and the reading of compiled code, and whatever other programs of a shared "
+        "machine take of it. Cost on the same 100 held-out episodes."
     )
     return "\n".join(["## Evolution", "", text, "", table(header, rows), ""])
 
