@@ -27,7 +27,7 @@ class GradientSettings(SearchSettings):
     """control steps in which the slopes fade to 1/e, at first"""
     horizon: Positive = 100.0
     """the same at the end"""
-    floor: Positive | None = 0.05
-    """of the correlation units' denominators"""
+    floor: Positive = 0.05
+    """of the correlation units' denominators; a smaller one switches more sharply"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
