@@ -25,7 +25,7 @@ class GradientSettings(SearchSettings):
     """of learning (Adam), at first"""
     first_horizon: Positive = 25.0
     """control steps in which the slopes fade to 1/e, at first"""
-    horizon: Positive = 100.0
+    horizon: Positive = 200.0
     """the same at the end"""
     floor: Positive = 0.05
     """of the correlation units' denominators; a smaller one switches more sharply"""
