@@ -17,6 +17,7 @@ from agents.evolution.starts import start_of
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, hold_stable, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
+from agents.policies import UNIT
 from agents.training.arrays import part_of
 from agents.training.search import Search
 from agents.training.seeds import training_seeds
@@ -79,8 +80,7 @@ class Descent(Search):
         self.odd = scene.actuation.stretch is None
         evolved = Evolved(start, settings.hidden, odd=self.odd)
         self.start = evolved.policy(evolved.first(generator))
-        if settings.floor is not None:
-            self.start.units[:, 1] = settings.floor
+        self.start.units[:, UNIT.index("floor")] = settings.floor
         self.episodes = Episodes(scene, settings.episodes)
         self.network = Network(self.start, scene.control.steps, settings.episodes)
         self.mean = parameters_of(self.start)
@@ -127,9 +127,7 @@ class Descent(Search):
         return {name: array.copy() for name, array in self.mean.items()}
 
     def _policy(self, parameters: Arrays) -> Policy:
-        return policy_of(
-            {name: np.asarray(array, np.float32) for name, array in parameters.items()}, self.start
-        )
+        return policy_of(parameters, self.start)
 
     @property
     def _parts(self) -> dict[str, dict[str, Single]]:

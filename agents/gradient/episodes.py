@@ -26,7 +26,7 @@ FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
 APPLIED = {"stretch": "stretch", "applied_force": "force"}
 """Channel -> name of the actuator that it shows."""
 
-MOST = 3.0
+MOST = 10.0
 """Largest slope of a lane over the median of all lanes."""
 
 

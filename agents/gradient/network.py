@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.policies import Policy
+    from agents.training.arrays import Arrays
 
     Single = NDArray[np.float32]
     Values = NDArray[np.float64]
@@ -40,7 +41,7 @@ def parameters_of(policy: Policy) -> Parameters:
     return {name: array.astype(REAL) for name, array in parameters.items()}
 
 
-def policy_of(parameters: Parameters, policy: Policy) -> Policy:
+def policy_of(parameters: Arrays, policy: Policy) -> Policy:
     """Return a policy with other parameters, copied; the numbers of its units stay."""
     own = {name: array.astype(np.float32) for name, array in parameters.items()}
     return replace(

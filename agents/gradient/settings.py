@@ -25,9 +25,9 @@ class GradientSettings(SearchSettings):
     """of learning (Adam), at first"""
     first_horizon: Positive = 25.0
     """control steps in which the slopes fade to 1/e, at first"""
-    horizon: Positive = 100.0
+    horizon: Positive = 200.0
     """the same at the end"""
-    floor: Positive | None = 0.05
-    """of the correlation units' denominators"""
+    floor: Positive = 0.05
+    """of the correlation units' denominators; a smaller one switches more sharply"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
