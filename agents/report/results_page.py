@@ -58,6 +58,11 @@ episodes won is the part of single episodes that cost less. The time is the medi
 on one processor, on a machine that did other work besides.
 """
 
+MISSING = """Where there are fewer than {most} seeds, the clock ended the work, not the costs that
+were found; an algorithm that is in no table was not run at all. The same command trains the rest.
+Seeds that there are:
+"""
+
 CURVES = """## Learning curves
 
 The least cost so far on the 100 validation episodes, on which the best law's cost is drawn too: the
@@ -200,14 +205,17 @@ def _details(known: Sequence[OnTask]) -> str:
 
 
 def _missing(known: Sequence[OnTask]) -> Iterator[str]:
-    """Yield what the time did not suffice for: algorithms with fewer seeds than others, or none."""
+    """Yield what has not been trained: algorithms with fewer seeds than others, or none."""
     counts = {(one.name, t.algorithm): len(t.costs) for one, t in _each(known)}
     most = max(counts.values())
+    fewer: list[str] = []
     for name in _algorithms(known):
         own = {one.name: counts.get((one.name, name), 0) for one in known}
-        fewer = [f"{task} {count}" for task, count in own.items() if count < most]
-        if fewer:
-            yield f"Not all seeds were run with {name}: {', '.join(fewer)} of {most}."
+        told = ", ".join(f"{task} {count}" for task, count in own.items() if count < most)
+        if told:
+            fewer.append(f"- {name}: {told}.")
+    if fewer:
+        yield f"{MISSING.format(most=most)}\n" + "\n".join(fewer)
 
 
 def _energy(known: Sequence[OnTask]) -> str:
