@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.report import table
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
+from mm_gym.kernels import layout as at
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import ids
 
@@ -49,6 +50,15 @@ MANY = {
     for name, scene in ((name, load_scene(name)) for name in ids())
 }
 """The tasks, in short episodes."""
+
+PERIOD = 33
+"""Control steps of an episode of which 3 % end in each step, if their ages are random."""
+
+ENDING = ("CarriageForce-v0", "PreStretch-v0")
+AUTORESET = {"NextStep": "next step", "SameStep": "same step"}
+ENDS = """While 3 % of the lanes, others in each step, end and begin episodes, a step takes longer
+than while none does:
+"""
 
 BARE = "bare 4 x 5 product over the lanes"
 
@@ -113,7 +123,48 @@ def vector() -> str:
         "times faster than CartPole vector",
     )
     missing = f"Not measured: {'; '.join(absent)}.\n\n" if absent else ""
-    return f"## Many lanes\n\n{EPISODES}\n{table(header, rows)}\n\n{missing}"
+    return f"## Many lanes\n\n{EPISODES}\n{table(header, rows)}\n\n{missing}{ENDS}\n{_ends()}\n"
+
+
+def _ends() -> str:
+    """Return the table of steps in which 3 % of the lanes end."""
+    rows = []
+    for name in ENDING:
+        for mode, words in AUTORESET.items():
+            for copy in (False, True):
+                timings = side_by_side(
+                    {
+                        "none": _step_of_ages(MANY[name], ENDLESS, mode, copy=copy),
+                        "some": _step_of_ages(MANY[name], PERIOD, mode, copy=copy),
+                    },
+                    rounds=ROUNDS,
+                    clock=time.process_time,
+                )
+                none, some = timings["none"], timings["some"]
+                rows.append(
+                    (
+                        f"{name}, {'copies' if copy else 'views'}, reset in the {words}",
+                        f"{none.median * 1e6:.0f} ± {none.spread * 100:.0f} %",
+                        f"{some.median * 1e6:.0f} ± {some.spread * 100:.0f} %",
+                        f"{none.times_faster_than(some):.2f}",
+                    )
+                )
+    header = f"{LANES:,} lanes, one core", "no ends, µs a step", "3 % end", "times as long"
+    return table(header, rows)
+
+
+def _step_of_ages(scene: Scene, steps: int, mode: str, *, copy: bool) -> Callable[[], object]:
+    """Return a function that makes a step of lanes whose episodes are of random ages."""
+    env = MovingMassVectorEnv(
+        scene.replace(**{"control.steps": steps}), LANES, copy=copy, autoreset_mode=mode
+    )
+    env.reset(seed=0)
+    state = env.get_state()
+    values = np.array(state["values"])
+    values[at.NOW] = np.random.default_rng(0).integers(0, PERIOD, LANES)
+    env.set_state(state | {"values": values})
+    actions = _actions(env)
+    return lambda: env.step(next(actions))
 
 
 def _three_digits(number: float) -> str:

@@ -299,7 +299,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def _final(self) -> dict[str, Any]:
         """Return the last observation and information of the finished lanes, see `Ends`."""
-        mask = self._finished()
+        mask = self._lanes.terminated | self._lanes.truncated
         observations, state, applied = self._ends.of(self._over)
         info = {} if self._level == "none" else {"state": state, "applied": applied}
         if self._level == "full":

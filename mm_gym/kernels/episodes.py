@@ -149,7 +149,7 @@ def complete(model, task, lanes, which):
     first, last = run_of(which)
     if last > first:
         _write_regimes_and_phases(model, lanes, first, last)
-    else:
+    elif which.shape[0] > 0 and (lanes[at.VR, which[0]] != 0.0 or model[at.HARMONIC_COUNT] > 0.0):
         for i in which:
             _write_regimes_and_phases(model, lanes, i, i + 1)
 

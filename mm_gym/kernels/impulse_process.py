@@ -12,7 +12,9 @@ from __future__ import annotations
 import math
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
 from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.listed import run_of
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.random import numbered, uniform
 
@@ -36,12 +38,25 @@ CLOSE = 1e-12
 @borrowing_kernel
 def begin(lanes, row, streams, which):
     """Draw the keys of impulses in the lanes listed, and with them when the first ones come."""
+    first, last = run_of(which)
+    _draw(lanes, row, streams, first, last)
+    for i in which[: 0 if last > first else which.shape[0]]:
+        _draw(lanes, row, streams, i, i + 1)
     for i in which:
-        lanes[row + KEY, i], lanes[row + COUNT, i] = uniform(streams, i), 0.0
-        lanes[row + RANDOM, i] = NEVER
-        if lanes[row + RATE, i] > 0.0:
-            lanes[row + RANDOM, i] = min(_wait(lanes, row, i), NEVER)
-        lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], lanes[row + TIME, i], NEVER)
+        rate, number = lanes[row + RATE, i], lanes[row + RANDOM, i]
+        random = min(_wait(number, rate), NEVER) if rate > 0.0 else NEVER
+        lanes[row + RANDOM, i] = random
+        lanes[row + NEXT, i] = min(random, lanes[row + TIME, i], NEVER)
+
+
+@borrowing_kernel
+def _draw(lanes, row, streams, first, last):
+    """Draw the keys of the lanes first .. last - 1, and into row RANDOM their first numbers."""
+    prefer_widest_vectors()
+    for i in span(first, last):
+        key = uniform(streams, i)
+        lanes[row + KEY, i], lanes[row + COUNT, i] = key, 0.0
+        lanes[row + RANDOM, i] = numbered(key, 1.0)
 
 
 @borrowing_kernel
@@ -100,17 +115,19 @@ def take(model, own, lanes, row, since, i):
     if lanes[row + RANDOM, i] <= now:
         lanes[row + COUNT, i] += 1.0
         size += _size(model, own, lanes, row, 2.0 * lanes[row + COUNT, i], i)
-        lanes[row + RANDOM, i] = min(max(now, since) + _wait(lanes, row, i), NEVER)
+        number = numbered(lanes[row + KEY, i], 2.0 * lanes[row + COUNT, i] + 1.0)
+        wait = _wait(number, lanes[row + RATE, i])
+        lanes[row + RANDOM, i] = min(max(now, since) + wait, NEVER)
     following = time if time > now else NEVER
     lanes[row + NEXT, i] = min(lanes[row + RANDOM, i], following, NEVER)
     return size
 
 
 @borrowing_kernel
-def _wait(lanes, row, i):
-    """Return the time [s] from the last random impulse to the next: that of a Poisson process."""
-    number = numbered(lanes[row + KEY, i], 2.0 * lanes[row + COUNT, i] + 1.0)
-    return -math.log(1.0 - number) / lanes[row + RATE, i]
+def _wait(number, rate):
+    """Return the time [s] between impulses of a Poisson process, from a number in [0, 1)."""
+    stay_apart()  # or a vector library might take the logarithm's place
+    return -math.log(1.0 - number) / rate
 
 
 @borrowing_kernel

@@ -87,6 +87,9 @@ class Lanes:
         self._threads = Threads(count, threads)
         self.are_threaded = self._threads.are_several
         self._nothing_fixed = self._rows_and_values({})
+        # Looked up once: with few lanes to restart, that takes longer than they do.
+        self._products, self._is_excited = plant.support.products, plant.support.sampled
+        self._is_noisy = bool(plant.task[at.IS_NOISY])
         self._bind_steps()
         self._bind_episodes()
         expect(self._advance, episodes.start, episodes.show_first)
@@ -222,21 +225,20 @@ class Lanes:
             Whether the lanes restart instead of making a control step: its reward is zero, and it
             ends no episode. Requires `seen`.
         """
-        plant = self.plant
         if which is None:
             which = np.arange(self.count)
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
         self._start(which, rows, values)
-        if plant.support.products:
+        if self._products:
             self._multiply(which)
-        if plant.support.sampled:
+        if self._is_excited:
             self._begin_excitation(which)
-        if seen or plant.task[at.IS_NOISY]:
+        if seen or self._is_noisy:
             self._show(which, paused, self.rewards)
 
     def _multiply(self, which: NDArray[np.int64]) -> None:
         """Write the fields that follow from a ratio, and the regimes of friction with them."""
-        for row, ratio, other in self.plant.support.products:
+        for row, ratio, other in self._products:
             self.values[row, which] = self.values[ratio, which] * self.values[other, which]
         write_regimes(self._values, 0, self.count)
 

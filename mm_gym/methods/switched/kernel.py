@@ -82,14 +82,18 @@ def propagate(model, lanes, first, last):
 def propagate_whole(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
     status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
-    scratch = np.zeros(_SCRATCH_ROWS)
+    in_slip, scratch = _level(model, int(model[SLIP])), np.zeros(_SCRATCH_ROWS)
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if harmonics > 0:
             scratch[_ADDED:] = 0.0
             for j in range(harmonics):
                 _add_harmonic(model, lanes, scratch, j, start, count)
-        if _propagate(model, lanes, scratch, start, count) > 0:
+        if _some_slip(model[VR], lanes, start, count):
+            leaving = _propagate(model, lanes, scratch, start, count, in_slip)
+        else:  # the common case once motions have decayed
+            leaving = _propagate(model, lanes, scratch, start, count, None)
+        if leaving > 0:
             status = max(status, _follow(model, lanes, scratch, start, count, None))
     return status
 
@@ -106,11 +110,37 @@ def _stays(vr, sign, w, next_w, bend):
 
 
 @borrowing_kernel
-def _propagate(model, lanes, scratch, first, count):
-    """Advance those lanes whose regime provably lasts; return how many may leave it."""
+def _some_slip(vr, lanes, first, count):
+    """Tell whether a lane slips."""
+    prefer_widest_vectors()
+    v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
+    some = False
+    for i in range(count):
+        some |= sign_of(vr, v2s[i] - v1s[i]) != 0.0
+    return some
+
+
+@borrowing_kernel
+def _propagate(model, lanes, scratch, first, count, in_slip):
+    """Advance those lanes whose regime provably lasts; return how many may leave it.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    lanes
+        (rows, count) read; the state is written.
+    scratch
+        (_SCRATCH_ROWS,) read and written, see above.
+    first, count
+        The lanes: count from first on.
+    in_slip
+        The level of the whole sample interval in slip, or None if all lanes stick. For that this is
+        compiled without the arithmetic of slip, half of all.
+    """
     prefer_widest_vectors()
     vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
-    in_stick, in_slip = _level(model, stick), _level(model, slip)
+    in_stick = _level(model, stick)
     stick_gain, slip_gain = model[stick + GAIN_OF_SECOND], model[slip + GAIN_OF_SECOND]
     x1s, x2s = lanes[at.X1, first : first + count], lanes[at.X2, first : first + count]
     v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
@@ -121,11 +151,11 @@ def _propagate(model, lanes, scratch, first, count):
         s = sign_of(vr, w)
         z, moving = (x1, x2, v1, v2, s, u), (x1, x2 - x1, v1, w, s, u)
         sizes = (abs(x1), abs(x2 - x1), abs(v1), abs(w), abs(s), abs(u))
-        y1, y2 = _chosen(s, in_stick[0], in_slip[0], z), _chosen(s, in_stick[1], in_slip[1], z)
-        y3, y4 = _chosen(s, in_stick[2], in_slip[2], z), _chosen(s, in_stick[3], in_slip[3], z)
-        second = _chosen(s, in_stick[4], in_slip[4], moving) + scratch[_ADDED + 4 * WIDTH + i]
-        change = _chosen(s, in_stick[5], in_slip[5], moving) + scratch[_ADDED + 5 * WIDTH + i]
-        bend = _chosen(s, in_stick[6], in_slip[6], sizes) + scratch[_ADDED + 6 * WIDTH + i]
+        y1, y2 = _chosen(s, in_stick, in_slip, 0, z), _chosen(s, in_stick, in_slip, 1, z)
+        y3, y4 = _chosen(s, in_stick, in_slip, 2, z), _chosen(s, in_stick, in_slip, 3, z)
+        second = _chosen(s, in_stick, in_slip, 4, moving) + scratch[_ADDED + 4 * WIDTH + i]
+        change = _chosen(s, in_stick, in_slip, 5, moving) + scratch[_ADDED + 5 * WIDTH + i]
+        bend = _chosen(s, in_stick, in_slip, 6, sizes) + scratch[_ADDED + 6 * WIDTH + i]
         scratch[i], scratch[WIDTH + i] = y1 + scratch[_ADDED + i], y2 + scratch[_ADDED + WIDTH + i]
         scratch[2 * WIDTH + i], scratch[3 * WIDTH + i] = (
             y3 + scratch[_ADDED + 2 * WIDTH + i],
@@ -163,10 +193,13 @@ def _six(model, k):
 
 
 @borrowing_kernel
-def _chosen(s, stick, slip, z):
-    """Return the row of the lane's regime times its inputs."""
-    in_stick, in_slip = _product(stick, z), _product(slip, z)
-    return in_stick if s == 0.0 else in_slip
+def _chosen(s, in_stick, in_slip, row, z):
+    """Return a row of the lane's regime times its inputs; in_slip is None if all lanes stick."""
+    sticking = _product(in_stick[row], z)
+    if in_slip is None:
+        return sticking
+    slipping = _product(in_slip[row], z)
+    return sticking if s == 0.0 else slipping
 
 
 @borrowing_kernel
