@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.comparison.entries import Entry, Episodes, validation_cost
-from agents.comparison.robustness import outcomes
+from agents.comparison.robustness import DELAY, NOISE, outcomes
 from agents.comparison.trainings import Curve, OnTask, Trainings, best_of, slopes
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from agents.evaluation.episodes import Evaluation
     from agents.training.config import RunSettings
     from mm_gym import Scene
+
+STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
+"""What is changed -> the level of the scene as designed, if no level is it."""
 
 EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, last=8)
 """Of the plan of the episode that is shown."""
@@ -76,7 +79,7 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
         trainings,
         known,
         np.array([plan["cost"] for plan in plans]),
-        outcomes(scene, rows, Episodes(1, EPISODES)),
+        outcomes(scene, rows, Episodes(1, EPISODES), studies=list(STUDIES)),
         _slopes(scene, best),
         _examples(scene, law, best),
     )

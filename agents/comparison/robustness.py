@@ -118,16 +118,24 @@ def _recorded(scene: Scene, record: Path) -> Scene:
 
 
 def outcomes(
-    scene: Scene, rows: Sequence[Entry], episodes: Episodes, records: Sequence[Path] = ()
+    scene: Scene,
+    rows: Sequence[Entry],
+    episodes: Episodes,
+    records: Sequence[Path] = (),
+    *,
+    studies: Sequence[str] = (),
 ) -> list[Outcome]:
     """Return what every controller of a task does on every changed scene.
 
     The controllers are those of the scene as it is: they are not told of the change. All go through
-    the episodes of the first seed; of a training with several seeds it is the first run.
+    the episodes of the first seed; of a training with several seeds it is the first run. Without
+    names of studies it is all of them.
     """
     found: list[Outcome] = []
     nominal: dict[str, float] = {}
     for study, changed in variants(scene, records).items():
+        if studies and study[0] not in (NOMINAL, *studies):
+            continue
         for row in rows:
             outcome = _outcome(changed, row, episodes.of(0), study, nominal)
             nominal.setdefault(row.label, outcome.cost)

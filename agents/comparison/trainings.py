@@ -14,6 +14,7 @@ from agents.evaluation.aggregates import (
     estimate,
     interquartile_mean,
 )
+from agents.sweeps.trials import LEARNERS
 from agents.training.config import short_name
 
 if TYPE_CHECKING:
@@ -143,6 +144,12 @@ class OnTask:
         """Return s = (J_constant - J) / (J_constant - J_best known) of costs J."""
         constant = self.known["constant"]
         return (constant - costs) / (constant - self.known["planner"])
+
+
+def algorithms_of(known: Sequence[OnTask]) -> list[str]:
+    """Return the names of the algorithms that were run on any task, in the order of `LEARNERS`."""
+    found = {of.algorithm for one in known for of in one.trainings}
+    return sorted(found, key=LEARNERS.index)
 
 
 def best_of(trainings: Sequence[Trainings]) -> Trainings:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.comparison.robustness import DELAY, NOISE, NOMINAL
+from agents.comparison.on_task import STUDIES
+from agents.comparison.robustness import NOMINAL
+from agents.comparison.trainings import algorithms_of
 from agents.evaluation.aggregates import performance_profile
 from agents.report.figures import logarithmic
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
@@ -23,9 +25,6 @@ if TYPE_CHECKING:
 THRESHOLDS = np.linspace(-0.2, 1.05, 126)
 """Scores at which the performance profile is taken."""
 
-STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
-"""What is changed -> the level of the scene as designed, if no level is it."""
-
 WINDOW = 90
 """Control steps of an episode that are shown."""
 
@@ -35,7 +34,7 @@ MOST, MARGIN = 2.0, 1.01
 BEST = "best on each task"
 """Label of the line that has the best algorithm's trainings of each task."""
 
-LAW = {"color": "0.4", "linestyle": ":", "label": "best law"}
+LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "best law"}
 """How the best law's line looks."""
 
 
@@ -69,28 +68,28 @@ def _curves(known: Sequence[OnTask], path: Path) -> None:
         logarithmic(panel, "x")
     for panel in axes[max(len(known) - 2, 0) : len(known)]:
         panel.set_xlabel("time [s]")
-    legend_below(figure, axes[0], len(STYLES) + 1)
+    legend_below(figure, max(axes, key=_entries), len(STYLES) + 1)
     save(figure, path)
 
 
-def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, str]:
+def _entries(panel: Axes) -> int:
+    """Return the number of entries of a panel's legend: some tasks lack an algorithm."""
+    return len(panel.get_legend_handles_labels()[1])
+
+
+def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
     """Return how the line of an algorithm or of the best law looks, the same on all figures."""
     if algorithm == LAW["label"]:
         return LAW
-    number = [*_names(known), BEST].index(algorithm)
+    number = [*algorithms_of(known), BEST].index(algorithm)
     style = STYLES[number % len(STYLES)]
     return {"color": COLOURS[number], "linestyle": style, "label": algorithm}
-
-
-def _names(known: Sequence[OnTask]) -> list[str]:
-    """Return the names of all algorithms."""
-    return list(dict.fromkeys(of.algorithm for one in known for of in one.trainings))
 
 
 def _profile(known: Sequence[OnTask], path: Path) -> None:
     """Draw which part of all trainings and tasks has more than a score."""
     figure, (panel,) = panels(2.6, 1, 1)
-    everywhere = [name for name in _names(known) if all(_has(one, name) for one in known)]
+    everywhere = [name for name in algorithms_of(known) if all(_has(one, name) for one in known)]
     rows = {name: [one.scores(_costs(one, name)) for one in known] for name in everywhere}
     rows[BEST] = [one.scores(one.best.costs) for one in known]
     rows[LAW["label"]] = [one.scores(np.array([one.law.cost])) for one in known]
@@ -125,7 +124,7 @@ def _robustness(known: Sequence[OnTask], path: Path) -> None:
         panel.set_xlabel(study if study != "carriage.stiffness" else "stiffness over the scene's")
     for panel in axes[:: len(STUDIES)]:
         panel.set_ylabel("cost [-]")
-    legend_below(figure, axes[0], len(STYLES) + 1)
+    legend_below(figure, max(axes, key=_entries), len(STYLES) + 1)
     save(figure, path)
 
 
