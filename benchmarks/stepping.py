@@ -37,8 +37,8 @@ UNDISTURBED = f"""Two threads wait for the slower of two processors, and on a sh
 processes slow them down. Undisturbed: each step of an episode at its fastest of {ROUNDS} rounds.
 """
 EPISODES = f"""{PROCESSOR.strip()} Episodes of at most {LONGEST} control steps under random actions,
-the reset included. A step of dry friction costs three times as much at the start of an episode,
-while the spheres slip, as later.
+the reset included. Under such actions most spheres slip; while they stick, a step of dry friction
+takes a thirtieth of that.
 """
 ACTIONS = 8
 """Arrays of random actions, used in turns."""

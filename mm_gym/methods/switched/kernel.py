@@ -124,19 +124,8 @@ def _some_slip(vr, lanes, first, count):
 def _propagate(model, lanes, scratch, first, count, in_slip):
     """Advance those lanes whose regime provably lasts; return how many may leave it.
 
-    Parameters
-    ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read; the state is written.
-    scratch
-        (_SCRATCH_ROWS,) read and written, see above.
-    first, count
-        The lanes: count from first on.
-    in_slip
-        The level of the whole sample interval in slip, or None if all lanes stick. For that this is
-        compiled without the arithmetic of slip, half of all.
+    Where all stick, `in_slip` is None instead of the level of the whole interval in slip: so it is
+    compiled without the arithmetic of slip, half of all.
     """
     prefer_widest_vectors()
     vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
