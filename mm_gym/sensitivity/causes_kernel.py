@@ -64,8 +64,11 @@ def cause(model, lanes, i, c, p, elapsed, unit, n, row):
     if row == at.L0:
         return _over_rest_length(c, p, n), 0.0, 0.0, 0.0
     if row >= at.HARMONICS:
-        return _harmonic_cause(model, lanes, i, elapsed, unit, n, row)
-    return _friction_slope(c, p, n, row, first, regime), 0.0, 0.0, 0.0
+        value = harmonic_slope(model, lanes, i, elapsed, unit, n, row)
+        if (int(model[at.GROUND]) >> ((row - at.HARMONICS) // at.HARMONIC_ROWS)) & 1:
+            return 0.0, 0.0, -value, 0.0
+        return 0.0, -value, 0.0, 0.0
+    return friction_slope(c, p, n, row, first, regime), 0.0, 0.0, 0.0
 
 
 @borrowing_kernel
@@ -78,7 +81,7 @@ def _over_rest_length(c, p, n):
 
 
 @borrowing_kernel
-def _friction_slope(c, p, n, row, first, regime):
+def friction_slope(c, p, n, row, first, regime):
     """Return term n of the slope of dry friction, (4) of docs/model.md, over a parameter of it.
 
     Parameters
@@ -109,8 +112,8 @@ def _friction_slope(c, p, n, row, first, regime):
 
 
 @borrowing_kernel
-def _harmonic_cause(model, lanes, i, elapsed, unit, n, row):
-    """Return the same for amplitude, frequency and phase of a harmonic.
+def harmonic_slope(model, lanes, i, elapsed, unit, n, row):
+    """Return term n of the slope of a harmonic over its amplitude, frequency or phase.
 
     Parameters
     ----------
@@ -131,9 +134,7 @@ def _harmonic_cause(model, lanes, i, elapsed, unit, n, row):
             time = lanes[int(model[FIRST_ROW]) + TIME, i] + elapsed
             before = _harmonic_term(cosine, -sine, frequency * unit, n - 1) if n > 0 else 0.0
             value = time * value + unit * amplitude * before
-    if (int(model[at.GROUND]) >> which) & 1:
-        return 0.0, 0.0, -value, 0.0
-    return 0.0, -value, 0.0, 0.0
+    return value
 
 
 @borrowing_kernel

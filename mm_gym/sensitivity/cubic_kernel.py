@@ -3,7 +3,8 @@
 That is the case without friction, springs of finite stretch and harmonic or sampled excitation. The
 motion's series are those of `mm_gym.methods.taylor`. Along it the equations of the deviations are
 linear, and what resists the carriage has the slope k1 (alpha + 3 beta x1**2). The lanes of a group
-take their steps together, as long as the series of all of them allow.
+take their steps together, as long as the series of all of them allow. The unit of time is the
+length of a series.
 """
 
 from __future__ import annotations
@@ -15,52 +16,50 @@ from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.groups import read, write, write_state
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, element, everywhere
-from mm_gym.kernels.simd_masks import larger, none
+from mm_gym.kernels.simd import LANES, everywhere
+from mm_gym.kernels.simd_masks import all_hold, none
 from mm_gym.kernels.simd_memory import rows_of
 from mm_gym.methods.taylor import blocks_kernel as motion
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
-from mm_gym.sensitivity.layout import CAUSES, COLUMNS, FIRST_ROW, NONE, STATES, TANGENTS
-
-ORDER = 28
-"""Highest order of a series; even."""
-
-CUT_OFF = 2.0**-46
-"""Size of the last terms of the deviations, relative to their leading ones."""
-
-OF_MOTION = 2.0**-50
-"""The same of the motion: the series of a deviation is a derivative of it, and its terms fall less
-quickly."""
+from mm_gym.methods.taylor import step_size_kernel as step_size
+from mm_gym.sensitivity.cubic_terms_kernel import (
+    COLUMN_ROWS,
+    CUBE,
+    OF_MOTION,
+    ORDER,
+    SIGNAL,
+    SLOPE,
+    deviate,
+    part_of_motion,
+)
+from mm_gym.sensitivity.generator_kernel import (
+    ACCELERATION,
+    COUPLING,
+    OFFSET,
+    V1,
+    X1,
+    slope,
+)
+from mm_gym.sensitivity.layout import CAUSES, FIRST_ROW, STATES, TANGENTS, WIDTH
 
 MOST_SERIES = 100_000
 
-_LAST, _LEADING, _ROUNDS = 4, 3, 3
-_SHORTEST = 2.0**-10
-"""Least part of its unit that a series is used for."""
-
-# Rows of vectors behind those of the motion: the slope of what resists the carriage [N/m], then of
-# each column the series of x1, offset, v1 and slip velocity, WIDTH apart.
-_WIDTH = ORDER + 2
-_SLOPE = motion.END
-_COLUMN = _SLOPE + _WIDTH
-_OFFSET, _V1, _W, _SIZE = _WIDTH, 2 * _WIDTH, 3 * _WIDTH, 4 * _WIDTH
-_END = _COLUMN + COLUMNS * _SIZE
+_GROWTH = 1.25
+"""Length of the longest series, over that of the one before it."""
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval, or a part of it."""
-    c, numbers, columns, status = np.zeros(rows.SIZE), on_cache_line(_END * LANES), STATES, at.OK
+    c, status = np.zeros(rows.SIZE), at.OK
+    numbers = on_cache_line((COLUMN_ROWS + 8 * int(model[WIDTH])) * LANES)
     for n in range(ORDER):
         c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
-    for j in range(STATES, COLUMNS):
-        if model[CAUSES + j] != NONE:
-            columns = j + 1
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
         _load(lanes, c, numbers, i, count)
-        status = max(status, _propagate(model, lanes, c, rows_of(numbers), columns, i, count))
+        status = max(status, _propagate(model, lanes, c, rows_of(numbers), i, count))
     return status
 
 
@@ -77,7 +76,7 @@ def _load(lanes, c, numbers, i, count):
 
 
 @borrowing_kernel
-def _propagate(model, lanes, c, b, columns, i, count):
+def _propagate(model, lanes, c, b, i, count):
     """Advance a group of lanes, series by series.
 
     Parameters
@@ -88,8 +87,6 @@ def _propagate(model, lanes, c, b, columns, i, count):
         (rows.SIZE,) read: 1 / n.
     b
         Rows of vectors: coefficients and state are read, the series written.
-    columns
-        How many columns of deviations there are.
     i, count
         The lanes: count from i on.
 
@@ -99,155 +96,201 @@ def _propagate(model, lanes, c, b, columns, i, count):
         Status.
     """
     prefer_widest_vectors()
-    tangents = int(model[FIRST_ROW]) + TANGENTS
-    for j in range(columns + columns % 2):
-        for part in range(4):
-            b[_COLUMN + j * _SIZE + part * _WIDTH] = read(
-                lanes, tangents + part * COLUMNS + j, i, count
-            )
-    duration, elapsed = model[at.SAMPLE_INTERVAL], 0.0
-    unit = duration
+    tangents, width = int(model[FIRST_ROW]) + TANGENTS, int(model[WIDTH])
+    for j in range(width):
+        _read_column(lanes, b, tangents + j, width, COLUMN_ROWS + 4 * j, i, count)
+    has_cube, has_springs = _needs_cube(model), not none(b[rows.K2] > 0.0)
+    rest = unit = model[at.SAMPLE_INTERVAL]
     for _ in range(MOST_SERIES):
+        part = 1.0
         b[motion.UNIT] = everywhere(unit)
         order = motion.expand(b, c, everywhere(OF_MOTION), ORDER)
-        _write_slopes(b, order)
-        for j in range(0, columns, 2):
-            push = 1.0 if j == STATES else 0.0
-            _deviate(b, c, _COLUMN + j * _SIZE, push, unit, order)
-        part = _part_of_unit(b, columns, unit, order)
-        _evaluate(b, columns, part, order)
-        rest = duration - elapsed
-        if part == 1.0 and unit == rest:
+        if order == ORDER:
+            part = part_of_motion(b, unit)
+        while part > 0.0:
+            if part < 1.0:
+                pieces = np.ceil(rest / (part * unit))
+                order = _shorten(b, rest / pieces / unit, order)
+                unit = rest / pieces
+            _write_slopes(b, unit, order)
+            if has_cube:
+                _write_cubes(b, order)
+            part = _deviate_all(model, lanes, c, b, unit, order, has_springs, i, count)
+        _finish_series(b, width, order)
+        if unit == rest:
             break
-        elapsed += part * unit
-        unit = min(1.25 * part * unit, duration - elapsed)
+        rest -= unit
+        unit = rest / np.ceil(rest / (_GROWTH * unit))
     else:
         return at.TOO_MANY_SERIES
-    for j in range(columns):
-        for part in range(4):
-            x = b[_COLUMN + j * _SIZE + part * _WIDTH]
-            write(lanes, tangents + part * COLUMNS + j, i, count, x)
+    for j in range(width):
+        _write_column(lanes, b, tangents + j, width, COLUMN_ROWS + 4 * j, i, count)
     return write_state(lanes, i, count, b[rows.X1], b[rows.X2], b[rows.V1], b[rows.V2])
 
 
 @borrowing_kernel
-def _write_slopes(b, order):
-    """Write the slope of what resists the carriage, k1 + 3 beta x1**2, term by term."""
-    beta = 3.0 * b[rows.BETA]
-    for n in range(order):
-        b[_SLOPE + n] = beta * b[rows.SQUARE + n]
-    b[_SLOPE] = b[_SLOPE] + b[rows.K1]
-
-
-@borrowing_kernel
-def _deviate(b, c, row, push, unit, order):
-    """Write the series of two columns side by side, so that one hides the other's latency.
-
-    Parameters
-    ----------
-    b
-        Rows of vectors: coefficients, slopes and the columns' first terms are read.
-    c
-        (rows.SIZE,) read: 1 / n.
-    row
-        First row of the first column; that of the second follows behind it.
-    push
-        Force [N] on the carriage that makes the first column deviate.
-    unit
-        Unit of time [s].
-    order
-        Of the series.
-    """
-    prefer_widest_vectors()
-    by_m1, d, damping, k2 = b[rows.BY_M1], b[rows.D], b[rows.C], b[rows.K2]
-    by_both, other = by_m1 + b[rows.BY_M2], row + _SIZE
-    x, offset, v, w = b[row], b[row + _OFFSET], b[row + _V1], b[row + _W]
-    y, gap, u, s = b[other], b[other + _OFFSET], b[other + _V1], b[other + _W]
-    for n in range(order):
-        step = unit * c[rows.RECIPROCAL + n]
-        outer, outer2 = fma(d, v, -push), d * u
-        more, more2 = everywhere(0.0), everywhere(0.0)
-        for m in range(0, n, 2):
-            slope, following = b[_SLOPE + m], b[_SLOPE + m + 1]
-            outer, outer2 = (
-                fma(slope, b[row + n - m], outer),
-                fma(slope, b[other + n - m], outer2),
-            )
-            more = fma(following, b[row + n - m - 1], more)
-            more2 = fma(following, b[other + n - m - 1], more2)
-        if n % 2 == 0:
-            outer, outer2 = (
-                fma(b[_SLOPE + n], b[row], outer),
-                fma(b[_SLOPE + n], b[other], outer2),
-            )
-        outer, outer2 = outer + more, outer2 + more2
-        inner, inner2 = fma(damping, w, k2 * offset), fma(damping, s, k2 * gap)
-        x, offset, y, gap = step * v, step * w, step * u, step * s
-        v, u = step * (by_m1 * (inner - outer)), step * (by_m1 * (inner2 - outer2))  # (1)
-        w = step * fma(outer, by_m1, -inner * by_both)  # (2) less (1)
-        s = step * fma(outer2, by_m1, -inner2 * by_both)
-        b[row + n + 1], b[row + _OFFSET + n + 1] = x, offset
-        b[row + _V1 + n + 1], b[row + _W + n + 1] = v, w
-        b[other + n + 1], b[other + _OFFSET + n + 1] = y, gap
-        b[other + _V1 + n + 1], b[other + _W + n + 1] = u, s
-        push = 0.0
+def _needs_cube(model):
+    """Tell whether a parameter's deviation is driven by x1**3."""
+    found = False
+    for j in range(STATES, int(model[WIDTH])):
+        found |= model[CAUSES + j] == at.K1 or model[CAUSES + j] == at.BETA
+    return found
 
 
 @inlined_kernel
-def _size(b, row, unit, n):
-    """Return the size of term n of a column [m]."""
-    speed = larger(abs(b[row + _V1 + n]), abs(b[row + _W + n]))
-    return larger(larger(abs(b[row + n]), abs(b[row + _OFFSET + n])), unit * speed)
+def _read_column(lanes, b, row, width, target, i, count):
+    x1, v1 = read(lanes, row, i, count), read(lanes, row + 2 * width, i, count)
+    b[target], b[target + 2] = x1, v1
+    b[target + 1] = read(lanes, row + width, i, count) - x1
+    b[target + 3] = read(lanes, row + 3 * width, i, count) - v1
+
+
+@inlined_kernel
+def _write_column(lanes, b, row, width, source, i, count):
+    write(lanes, row, i, count, b[source])
+    write(lanes, row + width, i, count, b[source] + b[source + 1])
+    write(lanes, row + 2 * width, i, count, b[source + 2])
+    write(lanes, row + 3 * width, i, count, b[source + 2] + b[source + 3])
 
 
 @borrowing_kernel
-def _part_of_unit(b, columns, unit, order):
-    """Return the part of the unit within which all last terms are small enough in every lane.
+def _shorten(b, part, order):
+    """Give the motion's series a part of their unit of time; return the order that is enough there.
 
-    They are compared with the leading terms there.
+    Velocities stay in SI units.
     """
-    part = 1.0
-    for _ in range(_ROUNDS):
-        following = 1.0
-        for j in range(columns):
-            row = _COLUMN + j * _SIZE
-            lead, power = _size(b, row, unit, 0), part
-            for n in range(1, _LEADING):
-                lead, power = larger(lead, power * _size(b, row, unit, n)), power * part
-            last = _size(b, row, unit, order)
-            for n in range(order - _LAST + 1, order):
-                last = larger(last, _size(b, row, unit, n))
-            over = last > CUT_OFF * lead
-            if not none(over):
-                for k in range(LANES):
-                    ratio = CUT_OFF * element(lead, k) / element(last, k)
-                    if ratio < 1.0:
-                        following = min(following, ratio)
-        if following == 1.0:
-            return part
-        part = max(0.9 * following ** (1.0 / (order - _LAST + 1.0)), _SHORTEST)
-    return part
+    power = part
+    for n in range(1, order + 1):
+        for row in range(rows.X1, rows.W, rows.WIDTH):
+            b[row + n] = power * b[row + n]
+        b[rows.SQUARE + n] = power * b[rows.SQUARE + n]
+        power *= part
+    for n in range(step_size.FEWEST, order, 2):
+        if all_hold(step_size.is_enough(b, n, everywhere(OF_MOTION))):
+            return n
+    return order
 
 
 @borrowing_kernel
-def _evaluate(b, columns, part, order):
-    """Advance motion and deviations by a part of the unit."""
+def _write_slopes(b, unit, order):
+    """Write the slope of what resists the carriage, k1 + 3 beta x1**2, over m1, term by term."""
+    scale = unit * unit * b[rows.BY_M1]
+    beta = 3.0 * scale * b[rows.BETA]
+    for n in range(order):
+        b[SLOPE + n] = beta * b[rows.SQUARE + n]
+    b[SLOPE] = fma(scale, b[rows.K1], b[SLOPE])
+
+
+@borrowing_kernel
+def _write_cubes(b, order):
+    """Write the series of x1**3."""
+    for n in range(order):
+        total = b[rows.SQUARE] * b[rows.X1 + n]
+        for m in range(1, n + 1):
+            total = fma(b[rows.SQUARE + m], b[rows.X1 + n - m], total)
+        b[CUBE + n] = total
+
+
+@borrowing_kernel
+def _deviate_all(model, lanes, c, b, unit, order, has_springs, i, count):
+    """Write the end of every column; return 0, or the part of the unit that is to be taken instead.
+
+    Parameters
+    ----------
+    model, lanes, c
+        (m,), (rows, count) and (rows.SIZE,), read.
+    b
+        Rows of vectors: the motion's series and the columns' starts are read, their ends written.
+    unit, order
+        Length [s] and order of the series.
+    has_springs
+        Whether the sphere's place matters.
+    i, count
+        The lanes: count from i on.
+    """
     prefer_widest_vectors()
-    for k in range(4):
-        row = k * rows.WIDTH
+    zero, width = everywhere(0.0), int(model[WIDTH])
+    for j in range(width):
+        cause, push, to_v1, to_w = int(model[CAUSES + j]), zero, zero, zero
+        if cause == at.FORCE:
+            push = unit * unit * b[rows.BY_M1]
+        elif cause >= 0:
+            to_v1, to_w = _write_signal(lanes, b, cause, unit, order, i, count)
+        target = COLUMN_ROWS + 4 * (width + j)
+        if j == 1 and not has_springs:  # by the sphere's place: it goes along
+            for k in range(4):
+                b[target + k] = b[COLUMN_ROWS + 4 + k]
+            continue
+        b[target], b[target + 1] = to_v1, to_w
+        b[target + 2] = push
+        is_driven = cause >= 0 and cause != at.FORCE
+        row = COLUMN_ROWS + 4 * j
+        part = deviate(b, c, row, target, unit, order, has_springs, is_driven)
+        if part < 1.0:
+            return part
+    return 0.0
+
+
+@borrowing_kernel
+def _write_signal(lanes, b, cause, unit, order, i, count):
+    """Write the series that drives the deviation of a parameter; return its factors.
+
+    Parameters
+    ----------
+    lanes
+        (rows, count) read.
+    b
+        Rows of vectors: the motion's series are read.
+    cause
+        Row of the parameter.
+    unit, order
+        Length [s] and order of the series.
+    i, count
+        The lanes: count from i on.
+
+    Returns
+    -------
+    tuple
+        Factors in the accelerations of x1 and of the offset.
+    """
+    m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
+    k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
+    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    if cause in (at.K1, at.BETA):
+        beta = read(lanes, at.BETA, i, count)
+        for n in range(order):
+            if cause == at.K1:
+                b[SIGNAL + n] = fma(beta, b[CUBE + n], alpha * b[rows.X1 + n])
+            else:
+                b[SIGNAL + n] = k1 * b[CUBE + n]
+        factor = unit * unit / m1
+        return -factor, factor
+    which, to_v1, to_w = slope(cause, (m1, m2, k1, alpha, k0, stretch), unit)
+    for n in range(order):
+        if which == X1:
+            signal = b[rows.X1 + n]
+        elif which == OFFSET:
+            signal = b[rows.X2 + n] - b[rows.X1 + n]
+        elif which == V1:
+            signal = unit * b[rows.V1 + n]
+        elif which == ACCELERATION:
+            signal = (n + 1.0) * unit * b[rows.V1 + n + 1]
+        elif which == COUPLING:
+            signal = -(n + 1.0) * unit * (m2 / m1) * b[rows.V2 + n + 1]
+        else:
+            signal = unit * (b[rows.V2 + n] - b[rows.V1 + n])
+        b[SIGNAL + n] = signal
+    return to_v1, to_w
+
+
+@borrowing_kernel
+def _finish_series(b, width, order):
+    """Advance the motion by a series, and take the columns' ends as their starts."""
+    prefer_widest_vectors()
+    for row in range(rows.X1, rows.W, rows.WIDTH):
         total = b[row + order]
         for n in range(order - 1, -1, -1):
-            total = fma(total, part, b[row + n])
+            total = total + b[row + n]
         b[row] = total
-    for j in range(columns):
-        row = _COLUMN + j * _SIZE
-        x, offset, v, w = (
-            b[row + order],
-            b[row + _OFFSET + order],
-            b[row + _V1 + order],
-            b[row + _W + order],
-        )
-        for n in range(order - 1, -1, -1):
-            x, offset = fma(x, part, b[row + n]), fma(offset, part, b[row + _OFFSET + n])
-            v, w = fma(v, part, b[row + _V1 + n]), fma(w, part, b[row + _W + n])
-        b[row], b[row + _OFFSET], b[row + _V1], b[row + _W] = x, offset, v, w
+    for k in range(4 * width):
+        b[COLUMN_ROWS + k] = b[COLUMN_ROWS + 4 * width + k]

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.lane_memory import rows_of
+from mm_gym.kernels.simd import LANES
 from mm_gym.methods.linear.method import Linear
-from mm_gym.methods.support import LINEAR, MASSLESS, PARAMETRIC_LINEAR
+from mm_gym.methods.support import LINEAR, MASSLESS
 from mm_gym.sensitivity import layout as own
 from mm_gym.sensitivity.actuators import actuators_of, slopes
-from mm_gym.sensitivity.model import BESIDE, control_step, series_models
+from mm_gym.sensitivity.model import control_step, is_linear, model_of, parameter_maps
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -83,18 +85,41 @@ class Sensitivities:
         self.task, self.count, self.rows = task, values.shape[1], len(values)
         self.actuators = actuators_of(task)
         self.parameters = parameters or {}
-        self._causes = [a.row for a in self.actuators] + list(self.parameters.values())
-        self._constant = None
-        if support.kind in (LINEAR, MASSLESS) and not self.parameters:
-            self._constant = control_step(model)
-            self._models, self._advance = [model], by_transition
+        causes = self._causes = [a.row for a in self.actuators] + list(self.parameters.values())
+        self._is_constant = _is_constant(support, self.parameters.values())
+        width = 0
+        if self._is_constant:
+            self._models, self._advance, tail = [model], by_transition, 1
         else:
-            self._models = series_models(support, self._causes, self.rows)
-            self._advance = _kernel(support, self._causes)
-        self.lanes = np.vstack([values, np.zeros((own.ROWS, self.count))])
-        age = values[at.NOW] - values[at.BEGAN]
-        self.lanes[at.NOW], self.lanes[at.BEGAN] = 0.0, -age
+            self._advance, width = _kernel(support, causes)
+            beside = self._beside = max(width - own.STATES, 1)
+            self._models = [
+                model_of(support, causes[first : first + beside], self.rows, width)
+                for first in range(0, max(len(causes), 1), beside)
+            ]
+            tail = own.TANGENTS + 4 * width
+        self._rows = rows_of(self.rows + tail, self.count, np.float64)
+        self.lanes = self._rows[: self.rows, : self.count]
+        self.lanes[:] = values
+        self.lanes[at.NOW], self.lanes[at.BEGAN] = 0.0, values[at.BEGAN] - values[at.NOW]
         self.streams = streams.copy()
+        if self._is_constant:
+            self._columns = self._prepared(support, model)
+        else:
+            columns = self._rows[self.rows + own.TANGENTS :].reshape(4, width, -1)
+            self._columns = columns[:, : own.STATES + len(causes), : self.count]
+
+    def _prepared(self, support: Support, model: Array) -> Array:
+        """Return what is known beforehand of the derivatives of a linear plant."""
+        found = np.zeros((4, own.STATES + len(self._causes), self.count))
+        state, force = control_step(model)
+        found[:, : own.STATES] = state[:, :, None]
+        if at.FORCE in self._causes:
+            found[:, own.STATES] = force
+        rows, self._status = list(self.parameters.values()), at.OK
+        if rows:
+            self._status, self._maps = parameter_maps(support, rows, self.lanes[:, 0])
+        return found
 
     @property
     def state(self) -> Array:
@@ -113,41 +138,43 @@ class Sensitivities:
         -------
         tuple
             Status, and the derivatives (4, 4 + causes, count) of x1, x2, v1, v2: with respect to
-            the state, to what the actuators apply, and to the parameters.
+            the state, to what the actuators apply, and to the parameters. The next step may write
+            into the same array.
         """
         flat = np.ascontiguousarray(actions, np.float64).ravel()
-        status, found = at.OK, np.empty((4, 4 + len(self._causes), self.count))
-        start, streams = self.lanes, self.streams
-        for k, model in enumerate(self._models):
-            if k < len(self._models) - 1:  # the last one moves the lanes
-                self.lanes, self.streams = start.copy(), streams.copy()
-            else:
-                self.lanes, self.streams = start, streams
+        if self._is_constant:
+            return self._step_by_maps(flat)
+        if len(self._models) == 1:
+            return self._move(self._models[0], flat), self._columns
+        status, found = at.OK, np.empty((4, own.STATES + len(self._causes), self.count))
+        start, streams, first = self._rows.copy(), self.streams.copy(), own.STATES
+        for model in self._models:
+            self._rows[:], self.streams[:] = start, streams
             status = max(status, self._move(model, flat))
-            if self._constant is None:
-                self._collect(found, BESIDE * k)
-        if self._constant is not None:
-            found[:, :4], found[:, 4:] = self._constant[0][:, :, None], 0.0
-            if at.FORCE in self._causes:
-                found[:, 4:5] = self._constant[1][:, :, None]
+            last = min(first + self._beside, found.shape[1])
+            found[:, first:last] = self._columns[:, own.STATES :][:, : last - first]
+            first = last
+        found[:, : own.STATES] = self._columns[:, : own.STATES]
         return status, found
+
+    def _step_by_maps(self, actions: Array) -> tuple[int, Array]:
+        """Make a control step of a linear plant without excitation."""
+        if not self.parameters:
+            return self._move(self._models[0], actions), self._columns
+        start = np.empty((5, self.count))
+        start[:4] = self.lanes[:4]
+        status = max(self._status, self._move(self._models[0], actions))
+        start[4] = self.lanes[at.FORCE]
+        np.matmul(self._maps, start, out=self._columns[:, -len(self.parameters) :])
+        return status, self._columns
 
     def _move(self, model: Array, actions: Array) -> int:
         status = at.OK
         for first in range(0, self.count, at.BLOCK):
             last = min(first + at.BLOCK, self.count)
-            rows = self.task, model, self.lanes, self.streams, actions
+            rows = self.task, model, self._rows, self.streams, actions
             status = max(status, self._advance(*rows, first, last))
         return status
-
-    def _collect(self, found: Array, first: int) -> None:
-        """Copy the columns of a model whose causes begin with a given one; back to x2 and v2."""
-        columns = self.lanes[self.rows + own.TANGENTS :].reshape(4, own.COLUMNS, self.count)
-        begin = own.STATES if first else 0  # the state's are those of the first model
-        target = found[:, begin + first : first + own.COLUMNS]
-        source = columns[:, begin : begin + target.shape[1]]
-        target[::2] = source[::2]
-        np.add(source[::2], source[1::2], out=target[1::2])
 
     def jacobian(self, actions: Array) -> tuple[int, Jacobian]:
         """Make a control step; return its status and derivatives, the lanes in front."""
@@ -162,7 +189,7 @@ class Sensitivities:
         size = 4 + count + len(remembered)
         state, action = np.zeros((size, size, self.count)), np.zeros((size, count, self.count))
         state[:4, :4] = motion[:, :4]
-        applied = motion[:, 4 : 4 + count]
+        applied = motion[:, 4 : 4 + count].copy()
         for k, slope in enumerate(chain):
             through = applied[:, k]
             state[:4, 4 + k], state[4 + k, 4 + k] = through * slope[0], slope.applied_by_applied
@@ -184,14 +211,27 @@ class Sensitivities:
         )
 
 
-def _kernel(support: Support, causes: Sequence[int]) -> Callable[..., int]:
-    """Return the quickest kernel that follows deviations by these causes besides the state's."""
-    if support.kind == PARAMETRIC_LINEAR and set(causes) <= {at.FORCE, at.STRETCH}:
-        return by_linear_series
+def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
+    """Tell whether the derivatives are known before the steps, or linear in the state."""
+    if support.kind not in (LINEAR, MASSLESS):
+        return False
+    excited = support.sampled or support.ground
+    return not parameters or not (excited or at.BETA in parameters)
+
+
+def _kernel(support: Support, causes: Sequence[int]) -> tuple[Callable[..., int], int]:
+    """Return the quickest kernel that follows deviations by these causes, and its columns.
+
+    These are those of the state and of the causes. Where there are more causes, it takes several
+    turns.
+    """
+    columns, linear = own.STATES + len(causes), is_linear(support, causes)
+    if linear and not support.slips:
+        return by_linear_series, columns
     plain = not (support.slips or support.ground or support.terms or support.high[at.L0] > 0.0)
-    if support.is_cubic and plain and support.low[at.BETA] >= 0.0 and set(causes) <= {at.FORCE}:
-        return by_cubic_series
-    return by_series
+    if support.is_cubic and plain and support.low[at.BETA] >= 0.0:
+        return by_cubic_series, columns
+    return by_series, min(columns, LANES) if linear else own.COLUMNS
 
 
 def _names(actuators: Sequence[Actuator]) -> tuple[str, ...]:

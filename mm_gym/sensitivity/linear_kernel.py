@@ -1,232 +1,295 @@
-"""Motion and deviations of linear plants whose parameters vary, LANES lanes at a time.
+"""Motion of linear plants and its deviations by parameters, LANES lanes at a time.
 
-Both are Taylor series of the exponential. A deviation of the stretch is driven by the motion: the
-derivative of the exponential along that of its generator, without a matrix of twice the size.
-Najfeld and Havel, *Derivatives of the matrix exponential and their computation*, Adv. Appl. Math.
-16 (1995).
+Both are Taylor series of the exponential. A deviation is driven by the motion: the derivative of
+the exponential along that of its generator, without a matrix of twice the size. Najfeld and Havel,
+*Derivatives of the matrix exponential and their computation*, Adv. Appl. Math. 16 (1995).
+
+States and series are those of `generator_kernel`; the unit of time is a piece of the sample
+interval.
 """
 
 from __future__ import annotations
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.groups import read, write
+from mm_gym.kernels.groups import read, write, write_state
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.memory import on_cache_line
 from mm_gym.kernels.simd import LANES, everywhere
 from mm_gym.kernels.simd_memory import rows_of
-from mm_gym.sensitivity.layout import CAUSES, COLUMNS, DEGREE, FIRST_ROW, PIECES, STATES, TANGENTS
+from mm_gym.sensitivity.generator_kernel import (
+    ACCELERATION,
+    COUPLING,
+    OFFSET,
+    ORDERS,
+    V1,
+    X1,
+    W,
+    add,
+    coefficients,
+    derivative,
+    deviate,
+    slope,
+    weights_of,
+    write_column,
+)
+from mm_gym.sensitivity.layout import (
+    CAUSES,
+    DEGREE,
+    FIRST_ROW,
+    LAST_V1,
+    LAST_V2,
+    MOST_SERIES,
+    PIECES,
+    STATES,
+    TANGENTS,
+    TIME,
+    WIDTH,
+)
 
-MOST_HARMONICS = 8
-"""Harmonics that there is room for."""
-
-# Rows of scratch: the drive's series of the carriage and of the ground, then cosine and sine of
-# each harmonic, then the jets.
-_ORDERS = 64
-_FORCE, _GROUND, _HARMONIC = 0, _ORDERS, 2 * _ORDERS
-_JET = _HARMONIC + 2 * MOST_HARMONICS
+# Rows of scratch behind the series of the motion: force on the carriage over m1 and the ground's
+# acceleration; what an amplitude, frequency or phase drives. Behind them cosine and sine of each
+# harmonic, then the jets.
+_FORCE, _GROUND, _SIGNAL, _HARMONIC = 4 * ORDERS, 5 * ORDERS, 6 * ORDERS, 7 * ORDERS
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval."""
-    scratch = on_cache_line((_JET + 2 * int(model[at.TERMS])) * LANES)
-    return _propagate(model, lanes, scratch, first, last)
-
-
-@borrowing_kernel
-def _propagate(model, lanes, scratch, first, last):
-    """Advance the lanes first .. last - 1, with room (rows * LANES,)."""
-    prefer_widest_vectors()
-    pieces, degree, tangents = (
-        int(model[PIECES]),
-        int(model[DEGREE]),
-        int(model[FIRST_ROW]) + TANGENTS,
-    )
-    piece = model[at.SAMPLE_INTERVAL] / pieces
+    if model[PIECES] > MOST_SERIES:
+        return at.TOO_MANY_SERIES
+    rows = _HARMONIC + 2 * int(model[at.HARMONIC_COUNT]) + 2 * int(model[at.TERMS])
+    scratch, weights, status = on_cache_line(rows * LANES), weights_of(ORDERS), at.OK
     for i in range(first, last, LANES):
-        count, b = min(LANES, last - i), rows_of(scratch)
-        g, by_m1, slope = _coefficients(lanes, i, count)
-        _load_drive(model, lanes, b, i, count)
-        for _ in range(pieces):
-            _write_drive(model, lanes, b, by_m1, piece, degree, i, count)
-            _move(model, lanes, b, g, slope, tangents, piece, degree, i, count)
-            for j in range(COLUMNS):
-                cause = model[CAUSES + j]
-                if j < STATES or cause == at.FORCE:
-                    push = by_m1 if cause == at.FORCE else everywhere(0.0)
-                    _deviate(lanes, g, push, tangents + j, piece, degree, i, count)
-            _continue_jets(model, b)
-    return at.OK
-
-
-@inlined_kernel
-def _coefficients(lanes, i, count):
-    """Return the generator's coefficients over m1, 1 / m1, and the slope of k2 / m1."""
-    by_m1 = 1.0 / read(lanes, at.M1, i, count)
-    both = 1.0 + read(lanes, at.M1, i, count) / read(lanes, at.M2, i, count)
-    k0, stretch = read(lanes, at.K0, i, count) * by_m1, read(lanes, at.STRETCH, i, count)
-    square = stretch * stretch
-    k1 = read(lanes, at.K1, i, count) * read(lanes, at.ALPHA, i, count) * by_m1
-    d, c = read(lanes, at.D, i, count) * by_m1, read(lanes, at.C, i, count) * by_m1
-    return (k1, d, c, stiffness(k0, stretch), both), by_m1, -12.0 * k0 / (square * square)
-
-
-@inlined_kernel
-def _derivative(g, push, pull, step, z):
-    """Return a term of the series from the one before it.
-
-    Parameters
-    ----------
-    g
-        Coefficients of the generator.
-    push, pull
-        Accelerations of the carriage [m/s^2]: by forces on it, and by the springs besides.
-    step
-        Piece over order [s].
-    z
-        x1, offset, v1 and slip velocity.
-    """
-    k1, d, c, k2, both = g
-    x1, offset, v1, w = z
-    coupling = fma(c, w, fma(k2, offset, pull))
-    outer = fma(d, v1, fma(k1, x1, -push))
-    return (
-        step * v1,
-        step * w,
-        step * (coupling - outer),  # (1) of docs/model.md
-        step * fma(-both, coupling, outer),  # (2) less (1)
-    )
-
-
-@inlined_kernel
-def _sum(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
-
-
-@inlined_kernel
-def _column(lanes, row, i, count):
-    """Return the four parts of a column of deviations."""
-    return (
-        read(lanes, row, i, count),
-        read(lanes, row + COLUMNS, i, count),
-        read(lanes, row + 2 * COLUMNS, i, count),
-        read(lanes, row + 3 * COLUMNS, i, count),
-    )
-
-
-@inlined_kernel
-def _write_column(lanes, row, i, count, z):
-    write(lanes, row, i, count, z[0])
-    write(lanes, row + COLUMNS, i, count, z[1])
-    write(lanes, row + 2 * COLUMNS, i, count, z[2])
-    write(lanes, row + 3 * COLUMNS, i, count, z[3])
+        count = min(LANES, last - i)
+        status = max(status, _propagate(model, lanes, weights, rows_of(scratch), i, count))
+    return status
 
 
 @borrowing_kernel
-def _deviate(lanes, g, push, row, piece, degree, i, count):
-    """Advance a column that the motion does not drive.
+def _propagate(model, lanes, weights, b, i, count):
+    """Advance a group of lanes.
 
     Parameters
     ----------
-    lanes
-        (rows, count) read and written: the column.
-    g, push
-        Coefficients of the generator; acceleration [m/s^2] that is held.
-    row
-        The column's first row.
-    piece, degree
-        Length [s] and degree of the series.
-    i, count
-        The lanes: count from i on.
-    """
-    prefer_widest_vectors()
-    total = term = _column(lanes, row, i, count)
-    zero = everywhere(0.0)
-    for n in range(degree):
-        term = _derivative(g, push, zero, piece / (n + 1.0), term)
-        total, push = _sum(total, term), zero
-    _write_column(lanes, row, i, count, total)
-
-
-@borrowing_kernel
-def _move(model, lanes, b, g, slope, tangents, piece, degree, i, count):
-    """Advance the motion, and with it the column of the stretch.
-
-    Parameters
-    ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read, and state and column written.
+    model, lanes
+        (m,) read; (rows, count) read, and state and deviations written.
+    weights
+        (ORDERS,) read: 1 / n!.
     b
-        Rows of vectors, read: the drive's series.
-    g, slope
-        Coefficients of the generator, and the slope of k2 / m1 over the stretch.
-    tangents
-        First row of the columns.
-    piece, degree
-        Length [s] and degree of the series.
+        Rows of vectors: room.
     i, count
         The lanes: count from i on.
+
+    Returns
+    -------
+    int
+        Status.
     """
     prefer_widest_vectors()
+    pieces, degree, width = int(model[PIECES]), int(model[DEGREE]), int(model[WIDTH])
+    own = int(model[FIRST_ROW])
+    piece = model[at.SAMPLE_INTERVAL] / pieces
+    g, by_m1 = coefficients(lanes, piece, i, count)
+    _take_impulses(model, lanes, by_m1, i, count)
+    _load_drive(model, lanes, b, i, count)
+    z = _state(lanes, piece, i, count)
+    for k in range(pieces):
+        terms = _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count)
+        z = _move(b, g, weights, z, degree, terms)
+        for j in range(STATES, width):
+            if model[CAUSES + j] != at.FORCE:
+                row, to_v1, to_w = _drive(
+                    model, lanes, b, int(model[CAUSES + j]), piece, k, i, count
+                )
+                tangent = own + TANGENTS + j
+                y = _column(lanes, tangent, width, piece, i, count)
+                y = deviate(b, g, weights, row, to_v1, to_w, degree, y)
+                write_column(lanes, tangent, width, piece, i, count, y)
+        if k < pieces - 1:
+            _continue_drive(model, lanes, b, piece, i, count)
+    v1, v2 = z[2] * (1.0 / piece), (z[2] + z[3]) * (1.0 / piece)
+    write(lanes, own + LAST_V1, i, count, v1)
+    write(lanes, own + LAST_V2, i, count, v2)
+    write(
+        lanes, own + TIME, i, count, read(lanes, own + TIME, i, count) + model[at.SAMPLE_INTERVAL]
+    )
+    return write_state(lanes, i, count, z[0], z[0] + z[1], v1, v2)
+
+
+@inlined_kernel
+def _state(lanes, piece, i, count):
     x1, v1 = read(lanes, at.X1, i, count), read(lanes, at.V1, i, count)
     offset, w = read(lanes, at.X2, i, count) - x1, read(lanes, at.V2, i, count) - v1
-    total = term = x1, offset, v1, w
-    row, zero = tangents, everywhere(0.0)
-    for j in range(STATES, COLUMNS):
-        if model[CAUSES + j] == at.STRETCH:
-            row = tangents + j
-    deviation = turn = _column(lanes, row, i, count)
+    return x1, offset, piece * v1, piece * w
+
+
+@inlined_kernel
+def _column(lanes, row, width, piece, i, count):
+    """Return a column of deviations of x1, x2, v1 and v2 as one of this kernel's states."""
+    x1, x2 = read(lanes, row, i, count), read(lanes, row + width, i, count)
+    v1, v2 = read(lanes, row + 2 * width, i, count), read(lanes, row + 3 * width, i, count)
+    return x1, x2 - x1, piece * v1, piece * (v2 - v1)
+
+
+@borrowing_kernel
+def _take_impulses(model, lanes, by_m1, i, count):
+    """Let the carriage's mass deviate in impulses on it since the last propagation.
+
+    They changed v1 by size / m1; those of the ground change both velocities alike.
+    """
+    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    for j in range(STATES, width):
+        if model[CAUSES + j] == at.M1:
+            change = read(lanes, at.V1, i, count) - read(lanes, own + LAST_V1, i, count)
+            change2 = read(lanes, at.V2, i, count) - read(lanes, own + LAST_V2, i, count)
+            impulse = change - change2
+            row = own + TANGENTS + j + 2 * width
+            write(lanes, row, i, count, fma(-by_m1, impulse, read(lanes, row, i, count)))
+
+
+@borrowing_kernel
+def _move(b, g, weights, z, degree, terms):
+    """Return where a piece ends; write the motion's series.
+
+    Parameters
+    ----------
+    b
+        Rows of vectors: the drive's series are read, those of the motion written.
+    g, weights
+        Coefficients of the generator, and 1 / n!.
+    z
+        State at the start.
+    degree, terms
+        Of the series, and how many terms those of the drive have.
+    """
+    prefer_widest_vectors()
+    total, zero = z, everywhere(0.0)
+    b[X1], b[OFFSET] = z[0], z[1]
     for n in range(degree):
-        step = piece / (n + 1.0)
-        turn = _derivative(g, zero, slope * term[1], step, turn)
-        deviation = _sum(deviation, turn)
-        y1, y2, u1, u2 = _derivative(g, b[_FORCE + n], zero, step, term)
-        term = y1, y2, u1 - step * b[_GROUND + n], u2
-        total = _sum(total, term)
-    write(lanes, at.X1, i, count, total[0])
-    write(lanes, at.X2, i, count, total[0] + total[1])
-    write(lanes, at.V1, i, count, total[2])
-    write(lanes, at.V2, i, count, total[2] + total[3])
-    if row != tangents:
-        _write_column(lanes, row, i, count, deviation)
+        b[V1 + n], b[W + n] = z[2], z[3]
+        is_driven = n < terms
+        z, coupling = derivative(g, z, b[_FORCE + n] if is_driven else zero)
+        b[ACCELERATION + n], b[COUPLING + n] = z[2], coupling
+        if is_driven:
+            z = z[0], z[1], z[2] - b[_GROUND + n], z[3]
+        total = add(total, weights[n + 1], z)
+    return total
 
 
 @borrowing_kernel
-def _load_drive(model, lanes, b, i, count):
-    """Load the harmonics' phases, and the jets as coefficients of (t / piece)^n."""
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        b[_HARMONIC + 2 * j] = read(lanes, harmonic + at.COSINE, i, count)
-        b[_HARMONIC + 2 * j + 1] = read(lanes, harmonic + at.SINE, i, count)
-    terms, row = int(model[at.TERMS]), int(model[at.JETS])
-    for k in range(2 * terms):
-        b[_JET + k] = read(lanes, row + k, i, count) * model[PIECES] ** -(k % terms)
+def _drive(model, lanes, b, cause, piece, k, i, count):
+    """Return which series drives the deviation of a parameter, and its factors; see `deviate`.
 
-
-@borrowing_kernel
-def _continue_jets(model, b):
-    """Shift both jets to the next piece, (t + 1)^n, by Horner's scheme."""
-    terms = int(model[at.TERMS])
-    for first in range(_JET, _JET + 2 * terms, max(terms, 1)):
-        for start in range(terms - 1):
-            for n in range(first + terms - 2, first + start - 1, -1):
-                b[n] = b[n] + b[n + 1]
-
-
-@borrowing_kernel
-def _write_drive(model, lanes, b, by_m1, piece, degree, i, count):
-    """Write the drive's series over a piece, and the harmonics' phases at its end.
+    They are the slopes of (1) and (2) of docs/model.md over the parameter.
 
     Parameters
     ----------
     model, lanes
         (m,) and (rows, count), read.
     b
-        Rows of vectors: jets and phases are read, the series [m/s^2] and phases written.
+        Rows of vectors: written, if a harmonic drives it.
+    cause
+        Row of the parameter.
+    piece, k
+        Length of a piece [s], and its number.
+    i, count
+        The lanes: count from i on.
+    """
+    if cause < at.HARMONICS:
+        m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
+        k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
+        k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+        return slope(cause, (m1, m2, k1, alpha, k0, stretch), piece)
+    _write_signal(model, lanes, b, cause, piece, k, i, count)
+    if (int(model[at.GROUND]) >> ((cause - at.HARMONICS) // at.HARMONIC_ROWS)) & 1:
+        return _SIGNAL, everywhere(-piece * piece), everywhere(0.0)
+    scale = piece * piece / read(lanes, at.M1, i, count)
+    return _SIGNAL, scale, -scale
+
+
+@borrowing_kernel
+def _write_signal(model, lanes, b, cause, piece, k, i, count):
+    """Write the slope of a harmonic over its amplitude, frequency or phase.
+
+    Parameters
+    ----------
+    model, lanes, b, cause, piece, k, i, count
+        As for `_drive`.
+    """
+    which, own = (cause - at.HARMONICS) // at.HARMONIC_ROWS, int(model[FIRST_ROW])
+    harmonic = at.HARMONICS + at.HARMONIC_ROWS * which
+    cosine, sine = b[_HARMONIC + 2 * which], b[_HARMONIC + 2 * which + 1]
+    turn = piece * read(lanes, harmonic + at.FREQUENCY, i, count)
+    amplitude = read(lanes, harmonic + at.AMPLITUDE, i, count)
+    time, before = read(lanes, own + TIME, i, count) + k * piece, everywhere(0.0)
+    for n in range(int(model[DEGREE])):
+        if cause == harmonic + at.AMPLITUDE:
+            b[_SIGNAL + n] = sine
+        elif cause == harmonic + at.PHASE:
+            b[_SIGNAL + n] = amplitude * cosine
+        else:  # time times the slope over the phase
+            b[_SIGNAL + n] = amplitude * fma(time, cosine, n * piece * before)
+        before, cosine, sine = cosine, -turn * sine, turn * cosine
+
+
+@borrowing_kernel
+def _load_drive(model, lanes, b, i, count):
+    """Load the harmonics' phases, and the jets as coefficients of (t / piece)^n."""
+    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    for j in range(harmonics):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        b[_HARMONIC + 2 * j] = read(lanes, harmonic + at.COSINE, i, count)
+        b[_HARMONIC + 2 * j + 1] = read(lanes, harmonic + at.SINE, i, count)
+    row, jet = int(model[at.JETS]), _HARMONIC + 2 * harmonics
+    for k in range(2 * terms):
+        b[jet + k] = read(lanes, row + k, i, count) * model[PIECES] ** -(k % terms)
+
+
+@borrowing_kernel
+def _continue_drive(model, lanes, b, piece, i, count):
+    """Turn the harmonics by a piece, and shift both jets by it: (t + 1)^n by Horner's scheme.
+
+    Parameters
+    ----------
+    model, lanes
+        (m,) and (rows, count), read.
+    b
+        Rows of vectors: phases and jets are read and written.
+    piece
+        Length of a piece [s].
+    i, count
+        The lanes: count from i on.
+    """
+    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    for j in range(harmonics):
+        row = _HARMONIC + 2 * j
+        frequency = read(lanes, at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY, i, count)
+        cosine, sine = cosines, sines = b[row], b[row + 1]
+        for n in range(int(model[DEGREE])):
+            turn = frequency * (piece / (n + 1.0))
+            cosine, sine = -turn * sine, turn * cosine
+            cosines, sines = cosines + cosine, sines + sine
+        b[row], b[row + 1] = cosines, sines
+    jet = _HARMONIC + 2 * harmonics
+    for first in range(jet, jet + 2 * terms, max(terms, 1)):
+        for start in range(terms - 1):
+            for n in range(first + terms - 2, first + start - 1, -1):
+                b[n] = b[n] + b[n + 1]
+
+
+@borrowing_kernel
+def _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count):
+    """Write the drive's series over a piece; return how many terms they have.
+
+    Parameters
+    ----------
+    model, lanes
+        (m,) and (rows, count), read.
+    b
+        Rows of vectors: jets and phases are read, the series written.
+    weights
+        (ORDERS,) read: 1 / n!.
     by_m1
         1 / m1 [1/kg].
     piece, degree
@@ -234,70 +297,26 @@ def _write_drive(model, lanes, b, by_m1, piece, degree, i, count):
     i, count
         The lanes: count from i on.
     """
-    terms, zero = int(model[at.TERMS]), everywhere(0.0)
-    for n in range(degree):
-        b[_FORCE + n] = by_m1 * b[_JET + n] if n < terms else zero
-        b[_GROUND + n] = b[_JET + terms + n] if n < terms else zero
-    b[_FORCE] = b[_FORCE] + by_m1 * read(lanes, at.FORCE, i, count)
-    for j in range(int(model[at.HARMONIC_COUNT])):
+    harmonics, terms, square = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS]), piece * piece
+    scale, zero = square * by_m1, everywhere(0.0)
+    jet = _HARMONIC + 2 * harmonics
+    written = degree if harmonics > 0 else max(min(terms, degree), 1)
+    for n in range(written):
+        b[_FORCE + n] = b[_GROUND + n] = zero
+        if n < terms:
+            factor = 1.0 / weights[n]
+            b[_FORCE + n] = factor * scale * b[jet + n]
+            b[_GROUND + n] = factor * square * b[jet + terms + n]
+    b[_FORCE] = fma(scale, read(lanes, at.FORCE, i, count), b[_FORCE])
+    for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         is_ground = (int(model[at.GROUND]) >> j) & 1
-        scale = read(lanes, harmonic + at.AMPLITUDE, i, count)
-        if not is_ground:
-            scale = scale * by_m1
         target = _GROUND if is_ground else _FORCE
+        per_size = everywhere(square) if is_ground else scale
+        size = per_size * read(lanes, harmonic + at.AMPLITUDE, i, count)
         turn = piece * read(lanes, harmonic + at.FREQUENCY, i, count)
-        cosine, sine = b[_HARMONIC + 2 * j], b[_HARMONIC + 2 * j + 1]
-        cosines, sines = cosine, sine
+        cosine, sine = size * b[_HARMONIC + 2 * j], size * b[_HARMONIC + 2 * j + 1]
         for n in range(degree):
-            b[target + n] = b[target + n] + scale * sine
-            step = turn * (1.0 / (n + 1.0))
-            cosine, sine = -step * sine, step * cosine
-            cosines, sines = cosines + cosine, sines + sine
-        b[_HARMONIC + 2 * j], b[_HARMONIC + 2 * j + 1] = cosines, sines
-
-
-@borrowing_kernel
-def respond(model, lanes, time, v1, v2, i):
-    """Add to motion and deviations of a lane what follows from given velocities at rest.
-
-    Parameters
-    ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) float64; parameters are read, state and the column of the stretch written.
-    time
-        How long the motion lasts [s]; at most the sample interval.
-    v1, v2
-        Velocities at its start [m/s].
-    i
-        The lane.
-    """
-    by_m1, k0, stretch = 1.0 / lanes[at.M1, i], lanes[at.K0, i], lanes[at.STRETCH, i]
-    g = (
-        lanes[at.K1, i] * lanes[at.ALPHA, i] * by_m1,
-        lanes[at.D, i] * by_m1,
-        lanes[at.C, i] * by_m1,
-        stiffness(k0, stretch) * by_m1,
-        1.0 + lanes[at.M1, i] / lanes[at.M2, i],
-    )
-    slope = -12.0 * k0 * by_m1 / stretch**4
-    total, deviation = (0.0, 0.0, v1, v2 - v1), (0.0, 0.0, 0.0, 0.0)
-    pieces = int(model[PIECES])
-    for _ in range(pieces):
-        term, turn = total, deviation
-        for n in range(int(model[DEGREE])):
-            step = time / pieces / (n + 1.0)
-            turn = _derivative(g, 0.0, slope * term[1], step, turn)
-            term = _derivative(g, 0.0, 0.0, step, term)
-            total, deviation = _sum(total, term), _sum(deviation, turn)
-    lanes[at.X1, i] += total[0]
-    lanes[at.X2, i] += total[0] + total[1]
-    lanes[at.V1, i] += total[2]
-    lanes[at.V2, i] += total[2] + total[3]
-    for j in range(STATES, COLUMNS):
-        if model[CAUSES + j] == at.STRETCH:
-            row = int(model[FIRST_ROW]) + TANGENTS + j
-            for part in range(4):
-                lanes[row + part * COLUMNS, i] += deviation[part]
+            b[target + n] = b[target + n] + sine
+            cosine, sine = -turn * sine, turn * cosine
+    return written

@@ -12,6 +12,7 @@ from mm_gym.methods.exponential_action.method import LONGEST_PIECE
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.support import fastest_rate
 from mm_gym.sensitivity import layout as own
+from mm_gym.sensitivity.linear_kernel import propagate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,12 +23,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-BESIDE = own.COLUMNS - own.STATES
-"""Causes that one model follows, beside the four states."""
 
-
-def series_models(support: Support, causes: Sequence[int], rows: int) -> list[Array]:
-    """Return as many models as it takes to follow the state and some rows of parameters.
+def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
+    """Return the model that follows the state and some causes.
 
     Parameters
     ----------
@@ -37,24 +35,37 @@ def series_models(support: Support, causes: Sequence[int], rows: int) -> list[Ar
         Rows of the parameters.
     rows
         Number of the plant's own rows of a lane.
+    width
+        Columns of deviations that the kernel has, at least those of the state and the causes.
     """
-    models: list[Array] = []
+    model = header(support, own.CAUSES - at.MODEL_OWN + width)
+    model[own.HAS_FRICTION] = support.slips
+    model[own.IS_CUBIC] = support.is_cubic or at.BETA in causes
+    model[own.IS_FINITE] = support.high[at.L0] > 0.0
+    model[own.FIRST_ROW], model[own.WIDTH] = rows, width
     phase = fastest_rate(support) * support.sample_interval
+    model[own.PIECES], model[own.DEGREE] = _pieces(phase)
+    phase *= support.intervals_per_step
+    model[own.STEP_PIECES], model[own.STEP_DEGREE] = _pieces(phase)
+    model[own.IS_LINEAR] = is_linear(support, causes)
+    model[own.CAUSES :] = own.NONE
+    model[own.CAUSES + own.STATES :][: len(causes)] = causes
+    model[at.EXCITATION] = len(model)
+    return np.concatenate([model, support.excitation])
+
+
+def is_linear(support: Support, causes: Sequence[int]) -> bool:
+    """Tell whether deviations by these causes obey linear equations, in each regime of friction."""
+    return not support.is_nonlinear and at.BETA not in causes
+
+
+def _pieces(phase: float) -> tuple[float, int]:
+    """Return how many series cover a time, the fastest rate times which is given, and their degree.
+
+    A time that would need too many is refused by the kernels.
+    """
     pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
-    for first in range(0, max(len(causes), 1), BESIDE):
-        model = header(support, own.MODEL_SIZE)
-        model[own.HAS_FRICTION] = support.slips
-        model[own.IS_CUBIC] = support.is_cubic
-        model[own.IS_FINITE] = support.high[at.L0] > 0.0
-        model[own.FIRST_ROW] = rows
-        model[own.PIECES], model[own.DEGREE] = pieces, degree(phase / pieces)
-        model[own.CAUSES : own.CAUSES + own.COLUMNS] = own.NONE
-        chosen = causes[first : first + BESIDE]
-        model[own.IS_LINEAR] = not support.is_nonlinear and set(chosen) <= {at.FORCE, at.STRETCH}
-        model[own.CAUSES + own.STATES : own.CAUSES + own.STATES + len(chosen)] = chosen
-        model[at.EXCITATION] = len(model)
-        models.append(np.concatenate([model, support.excitation]))
-    return models
+    return pieces, degree(phase / pieces)
 
 
 def control_step(model: Array) -> tuple[Array, Array]:
@@ -75,3 +86,30 @@ def control_step(model: Array) -> tuple[Array, Array]:
     for _ in range(int(model[at.INTERVALS])):
         state, force = once[:, :4] @ state, once[:, :4] @ force + once[:, 4:]
     return state, force
+
+
+def parameter_maps(support: Support, causes: Sequence[int], lane: Array) -> tuple[int, Array]:
+    """Return how derivatives of a linear plant over parameters follow from a step's start.
+
+    Without excitation they are linear in the state and the force.
+
+    Parameters
+    ----------
+    support, causes
+        As for `model_of`.
+    lane
+        (rows,) a lane of the plant.
+
+    Returns
+    -------
+    tuple
+        Status, and (4, causes, 5) the derivatives of x1, x2, v1, v2 with respect to each
+        parameter, per unit of x1, x2, v1, v2 and force.
+    """
+    rows, width = len(lane), own.STATES + len(causes)
+    lanes = np.zeros((rows + own.TANGENTS + 4 * width, 5))
+    lanes[:rows] = lane[:, None]
+    lanes[[*range(4), at.FORCE]] = np.eye(5)
+    lanes[rows + own.LAST_V1 : rows + own.TANGENTS - 1] = lanes[at.V1 : at.V2 + 1]
+    status = propagate(model_of(support, causes, rows, width), lanes, 0, 5)
+    return status, lanes[rows + own.TANGENTS :].reshape(4, width, 5)[:, own.STATES :].copy()

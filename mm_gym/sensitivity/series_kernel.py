@@ -26,8 +26,14 @@ from mm_gym.kernels.laws import (
     slip_intercept,
     stiffness,
 )
+from mm_gym.kernels.memory import on_cache_line
+from mm_gym.kernels.simd import LANES
+from mm_gym.kernels.simd_memory import rows_of
+from mm_gym.sensitivity import regime_kernel as regime
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.causes_kernel import cause
+from mm_gym.sensitivity.columns_kernel import read_columns, take_impulses, write_columns
+from mm_gym.sensitivity.generator_kernel import weights_of
 from mm_gym.sensitivity.layout import (
     CAUSES,
     COLUMNS,
@@ -38,10 +44,10 @@ from mm_gym.sensitivity.layout import (
     IS_LINEAR,
     LAST_V1,
     LAST_V2,
-    TANGENTS,
+    MOST_SERIES,
     TIME,
+    WIDTH,
 )
-from mm_gym.sensitivity.linear_terms_kernel import expand_linear
 from mm_gym.sensitivity.sizes_kernel import is_enough, part_of_unit, write_size
 
 LONGEST = 2.0
@@ -50,17 +56,20 @@ LONGEST = 2.0
 FEWEST = 8
 """Lowest order of a series."""
 
-MOST_SERIES = 1_000_000
-
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval, or a part of it."""
     status, c, p = at.OK, np.zeros(of.SIZE), np.zeros(of.COEFFICIENTS)
-    t, work = np.zeros((of.ROWS, COLUMNS)), np.zeros((4, COLUMNS))
+    if model[IS_LINEAR] > 0.0:
+        t, work = on_cache_line(regime.ROWS * LANES).reshape(regime.ROWS, LANES), np.zeros((1, 1))
+        t[:] = 0.0
+    else:
+        t, work = np.zeros((of.ROWS, COLUMNS)), np.zeros((4, COLUMNS))
+    weights = weights_of(of.ORDER + 1)
     for i in range(first, last):
         _load(lanes, i, p)
-        status = max(status, _propagate_lane(model, lanes, i, c, p, t, work))
+        status = max(status, _propagate_lane(model, lanes, i, c, p, t, work, weights))
     return status
 
 
@@ -82,7 +91,7 @@ def _load(lanes, i, p):
 
 
 @borrowing_kernel
-def _propagate_lane(model, lanes, i, c, p, t, work):
+def _propagate_lane(model, lanes, i, c, p, t, work, weights):
     """Advance one lane, series by series.
 
     Parameters
@@ -92,7 +101,10 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
     c, p
         (of.SIZE,) written; (of.COEFFICIENTS,) read, but for the regime, written.
     t, work
-        (of.ROWS, COLUMNS) and (4, COLUMNS), written: the deviations' series, and room.
+        (of.ROWS, COLUMNS) and (4, COLUMNS), written: the deviations' series, and room. Where each
+        regime is linear, t is (regime.ROWS, LANES).
+    weights
+        (of.ORDER + 1,) read: 1 / n!.
 
     Returns
     -------
@@ -101,26 +113,25 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
     """
     own, duration = int(model[FIRST_ROW]), model[at.SAMPLE_INTERVAL]
     friction, linear, vr = model[HAS_FRICTION] > 0.0, model[IS_LINEAR] > 0.0, p[of.VR]
-    _take_impulses(model, lanes, i, p)
-    for part in range(4):
-        for j in range(COLUMNS):
-            t[part * of.PART, j] = lanes[own + TANGENTS + part * COLUMNS + j, i]
+    part = 1 if linear else of.PART
+    take_impulses(model, lanes, i, p)
+    read_columns(model, lanes, i, t, part)
     x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
     c[of.X1], c[of.V1], c[of.W] = x1, v1, lanes[at.V2, i] - v1
     c[of.OFFSET], p[of.REST] = _sum(lanes[at.X2, i], -x1)
-    regime = sign_of(vr, c[of.W]) if friction else 0.0
+    sign = sign_of(vr, c[of.W]) if friction else 0.0
     upper, lower = gaps_of(vr, c[of.W])
     elapsed = 0.0
     for _ in range(MOST_SERIES):
-        p[of.REGIME] = regime
-        p[of.DAMPING], p[of.SLIP] = interface_line(regime, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
+        p[of.REGIME] = sign
+        p[of.DAMPING], p[of.SLIP] = interface_line(sign, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
         rest = duration - elapsed
         rate = _rate(model, lanes, i, c, p)
         unit = min(rest, LONGEST / rate)
         is_last = unit == rest
         write_series(c, of.WIDTH, model, lanes, i, elapsed, unit, of.ORDER)
         if linear:
-            order, theta = expand_linear(model, c, p, t, work, unit, rate * unit), 1.0
+            order, theta = regime.expand_motion(model, c, p, unit, rate * unit), 1.0
         else:
             order, theta = _expand(model, lanes, i, c, p, t, work, elapsed, unit)
         if order == 0:
@@ -128,17 +139,22 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
         direction = 0.0
         if friction:
             exit_at, direction = regime_exit_within(
-                c, of.W, of.SCALED, order, theta, regime, upper, lower
+                c, of.W, of.SCALED, order, theta, sign, upper, lower
             )
             theta = theta if exit_at == NONE else theta * exit_at
-        _evaluate(c, p, t, theta, order)
+        if linear:
+            regime.write_signals(model, lanes, i, c, p, t, elapsed, unit, theta, order)
+            regime.advance(p, rows_of(t), weights, theta * unit, order)
+        else:
+            _evaluate_columns(t, theta, order)
+        _evaluate(c, p, theta, order)
         if not abs(c[of.X1]) + abs(c[of.OFFSET]) + abs(c[of.V1]) + abs(c[of.W]) < np.inf:
             return at.DIVERGED
         elapsed += theta * unit
         if direction != 0.0:
             c[of.W] = direction * vr
-            _jump(model, lanes, i, c, p, t, elapsed, regime, direction)
-            regime = direction - regime
+            _jump(model, lanes, i, c, p, t[2 * part :: part], elapsed, sign, direction)
+            sign = direction - sign
             upper, lower = gaps_on(vr, direction)
         else:
             upper, lower = gaps_of(vr, c[of.W])
@@ -150,27 +166,8 @@ def _propagate_lane(model, lanes, i, c, p, t, work):
     lanes[at.V1, i], lanes[at.V2, i] = c[of.V1], c[of.V1] + c[of.W]
     lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
     lanes[own + TIME, i] += duration
-    for part in range(4):
-        for j in range(COLUMNS):
-            lanes[own + TANGENTS + part * COLUMNS + j, i] = t[part * of.PART, j]
+    write_columns(model, lanes, i, t, part)
     return at.OK
-
-
-@borrowing_kernel
-def _take_impulses(model, lanes, i, p):
-    """Let the carriage's mass deviate in impulses on it since the last propagation.
-
-    They changed v1 by size / m1; those of the ground change both velocities alike.
-    """
-    own = int(model[FIRST_ROW])
-    impulse = lanes[at.V1, i] - lanes[own + LAST_V1, i]
-    impulse -= lanes[at.V2, i] - lanes[own + LAST_V2, i]
-    if impulse != 0.0:
-        for j in range(4, COLUMNS):
-            if model[CAUSES + j] == at.M1:
-                row = own + TANGENTS + j
-                lanes[row + 2 * COLUMNS, i] -= impulse / p[of.M1]
-                lanes[row + 3 * COLUMNS, i] += impulse / p[of.M1]
 
 
 @borrowing_kernel
@@ -323,14 +320,13 @@ def _write_power(c, base, power, exponent, n):
 
 
 @borrowing_kernel
-def _evaluate(c, p, t, theta, order):
-    """Advance motion and deviations by a part of the unit.
+def _evaluate(c, p, theta, order):
+    """Advance the motion by a part of the unit.
 
     What rounding leaves of the offset is kept: a spring that is shortened to a part e of its length
     pushes the sphere back with a stiffness that rounded offsets would make wrong by 1e-16 / e, and
     the deviations after that by 1e-16 / e**2.
     """
-    prefer_widest_vectors()
     for row in (of.X1, of.OFFSET, of.V1, of.W):
         total = 0.0
         for n in range(order, 0, -1):
@@ -340,6 +336,12 @@ def _evaluate(c, p, t, theta, order):
             c[row], p[of.REST] = _sum(c[row], change + p[of.REST])
         else:
             c[row] = fma(theta, total, c[row])
+
+
+@borrowing_kernel
+def _evaluate_columns(t, theta, order):
+    """Advance the deviations by a part of the unit."""
+    prefer_widest_vectors()
     for n in range(order - 1, -1, -1):
         for part in range(4):  # side by side: one hides the other's latency
             row = part * of.PART + n
@@ -356,7 +358,7 @@ def _sum(a, b):
 
 
 @borrowing_kernel
-def _jump(model, lanes, i, c, p, t, elapsed, regime, direction):
+def _jump(model, lanes, i, c, p, velocities, elapsed, regime, direction):
     """Let the deviations jump where the regime changes: the saltation.
 
     A deviation of the slip velocity moves the change by minus itself over w'; until then the other
@@ -364,8 +366,10 @@ def _jump(model, lanes, i, c, p, t, elapsed, regime, direction):
 
     Parameters
     ----------
-    model, lanes, i, c, p, t
+    model, lanes, i, c, p
         As for `_propagate_lane`: c has the motion at the change.
+    velocities
+        Deviations of v1 and of the slip velocity, the first two rows, written.
     elapsed
         Time of the change since the start of the sample interval [s].
     regime, direction
@@ -386,10 +390,10 @@ def _jump(model, lanes, i, c, p, t, elapsed, regime, direction):
     rate = outer * by_m1 - inner * by_both
     damping, slip = interface_line(direction - regime, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
     step = p[of.DAMPING] * c[of.W] + p[of.SLIP] - (damping * c[of.W] + slip)
-    for j in range(COLUMNS):
-        late = -t[3 * of.PART, j]
+    for j in range(int(model[WIDTH])):
+        late = -velocities[1, j]
         if model[CAUSES + j] == at.VR:
             late += direction
         late /= rate
-        t[2 * of.PART, j] += step * by_m1 * late
-        t[3 * of.PART, j] -= step * by_both * late
+        velocities[0, j] += step * by_m1 * late
+        velocities[1, j] -= step * by_both * late

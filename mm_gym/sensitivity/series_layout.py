@@ -9,8 +9,8 @@ ORDER = 28
 WIDTH = ORDER + 4
 X1, OFFSET, V1, W, SQUARE, CUBE, FORCE, GROUND, PAIR = (WIDTH * k for k in range(9))
 INNER, OUTER, SCALED, OVER_OFFSET, OVER_STRETCH = (WIDTH * k for k in range(9, 14))
-LONG, SHORT, LONG2, SHORT2, LONG3, SHORT3, TERM = (WIDTH * k for k in range(14, 21))
-LARGEST, SIZE = 21 * WIDTH, 21 * WIDTH + 1
+LONG, SHORT, LONG2, SHORT2, LONG3, SHORT3, TERM, ACCELERATION = (WIDTH * k for k in range(14, 22))
+LARGEST, SIZE = 22 * WIDTH, 22 * WIDTH + 1
 
 # Parts of the deviations' series: term n of one is the row PART * part + n. Behind them the sizes
 # of the terms, and the largest of each column but for the last LAG.

@@ -14,17 +14,17 @@ from mm_gym.kernels.outputs import next_noisy
 from mm_gym.kernels.random import count_draws
 from mm_gym.kernels.task import command
 from mm_gym.sensitivity import cubic_kernel, linear_kernel
+from mm_gym.sensitivity.held_kernel import write_held
 from mm_gym.sensitivity.layout import (
-    CAUSES,
-    COLUMNS,
     FIRST_ROW,
     LAST_V1,
     LAST_V2,
-    NONE,
     STATES,
     TANGENTS,
     TIME,
+    WIDTH,
 )
+from mm_gym.sensitivity.response_kernel import respond
 from mm_gym.sensitivity.series_kernel import propagate
 
 if TYPE_CHECKING:
@@ -33,11 +33,18 @@ if TYPE_CHECKING:
 
 @borrowing_kernel
 def _leave(model, lanes, first, last):
-    """Do nothing in place of `_begin`."""
+    """Do nothing in place of `begin`, or `finish`."""
 
 
-def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> Callable[..., int]:
-    """Return a kernel of a control step; `begin` writes the deviations at its start."""
+def step_by(
+    cross: Callable[..., int],
+    begin: Callable[..., None] = _leave,
+    finish: Callable[..., None] = _leave,
+) -> Callable[..., int]:
+    """Return a kernel of a control step.
+
+    `begin` writes the deviations at its start, `finish` those that do not depend on the motion.
+    """
 
     @borrowing_kernel
     @named_after(cross)
@@ -70,6 +77,7 @@ def step_by(cross: Callable[..., int], begin: Callable[..., None] = _leave) -> C
                 excite(model, lanes, streams, interval, first, last)
             status = max(status, cross(model, lanes, interval, first, last))
             rotate(model, lanes, interval, first, last)
+        finish(model, lanes, first, last)
         lanes[at.NOW, first] += 1.0
         _pass_sensor_noise(task, streams, first, last)
         return status
@@ -89,25 +97,29 @@ def _pass_sensor_noise(task, streams, first, last):
 
 @borrowing_kernel
 def _begin(model, lanes, first, last):
-    """Begin with deviations of x1, x2, v1 and v2, and none in the columns that have causes."""
-    own = int(model[FIRST_ROW])
+    """Begin with no deviations in the columns that have causes."""
+    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
-    tangents = own + TANGENTS
     copy_row(lanes, at.V1, own + LAST_V1, first, last)
     copy_row(lanes, at.V2, own + LAST_V2, first, last)
     for i in span(first, last):
         lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
-    for j in range(COLUMNS):
-        if j < STATES or model[CAUSES + j] != NONE:
-            for part in range(4):
-                fill(lanes, tangents + part * COLUMNS + j, 0.0, first, last)
-    for half in range(2):  # positions, then velocities
-        row = tangents + 2 * half * (COLUMNS + 1)
-        fill(lanes, row, 1.0, first, last)
-        fill(lanes, row + COLUMNS, -1.0, first, last)
-        fill(lanes, row + COLUMNS + 1, 1.0, first, last)
+    for part in range(4):
+        for j in range(STATES, width):
+            fill(lanes, own + TANGENTS + part * width + j, 0.0, first, last)
 
 
-by_series = step_by(by_pieces(propagate, has_corners), _begin)
-by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin)
-by_linear_series = step_by(by_superposition(linear_kernel.propagate, linear_kernel.respond), _begin)
+@borrowing_kernel
+def _begin_all(model, lanes, first, last):
+    """Begin with deviations of x1, x2, v1 and v2 too."""
+    _begin(model, lanes, first, last)
+    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    for part in range(4):
+        for j in range(STATES):
+            value = 1.0 if part == j else 0.0
+            fill(lanes, own + TANGENTS + part * width + j, value, first, last)
+
+
+by_series = step_by(by_pieces(propagate, has_corners), _begin_all)
+by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin_all)
+by_linear_series = step_by(by_superposition(linear_kernel.propagate, respond), _begin, write_held)

@@ -15,13 +15,13 @@ from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.kernels.jit import entry_point
+from mm_gym.kernels.lane_memory import rows_of
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
 from mm_gym.kernels.random import seed_streams
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
-from mm_gym.simulation.memory import rows_of
 from mm_gym.simulation.threads import Threads
 
 if TYPE_CHECKING:
