@@ -15,10 +15,10 @@ from agents.evaluation.planner import Effort, Planner
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
+from agents.search.command import search_and_score
 from agents.train import train_and_report
 from agents.training.config import TrainSettings, read_settings
 from agents.training.runs import Run, numbered
-from agents.training.search_command import search_and_score
 
 SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "pre_stretch.toml"
 

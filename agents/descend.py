@@ -11,7 +11,7 @@ import sys
 
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
-from agents.training.search_command import search_from_command_line
+from agents.search.command import search_from_command_line
 
 
 def main() -> str | int | None:

@@ -11,7 +11,7 @@ import sys
 
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.training.search_command import search_from_command_line
+from agents.search.command import search_from_command_line
 
 
 def main() -> str | int | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.evolution.network import Network
 from agents.evolution.network_kernel import forward
-from agents.evolution.starts import Start
+from agents.search.starts import Start
 from agents.training.runs import Run
 from benchmarks.report import table
 

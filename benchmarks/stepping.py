@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from itertools import cycle, pairwise
+from itertools import cycle, pairwise, product
 from timeit import timeit
 from typing import TYPE_CHECKING
 
@@ -129,26 +129,21 @@ def vector() -> str:
 def _ends() -> str:
     """Return the table of steps in which 3 % of the lanes end."""
     rows = []
-    for name in ENDING:
-        for mode, words in AUTORESET.items():
-            for copy in (False, True):
-                timings = side_by_side(
-                    {
-                        "none": _step_of_ages(MANY[name], ENDLESS, mode, copy=copy),
-                        "some": _step_of_ages(MANY[name], PERIOD, mode, copy=copy),
-                    },
-                    rounds=ROUNDS,
-                    clock=time.process_time,
-                )
-                none, some = timings["none"], timings["some"]
-                rows.append(
-                    (
-                        f"{name}, {'copies' if copy else 'views'}, reset in the {words}",
-                        f"{none.median * 1e6:.0f} ± {none.spread * 100:.0f} %",
-                        f"{some.median * 1e6:.0f} ± {some.spread * 100:.0f} %",
-                        f"{none.times_faster_than(some):.2f}",
-                    )
-                )
+    for name, (mode, words), copy in product(ENDING, AUTORESET.items(), (False, True)):
+        candidates = {
+            label: _step_of_ages(MANY[name], steps, mode, copy=copy)
+            for label, steps in (("none", ENDLESS), ("some", PERIOD))
+        }
+        timings = side_by_side(candidates, rounds=ROUNDS, clock=time.process_time)
+        none, some = timings["none"], timings["some"]
+        rows.append(
+            (
+                f"{name}, {'copies' if copy else 'views'}, reset in the {words}",
+                f"{none.median * 1e6:.0f} ± {none.spread * 100:.0f} %",
+                f"{some.median * 1e6:.0f} ± {some.spread * 100:.0f} %",
+                f"{none.times_faster_than(some):.2f}",
+            )
+        )
     header = f"{LANES:,} lanes, one core", "no ends, µs a step", "3 % end", "times as long"
     return table(header, rows)
 

@@ -17,8 +17,8 @@ from agents.evaluation.episodes import evaluate
 from agents.evaluation.headroom import EPISODES, SCORES
 from agents.evaluation.planner import Effort, Planner
 from agents.evolution.settings import EvolveSettings
-from agents.evolution.starts import start_of
 from agents.policies import load_policy
+from agents.search.starts import start_of
 from agents.sweeps.trials import algorithm_of
 from agents.training.config import TrainSettings
 from agents.training.parts import Parts, make_parts
@@ -62,7 +62,7 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     result, law = min(results, key=lambda pair: pair[0].cost)
     agents: dict[str, list[Controller]] = {}
     curves: dict[str, list[Curve]] = {}
-    for trial, agent in zip(trials, agents_of(trials, folder), strict=True):
+    for trial, agent in zip(trials, _trained(trials, folder), strict=True):
         agents.setdefault(algorithm_of(trial), []).append(agent)
         curves.setdefault(algorithm_of(trial), []).append(_curve(Run(trial.name, folder)))
     trainings = [
@@ -85,7 +85,7 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     )
 
 
-def agents_of(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:
+def _trained(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:
     """Return the policies of finished trainings as controllers.
 
     Trainings that differ in their seed alone have one base in common, which is tuned once.

@@ -12,7 +12,7 @@ from agents.policies import Policy
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.evolution.starts import Start
+    from agents.search.starts import Start
 
     Values = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from gymnasium.error import DependencyNotInstalled
 
 from agents.evolution.network import Network
 from agents.evolution.population import Population
-from agents.evolution.starts import start_of
-from agents.training.search import Search
+from agents.search.search import Search
+from agents.search.starts import start_of
 from agents.training.seeds import training_seeds
 
 if TYPE_CHECKING:

@@ -1,34 +1,13 @@
-"""The settings of searches around a law, and of an evolution."""
+"""The settings of an evolution."""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from agents.evolution.forecast import FUTURE
-from agents.training.config import Count, Positive, RunSettings
-
-LawName = Literal["auto", "regulator", "switching", "tracking", "none"]
-
-
-class SearchSettings(RunSettings):
-    """What is searched around a law, and where it is written."""
-
-    law: LawName = "auto"
-    """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
-    the stretch (both with both actuators), "tracking" an absorber tuned to the frequency it finds,
-    "none"; "auto" takes the one for the scene"""
-    hidden: Count = 8
-    """units of the hidden layer"""
-    extra: Annotated[int, Field(ge=0)] = 0
-    """correlation units beside those of the law, drawn at random"""
-    memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
-    """states of a linear memory that foretells a random force, where two frames show it"""
-    time_budget: Positive = 300.0
-    """[s] without interruptions, after which it stops even if rounds are left"""
-    evaluations: Count = 20
-    """validations during the run; the best network is kept"""
+from agents.search.settings import SearchSettings
+from agents.training.config import Count, Positive
 
 
 class EvolveSettings(SearchSettings):

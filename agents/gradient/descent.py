@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.evolution.network import Network as Evolved
-from agents.evolution.starts import start_of
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, hold_stable, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
 from agents.policies import UNIT
+from agents.search.search import Search
+from agents.search.starts import start_of
 from agents.training.arrays import part_of
-from agents.training.search import Search
 from agents.training.seeds import training_seeds
 
 if TYPE_CHECKING:

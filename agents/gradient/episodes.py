@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.lqr import state_weight
 from agents.controllers.observed_state import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
 from mm_gym.sensitivity import Sensitivities
@@ -48,7 +49,8 @@ class Episodes:
     Raises
     ------
     DesignError
-        If an episode may end early, or a channel's slope over the state is not known.
+        If an episode may end early, a channel's slope over the state is not known, or the motion
+        has no weight.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
@@ -61,14 +63,7 @@ class Episodes:
         self._begin(range(lanes))
         self.shown = _shown(self.env, self.physics)
         size = len(self.physics.actuators)
-        self.weights = np.array(
-            [
-                objective.displacement_weight / objective.displacement_scale**2,
-                objective.velocity_weight / objective.velocity_scale**2,
-                objective.stroke_weight / objective.stroke_scale**2,
-            ]
-        )
-        self.effort = objective.effort_weight
+        self.weight, self.effort = state_weight(scene), objective.effort_weight
         self.states: Values = np.empty((self.steps, 4, lanes))
         self.actions: Values = np.empty((self.steps, size, lanes))
         self.free = np.empty((self.steps, size, lanes), np.bool_)
@@ -93,10 +88,8 @@ class Episodes:
             self.jacobians.append((found.state, found.action))
             self.states[step] = found.end[:, :4].T
             observation, *_ = self.env.step(actions.T)
-        x1, x2, v1, _ = np.moveaxis(self.states, 1, 0)
-        terms = (x1, v1, x2 - x1)
-        cost = sum(w * np.mean(x**2) for w, x in zip(self.weights, terms, strict=True))
-        return float(cost + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
+        motion = np.mean(np.sum(self.states * (self.weight @ self.states), axis=1))
+        return float(motion + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
 
     def back(self, network: Network, fade: float) -> None:
         """Write the gradient of the mean cost, as far as it does not fade, into the network.
@@ -117,7 +110,7 @@ class Episodes:
         scale = np.zeros(size)
         scale[:4] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
-            self._add_cost(step, part, state)
+            state[:4] += part * (self.weight @ self.states[step])
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
@@ -132,14 +125,6 @@ class Episodes:
             state += self.shown.T @ frames[0]
             frames[:-1] = frames[1:]
             frames[-1] = 0.0
-
-    def _add_cost(self, step: int, part: float, state: Values) -> None:
-        """Add the slopes of a step's cost over the state at its end."""
-        x1, x2, v1, _ = self.states[step]
-        displacement, velocity, stroke = part * self.weights
-        state[0] += displacement * x1 - stroke * (x2 - x1)
-        state[1] += stroke * (x2 - x1)
-        state[2] += velocity * v1
 
 
 def _bounded(sizes: Values) -> Values:

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from agents.evolution.settings import SearchSettings
+from agents.search.settings import SearchSettings
 from agents.training.config import Count, Positive
 
 

@@ -36,15 +36,17 @@ Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no t
 tuning has seen. Intervals of 95 % are a bootstrap over seeds and episodes. The best law is the best
 of the classical laws in these very episodes; predictive control and the best known plan, which
 knows the episode, are those of `docs/ranking.md`.
-
-| algorithm | is |
-|---|---|
-| evolution | a small network around a law, by evolution: `agents.evolve` |
-| gradient | the same with a wider network and its memory, by exact gradients: `agents.descend` |
-| ppo | a network that begins with nothing, by PPO |
-| residual | a network by PPO, added to the law that `configs/results.toml` names |
-| sac | a network that begins with nothing, by SAC |
 """
+
+KINDS = {
+    "evolution": "a small network around a law, by evolution: `agents.evolve`",
+    "gradient": "the same with a wider network and its memory, by exact gradients: "
+    "`agents.descend`",
+    "ppo": "a network that begins with nothing, by PPO",
+    "residual": "a network by PPO, added to the law that `configs/results.toml` names",
+    "sac": "a network that begins with nothing, by SAC",
+}
+"""What the algorithms of `configs/results.toml` are."""
 
 COSTS = """## Costs
 
@@ -102,7 +104,8 @@ Law and agents as they are, on scenes that neither was made for; of the training
 middle. Agents around a law bear other stiffnesses as well as laws or better, and Hybrid's law loses
 most there. A delay of one step takes away what agents gain on Friction and PreStretchNoise, and
 noise on all sensors what they gain on PreStretch and Duffing. PPO from nothing loses little under
-noise on the tasks with a stretch, where it is dearer to begin with.
+noise on the tasks with a stretch, where it is dearer to begin with. Agents by gradients bear a
+delay that they were not trained with worst.
 
 ![Costs on changed scenes]({robustness})
 """
@@ -143,6 +146,7 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
     curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
     parts = [
         HEAD.format(machine=_machine()),
+        _kinds(known),
         COSTS,
         _costs(known),
         READING,
@@ -177,6 +181,11 @@ def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Trainings]]:
     for one in known:
         for trainings in one.trainings:
             yield one, trainings
+
+
+def _kinds(known: Sequence[OnTask]) -> str:
+    """Return the table of what the algorithms that were run are."""
+    return markdown(["algorithm", "is"], [[k, KINDS.get(k, k)] for k in algorithms_of(known)])
 
 
 def _costs(known: Sequence[OnTask]) -> str:

@@ -38,6 +38,9 @@ Learner: TypeAlias = Literal["evolution", "gradient", "residual", Algorithm]
 
 LEARNERS = (EVOLUTION, GRADIENT, RESIDUAL, *get_args(Algorithm))
 
+SEARCHES = {EVOLUTION: (EvolveSettings, evolve), GRADIENT: (GradientSettings, descend)}
+"""The searches around a law: their settings, and what runs them."""
+
 EPISODES = 100
 """Held-out episodes on which each policy is scored."""
 
@@ -94,13 +97,13 @@ class SweepSettings(Part):
             _table(self.variants, variant, "variants"),
         )
         data = _nested(item for table in tables for item in table.items())
-        own = {learner: data.pop(learner, {}) for learner in (EVOLUTION, GRADIENT, RESIDUAL)}
+        own = {learner: data.pop(learner, {}) for learner in (*SEARCHES, RESIDUAL)}
         fixed: dict[str, JsonValue] = {"task": f"mm_gym/{task}-v0", "seed": seed, "name": name}
         try:
-            if algorithm == EVOLUTION:
-                return EvolveSettings.of({**_table(own, EVOLUTION), **fixed, "threads": 1})
-            if algorithm == GRADIENT:
-                return GradientSettings.of({**_table(own, GRADIENT), **fixed})
+            if algorithm in SEARCHES:
+                kind, _ = SEARCHES[algorithm]
+                alone = {"threads": 1} if "threads" in kind.model_fields else {}
+                return kind.of({**_table(own, algorithm), **fixed, **alone})
             if algorithm == RESIDUAL:
                 data = _nested([*data.items(), *_table(own, RESIDUAL).items()])
                 algorithm = "ppo"
@@ -159,8 +162,7 @@ def do_trial(text: str, folder: str | Path) -> None:
         The sweep's folder.
     """
     data = json.loads(text)
-    kinds = {"algorithm": TrainSettings, "generations": EvolveSettings}
-    kind = next((kinds[name] for name in kinds if name in data), GradientSettings)
+    kind, _ = SEARCHES.get(_algorithm(data["name"]), (TrainSettings, None))
     settings = kind.of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
@@ -171,10 +173,8 @@ def do_trial(text: str, folder: str | Path) -> None:
 def _cost_of_training(settings: RunSettings, run: Run) -> float:
     """Train, and return the policy's cost on the held-out episodes."""
     if not isinstance(settings, TrainSettings):
-        if isinstance(settings, EvolveSettings):
-            evolve(settings, run, bar=False)
-        else:
-            descend(settings, run, bar=False)
+        _, search = SEARCHES[algorithm_of(settings)]
+        search(settings, run, bar=False)
         agent = Learned(load_policy(run.policy))
         return evaluate(settings.load_scene(), agent, episodes=EPISODES).cost
     from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone
@@ -187,7 +187,12 @@ def _cost_of_training(settings: RunSettings, run: Run) -> float:
 
 def algorithm_of(trial: RunSettings) -> str:
     """Return the algorithm of a training of a sweep, by its name."""
-    return trial.name.split("-")[1]
+    return _algorithm(trial.name)
+
+
+def _algorithm(name: str) -> str:
+    """Return the algorithm of a training, from TASK-ALGORITHM-VARIANT-SEED."""
+    return name.split("-")[1]
 
 
 def result_file(run: Run) -> Path:

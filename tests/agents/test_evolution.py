@@ -18,8 +18,8 @@ from agents.evolution.network_kernel import forward
 from agents.evolution.population import Population
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.evolution.starts import Start, start_of
 from agents.policies import load_policy
+from agents.search.starts import Start, start_of
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
 
@@ -271,7 +271,7 @@ class TestRuns:
                 raise KeyboardInterrupt
             return evaluate(*arguments, **options)
 
-        monkeypatch.setattr("agents.training.search.evaluate", interrupted)
+        monkeypatch.setattr("agents.search.search.evaluate", interrupted)
         with pytest.raises(KeyboardInterrupt):
             evolve(TINY, run)
         evolve(TINY, run)
@@ -344,7 +344,7 @@ class TestCommand:
             raise OSError(28, "No space left on device")
 
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr("agents.training.search.save_checkpoint", refuse)
+        monkeypatch.setattr("agents.search.search.save_checkpoint", refuse)
         error = self.call(monkeypatch, "CarriageForce", "--generations", "1", "--candidates", "4")
         assert "No space left on device" in error
 

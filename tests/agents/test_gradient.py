@@ -7,7 +7,6 @@ import pytest
 from agents.controllers.learned import Learned
 from agents.evaluation.episodes import evaluate
 from agents.evolution.network import Network as Evolved
-from agents.evolution.starts import start_of
 from agents.gradient import episodes, network
 from agents.gradient.descent import descend
 from agents.gradient.episodes import Episodes
@@ -15,6 +14,7 @@ from agents.gradient.network import Network, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
+from agents.search.starts import start_of
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, load_scene

@@ -21,7 +21,7 @@ from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import Evaluation
 from agents.evolution.network import Network
 from agents.evolution.settings import EvolveSettings
-from agents.evolution.starts import start_of
+from agents.search.starts import start_of
 from mm_gym import load_scene
 
 SWEEP = """

@@ -14,8 +14,8 @@ from agents.training.arrays import load_checkpoint, save_checkpoint
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
-    from agents.evolution.settings import SearchSettings
     from agents.policies import Policy
+    from agents.search.settings import SearchSettings
     from agents.training.arrays import Arrays
     from agents.training.runs import Run
     from mm_gym import Scene

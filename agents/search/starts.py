@@ -12,14 +12,14 @@ from agents.controllers.controller import columns
 from agents.controllers.lqr import LQR
 from agents.controllers.observed_state import ROWS
 from agents.controllers.stretch_command import StretchCommand
-from agents.evolution.forecast import force_memory
+from agents.search.forecast import force_memory
 from mm_gym import DesignError, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.evolution.settings import LawName, SearchSettings
+    from agents.search.settings import LawName, SearchSettings
     from mm_gym import Scene
 
     Values = NDArray[np.float64]

@@ -17,7 +17,7 @@ from mm_gym import CompileError, DesignError, SceneError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from agents.evolution.settings import SearchSettings
+    from agents.search.settings import SearchSettings
 
 Settings = TypeVar("Settings", bound="SearchSettings")
 

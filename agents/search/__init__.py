@@ -1,0 +1,1 @@
+"""Searches around a law: how networks begin, and rounds that any kill leaves resumable."""
