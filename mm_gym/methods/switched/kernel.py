@@ -20,31 +20,35 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import sign_of
 from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.methods.switched import blocks_kernel as blocks
+from mm_gym.methods.switched.layout import (
+    CHANGE,
+    DEGREE,
+    GAIN_OF_SECOND,
+    GAINS,
+    HARMONIC_CHANGE,
+    HARMONIC_GAINS,
+    HARMONIC_ROWS,
+    HARMONIC_SECOND,
+    HARMONIC_SIZE,
+    HARMONIC_TURN,
+    HARMONICS,
+    LAST_LEVEL,
+    LEVEL_SIZE,
+    ROWS,
+    SECOND,
+    SLIP,
+    STICK,
+    STICK_SERIES,
+    VR,
+    WHOLE,
+)
 from mm_gym.methods.switched.series_kernel import (
     COEFFICIENTS,
     HELD,
     SERIES,
     load_coefficients,
     walk,
-)
-
-# Slots of the model; STICK and SLIP hold where the levels of each regime begin, the whole sample
-# interval first, whose length is WHOLE [s].
-VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE = (at.MODEL_OWN + i for i in range(7))
-REGIMES = at.MODEL_OWN + 7
-
-# Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change
-# of w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
-SECOND, ROWS, CHANGE, GAINS, GAIN_OF_SECOND, HARMONICS = 0, 6, 30, 36, 42, 43
-# Then for each harmonic the same against cosine and sine times amplitude, and the cosine and sine
-# of its turn.
-HARMONIC_SECOND, HARMONIC_ROWS, HARMONIC_CHANGE, HARMONIC_GAINS, HARMONIC_TURN, HARMONIC_SIZE = (
-    0,
-    2,
-    10,
-    12,
-    14,
-    16,
 )
 
 _HARMONIC_SLOTS = (
@@ -71,18 +75,14 @@ def propagate(model, lanes, first, last):
     part = model[at.SAMPLE_INTERVAL]
     if part == model[WHOLE]:
         return propagate_whole(model, lanes, first, last)
-    status, scratch = at.OK, np.ones(_SCRATCH_ROWS)
-    for start in range(first, last, WIDTH):
-        count = min(WIDTH, last - start)
-        status = max(status, _follow(model, lanes, scratch, start, count, part))
-    return status
+    return _follow(model, lanes, np.arange(first, last), part)
 
 
 @kernel
 def propagate_whole(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    status, harmonics = at.OK, int(model[at.HARMONIC_COUNT])
-    in_slip, scratch = _level(model, int(model[SLIP])), np.zeros(_SCRATCH_ROWS)
+    harmonics, in_slip = int(model[at.HARMONIC_COUNT]), _level(model, int(model[SLIP]))
+    scratch, which, left = np.zeros(_SCRATCH_ROWS), np.empty(last - first, np.int64), 0
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if harmonics > 0:
@@ -94,8 +94,12 @@ def propagate_whole(model, lanes, first, last):
         else:  # the common case once motions have decayed
             leaving = _propagate(model, lanes, scratch, start, count, None)
         if leaving > 0:
-            status = max(status, _follow(model, lanes, scratch, start, count, None))
-    return status
+            for i in range(count):
+                which[left] = start + i
+                left += int(scratch[_LEAVES + i])
+    if left > 0 and model[STICK_SERIES] > 0.0:
+        left = blocks.advance(model, lanes, which[:left])
+    return _follow(model, lanes, which[:left], None) if left > 0 else at.OK
 
 
 @kernel
@@ -236,18 +240,17 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
 
 
 @kernel
-def _follow(model, lanes, scratch, first, count, part):
-    """Advance one by one the lanes that may leave their regime; `part` as below."""
+def _follow(model, lanes, which, part):
+    """Advance one by one the lanes listed; `part` as below."""
     z, p, c = (
         np.empty(7 + 2 * int(model[at.HARMONIC_COUNT])),
         np.empty(COEFFICIENTS),
         np.zeros(SERIES),
     )
-    load_coefficients(lanes, first, p)  # all lanes have the same
+    load_coefficients(lanes, which[0], p)  # all lanes have the same
     status = at.OK
-    for i in range(count):
-        if scratch[_LEAVES + i] > 0.0:
-            status = max(status, _propagate_by_intervals(model, lanes, first + i, z, p, c, part))
+    for i in which:
+        status = max(status, _propagate_by_intervals(model, lanes, i, z, p, c, part))
     return status
 
 

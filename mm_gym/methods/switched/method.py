@@ -14,7 +14,8 @@ from mm_gym.kernels.control_step import build
 from mm_gym.kernels.jit import plain
 from mm_gym.methods.base import ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
-from mm_gym.methods.switched import kernel as switched
+from mm_gym.methods.switched import kernel
+from mm_gym.methods.switched import layout as switched
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import slip_space
 from mm_gym.state_space.matrix_exponential import halved_exponentials
@@ -64,7 +65,7 @@ class Switched(ExactMethod):
         "crossings of the reference velocity bisected on halved intervals"
     )
     kinds = (SWITCHED_LINEAR,)
-    entries = build(switched.propagate, whole=switched.propagate_whole)
+    entries = build(kernel.propagate, whole=kernel.propagate_whole)
     held = "a held force, every crossing found"
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
@@ -88,20 +89,24 @@ class Switched(ExactMethod):
             "1 / the fastest frequency",
         )
         levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
+        terms = degree(phase / 2.0**levels)
+        laws_of_regimes = (stick, Decimal(0)), (chi, intercept)
         with refuse_overflow(support):
-            regimes = [
-                _regime(support, *law, levels) for law in ((stick, Decimal(0)), (chi, intercept))
-            ]
+            regimes = [_regime(support, *law, levels).ravel() for law in laws_of_regimes]
+            is_plain = levels == 0 and not support.ground
+            series = [_series(support, *law, terms) for law in laws_of_regimes] if is_plain else []
         model = header(support, switched.REGIMES - at.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
-        model[switched.WHOLE] = support.sample_interval
-        model[switched.DEGREE] = degree(phase / 2.0**levels)
+        model[switched.WHOLE], model[switched.DEGREE] = support.sample_interval, terms
         model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(
             support.ground
         )
-        model[switched.STICK] = switched.REGIMES
-        model[switched.SLIP] = switched.REGIMES + regimes[0].size
-        return np.concatenate([model, *(regime.ravel() for regime in regimes)])
+        parts = [model, *regimes, *series]
+        ends = np.cumsum([part.size for part in parts])
+        model[switched.STICK : switched.STICK + 2] = ends[:2]
+        if is_plain:
+            model[switched.STICK_SERIES : switched.STICK_SERIES + 2] = ends[2:4]
+        return np.concatenate(parts)
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work of an interval, and of a change of regime."""
@@ -140,6 +145,20 @@ def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> 
             for transition, gain in zip(transitions, gains, strict=False)
         ]
     )
+
+
+def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> NDArray[np.float64]:
+    """Return what the series of one regime need, see `mm_gym.methods.switched.layout`."""
+    with localcontext(Context(prec=60)):
+        generator = _generator(support, damping, force)[2:4]
+        interval = Decimal(support.sample_interval)
+        found = [*(interval * generator).ravel()]
+        for n in range(terms + 1):
+            step = interval / (n + 1)
+            for row in generator:
+                found += [*(step * row[2:4]), *(step * interval / max(n, 1) * row[:2])]
+            found.append(step)
+    return np.array(found, dtype=object).astype(np.float64)
 
 
 def _level(
