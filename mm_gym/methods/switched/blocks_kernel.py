@@ -28,8 +28,8 @@ MOST_PIECES = 32
 MOST_HALVINGS = 12
 """Halvings of a piece that are tried here."""
 
-CLOSE = 2.0**-30
-"""Relative size of Newton's last step: the next one would be below round-off."""
+ROUND_OFF = 2.0**-54
+"""Error of an instant, as a fraction of the sample interval, that changes nothing."""
 
 _ROUGH_DEGREE, _ROUGH_STEPS, _STEPS = 6, 2, 8
 
@@ -61,36 +61,44 @@ def advance(model, lanes, which):
     int
         How many these are; their state is unchanged.
     """
-    waiting = np.empty((2, _ROWS, which.size + LANES))
-    b, counts = on_cache_line(_SIZE * LANES), np.zeros(2, np.int64)
-    for i in which:
-        _wait(model, lanes, waiting, counts, i)
+    room = on_cache_line(_SIZE * LANES + 2 * _ROWS * (which.size + LANES))
+    waiting = room[_SIZE * LANES :].reshape(2, _ROWS, which.size + LANES)
+    return _advance(model, lanes, which, waiting, room[: _SIZE * LANES])
+
+
+@borrowing_kernel
+def _advance(model, lanes, which, waiting, b):
+    """Advance the lanes listed, see `advance`, with room for both lists and for the vectors."""
+    waiting[:, _REST] = 0.0  # whoever reads on behind a list finds lanes that are done
+    counts = _wait(model[slots.VR], lanes, which, waiting)
     left = kind = 0
     while counts[0] + counts[1] > 0:
         if counts[kind] == 0:
             kind = 1 - kind
         count = min(counts[kind], LANES)
-        counts[kind] -= count
-        first = counts[kind]
-        for i in range(first + count, first + LANES):
-            waiting[kind, _REST, i] = 0.0  # nothing is there
+        first = counts[kind] - count
+        counts = (counts[0], first) if kind else (first, counts[1])
         _take_piece(model, waiting[kind], rows_of(b), kind, first)
-        left = _leave(lanes, waiting, counts, b, count, which, left)
+        counts, left = _leave(lanes, waiting, counts, b, count, which, left)
     return left
 
 
 @borrowing_kernel
-def _wait(model, lanes, waiting, counts, i):
-    """Put a lane into the list of its regime."""
-    x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
-    w = lanes[at.V2, i] - v1
-    s = sign_of(model[slots.VR], w)
-    kind = int(s != 0.0)
-    own, k = waiting[kind], counts[kind]
-    own[_X1, k], own[_OFFSET, k], own[_V1, k], own[_W, k] = x1, lanes[at.X2, i] - x1, v1, w
-    own[_SIGN, k], own[_HELD, k], own[_REST, k] = s, lanes[at.FORCE, i], 1.0
-    own[_PIECES, k], own[_LANE, k] = 0.0, i
-    counts[kind] += 1
+def _wait(vr, lanes, which, waiting):
+    """Put the lanes listed into the list of their regime; return how many each has."""
+    sticking = slipping = 0
+    for i in which:
+        x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
+        w = lanes[at.V2, i] - v1
+        s = sign_of(vr, w)
+        kind = int(s != 0.0)
+        own, k = waiting[kind], slipping if kind else sticking
+        own[_X1, k], own[_OFFSET, k], own[_V1, k], own[_W, k] = x1, lanes[at.X2, i] - x1, v1, w
+        own[_SIGN, k], own[_HELD, k], own[_REST, k] = s, lanes[at.FORCE, i], 1.0
+        own[_PIECES, k], own[_LANE, k] = 0.0, i
+        slipping += kind
+        sticking += 1 - kind
+    return sticking, slipping
 
 
 @borrowing_kernel
@@ -102,7 +110,7 @@ def _leave(lanes, waiting, counts, b, count, which, left):
     lanes
         (rows, count) written: the state.
     waiting, counts
-        (2, _ROWS, n) and (2,) int64, written: both lists, and how many lanes each has.
+        (2, _ROWS, n) written: both lists; how many lanes each has.
     b
         (_SIZE * LANES,) read: the lanes.
     count
@@ -112,9 +120,10 @@ def _leave(lanes, waiting, counts, b, count, which, left):
 
     Returns
     -------
-    int
-        Their number, again.
+    tuple
+        Both counts, and the number of lanes that are not followed here.
     """
+    sticking, slipping = counts
     for i in range(count):
         rest, lane = b[_REST * LANES + i], int(b[_LANE * LANES + i])
         if rest == 0.0:
@@ -126,11 +135,12 @@ def _leave(lanes, waiting, counts, b, count, which, left):
             left += 1
         else:
             kind = int(b[_SIGN * LANES + i] != 0.0)
-            k = counts[kind]
+            own, k = waiting[kind], slipping if kind else sticking
             for row in range(_ROWS):
-                waiting[kind, row, k] = b[row * LANES + i]
-            counts[kind] += 1
-    return left
+                own[row, k] = b[row * LANES + i]
+            slipping += kind
+            sticking += 1 - kind
+    return (sticking, slipping), left
 
 
 @borrowing_kernel
@@ -151,7 +161,7 @@ def _take_piece(model, waiting, b, kind, first):
         The lanes first .. first + LANES - 1 of the list.
     """
     prefer_widest_vectors()
-    degree, vr = int(model[slots.DEGREE]), model[slots.VR]
+    degree, vr = int(model[slots.TERMS]), model[slots.VR]
     # The gap to the nearest boundary is edge + side w, that to the other one is span less that.
     edge, span = (vr, 2.0 * vr) if kind == 0 else (-vr, np.inf)
     z = (
@@ -166,7 +176,8 @@ def _take_piece(model, waiting, b, kind, first):
     terms = int(model[slots.STICK_SERIES if kind == 0 else slots.SLIP_SERIES])
     _expand(model, terms, b, z, degree)
     bend = _bend(model, int(model[slots.STICK if kind == 0 else slots.SLIP]), b, z)
-    piece, turn, length = where(rest > 0.0, -1.0, alike(rest, 0.0)), alike(rest, 0.0), rest
+    zero, length = alike(rest, 0.0), rest
+    piece, turn, reached = where(rest > 0.0, -1.0, zero), zero, zero
     for _ in range(MOST_HALVINGS):
         change, _rate = _change_and_rate(b, length, degree)
         side = sign if kind == 1 else where(w + change > 0.0, alike(w, -1.0), 1.0)
@@ -174,23 +185,22 @@ def _take_piece(model, waiting, b, kind, first):
         following, room = fma(side, change, gap), bend * length * length
         both = gap + following
         stays = (following >= 0.0) & (both >= room) & (2.0 * span - both >= room)
-        found = where(stays, length, -1.0)
-        turned = alike(rest, 0.0)
+        found, turned = where(stays, length, -1.0), zero
         if not none((following < 0.0) & (piece < 0.0)):
             exit_at = _exit(b, degree, (side, gap, following), (bend, span), length)
             found = where(exit_at >= 0.0, exit_at, found)
             turned = where(exit_at >= 0.0, side, turned)
-        turn = where(piece < 0.0, turned, turn)
+        turn, reached = where(piece < 0.0, turned, turn), where(piece < 0.0, w + change, reached)
         piece = where(piece < 0.0, found, piece)
         if none(piece < 0.0):
             break
         length = 0.5 * length
-    x1, offset, v1, reached = _evaluate(model, terms, b, z, piece, degree)
+    x1, offset, v1 = _evaluate(model, terms, b, z, piece, degree)
     crosses = abs(turn) > 0.0
     b[_X1], b[_OFFSET], b[_V1] = x1, offset, v1
     b[_W] = where(crosses, -edge * turn, reached)
-    b[_SIGN] = where(crosses, -turn if kind == 0 else alike(turn, 0.0), sign)
-    b[_HELD], b[_REST] = z[5], where(piece < 0.0, alike(piece, -1.0), rest - piece)
+    b[_SIGN] = where(crosses, -turn if kind == 0 else zero, sign)
+    b[_HELD], b[_REST] = z[5], where(piece < 0.0, piece, rest - piece)
     b[_PIECES], b[_LANE] = load(waiting, _PIECES, first) + 1.0, load(waiting, _LANE, first)
 
 
@@ -209,16 +219,16 @@ def _expand(model, k, b, z, degree):
     degree
         Of the series.
     """
-    v_before, w_before, v, w = z[2], z[3], _row(model, k, z), _row(model, k + 6, z)
-    b[_SERIES_V1], b[_SERIES_W] = v_before, w_before
-    b[_SERIES_V1 + 1], b[_SERIES_W + 1] = v, w
+    ratio, v_before, w_before = model[k + slots.RATIO], z[2], z[3]
+    outer = fma(model[k], z[0], fma(model[k + 1], z[2], -model[k + 2] * z[5]))
+    inner = fma(model[k + 3], z[1], fma(model[k + 4], z[3], model[k + 5] * z[4]))
+    v, w = inner - outer, fma(-ratio, inner, outer)
+    b[_SERIES_V1], b[_SERIES_W], b[_SERIES_V1 + 1], b[_SERIES_W + 1] = v_before, w_before, v, w
     for n in range(1, degree):
         own = k + slots.NEXT + slots.TERM * n
-        earlier = fma(model[own + 2], v_before, model[own + 3] * w_before)
-        earlier_w = fma(model[own + 6], v_before, model[own + 7] * w_before)
-        v_before, w_before = v, w
-        v = fma(model[own], v_before, fma(model[own + 1], w_before, earlier))
-        w = fma(model[own + 4], v_before, fma(model[own + 5], w_before, earlier_w))
+        outer = fma(model[own + 1], v, model[own] * v_before)
+        inner = fma(model[own + 3], w, model[own + 2] * w_before)
+        v_before, w_before, v, w = v, w, inner - outer, fma(-ratio, inner, outer)
         b[_SERIES_V1 + n + 1], b[_SERIES_W + n + 1] = v, w
 
 
@@ -274,7 +284,8 @@ def _exit(b, degree, gaps, bounds, length):
         rate = side * rate
         reached = t - fma(side, change, gap) / rate
         inside = (reached >= 0.0) & (reached <= length)
-        is_root = inside & (abs(reached - t) <= CLOSE * reached)
+        step = reached - t
+        is_root = inside & (bend * (step * step) <= ROUND_OFF * abs(rate))  # of what is left
         slope = where(moves > 0.0, rate, slope)
         t = where(moves > 0.0, smaller(larger(nothing, reached), length), t)
         moves = where(is_root, nothing, moves)
@@ -282,14 +293,16 @@ def _exit(b, degree, gaps, bounds, length):
             break
     # It is the first one if the gap falls all the way, or is too large to vanish before.
     bent = bend * t
-    first = larger(larger(gap - bent * t, -slope - 2.0 * bent), -side * b[_SERIES_W + 1] - 2.0 * bent)
+    first = larger(
+        larger(gap - bent * t, -slope - 2.0 * bent), -side * b[_SERIES_W + 1] - 2.0 * bent
+    )
     proved = (first >= 0.0) & (slope < 0.0) & (2.0 * span - gap >= bent * t)
     return where(proved & (following < 0.0) & (moves == 0.0), t, -1.0)
 
 
 @inlined_kernel
 def _evaluate(model, k, b, z, t, degree):
-    """Return x1, x2 - x1, v1 and w at t.
+    """Return x1, x2 - x1 and v1 at t.
 
     Parameters
     ----------
@@ -300,11 +313,11 @@ def _evaluate(model, k, b, z, t, degree):
     t
         As a fraction of the sample interval.
     """
-    x1 = offset = v1 = w = alike(t, 0.0)
+    x1 = offset = v1 = alike(t, 0.0)
     for n in range(degree, 0, -1):
-        v, slip, over = b[_SERIES_V1 + n], b[_SERIES_W + n], model[k + slots.NEXT + slots.TERM * n + 8]
-        v1, w = fma(v1, t, v), fma(w, t, slip)
-        x1, offset = fma(x1, t, over * v), fma(offset, t, over * slip)
-    over = model[k + slots.NEXT + 8]
+        v, over = b[_SERIES_V1 + n], model[k + slots.NEXT + slots.TERM * n + 4]
+        x1, offset = fma(x1, t, over * v), fma(offset, t, over * b[_SERIES_W + n])
+        v1 = fma(v1, t, v)
+    over = model[k + slots.NEXT + 4]
     x1, offset = fma(x1, t, over * z[2]), fma(offset, t, over * z[3])
-    return fma(x1, t, z[0]), fma(offset, t, z[1]), fma(v1, t, z[2]), fma(w, t, z[3])
+    return fma(x1, t, z[0]), fma(offset, t, z[1]), fma(v1, t, z[2])

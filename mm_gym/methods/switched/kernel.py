@@ -82,11 +82,13 @@ def propagate(model, lanes, first, last):
 def propagate_whole(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
     harmonics, in_slip = int(model[at.HARMONIC_COUNT]), _level(model, int(model[SLIP]))
-    scratch, which, left = np.zeros(_SCRATCH_ROWS), np.empty(last - first, np.int64), 0
+    room = np.empty(_SCRATCH_ROWS + last - first)  # one array: to make two takes a lane longer
+    scratch, which, left = room[:_SCRATCH_ROWS], room[_SCRATCH_ROWS:].view(np.int64), 0
+    _clear_added(scratch, min(WIDTH, last - first))
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
         if harmonics > 0:
-            scratch[_ADDED:] = 0.0
+            _clear_added(scratch, count)
             for j in range(harmonics):
                 _add_harmonic(model, lanes, scratch, j, start, count)
         if _some_slip(model[VR], lanes, start, count):
@@ -100,6 +102,14 @@ def propagate_whole(model, lanes, first, last):
     if left > 0 and model[STICK_SERIES] > 0.0:
         left = blocks.advance(model, lanes, which[:left])
     return _follow(model, lanes, which[:left], None) if left > 0 else at.OK
+
+
+@borrowing_kernel
+def _clear_added(scratch, count):
+    """Set what the harmonics add to zero."""
+    for row in range(7):
+        for i in range(count):
+            scratch[_ADDED + row * WIDTH + i] = 0.0
 
 
 @kernel

@@ -5,11 +5,11 @@ from __future__ import annotations
 from mm_gym.kernels import layout as at
 
 # STICK and SLIP hold where the levels of each regime begin, the whole sample interval first, whose
-# length is WHOLE [s]; STICK_SERIES and SLIP_SERIES where its terms do, 0 where there are none.
-VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE, STICK_SERIES, SLIP_SERIES = (
-    at.MODEL_OWN + i for i in range(9)
-)
-REGIMES = at.MODEL_OWN + 9
+# length is WHOLE [s]; STICK_SERIES and SLIP_SERIES where the coefficients of its series do, of
+# TERMS terms, 0 where there are none.
+VR, LAST_LEVEL, STICK, SLIP, LEVEL_SIZE, DEGREE, WHOLE = (at.MODEL_OWN + i for i in range(7))
+STICK_SERIES, SLIP_SERIES, TERMS = (at.MODEL_OWN + i for i in range(7, 10))
+REGIMES = at.MODEL_OWN + 10
 
 # Slots of a level: rows against the inputs (x1, x2, v1, v2, sign, u), or, for w'' now, the change
 # of w and the gains of h**2 |w''| / 2, against the inputs (x1, x2 - x1, v1, w, sign, u).
@@ -25,7 +25,8 @@ HARMONIC_SECOND, HARMONIC_ROWS, HARMONIC_CHANGE, HARMONIC_GAINS, HARMONIC_TURN, 
     16,
 )
 
-# Slots of a regime's terms, for an interval h: of the first terms of v1 and w against the inputs
-# (x1, x2 - x1, v1, w, sign, u); then of each term n + 1 from the second on, for v1 and w, against
-# the terms n of v1 and w, and those before them; h / (n + 1) after each; h**2 |w''| / 2 of term 2.
-FIRST, NEXT, TERM = 0, 12, 9
+# Slots of a regime's terms, for an interval h and accelerations outer = (k1 x1 + d v1 - u) / m1 and
+# inner = (k2 (x2 - x1) + c w + sign f) / m1: h times the coefficients of x1, v1, u, x2 - x1, w and
+# sign in them; RATIO = 1 + m1 / m2 in w' = outer - RATIO inner; then from term n of v1 and w and
+# from that before it to term n + 1: the same of v1 before and v1, of w before and w, h / (n + 1).
+RATIO, NEXT, TERM = 6, 7, 5

@@ -12,7 +12,7 @@ from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
 from mm_gym.kernels.jit import plain
-from mm_gym.methods.base import ExactMethod, Settings, degree, header, refuse_overflow
+from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel
 from mm_gym.methods.switched import layout as switched
@@ -89,15 +89,16 @@ class Switched(ExactMethod):
             "1 / the fastest frequency",
         )
         levels = max(0, int(np.ceil(np.log2(phase / LONGEST_SERIES))))
-        terms = degree(phase / 2.0**levels)
-        laws_of_regimes = (stick, Decimal(0)), (chi, intercept)
+        lines = (stick, Decimal(0)), (chi, intercept)
         with refuse_overflow(support):
-            regimes = [_regime(support, *law, levels).ravel() for law in laws_of_regimes]
+            regimes = [_regime(support, *line, levels).ravel() for line in lines]
             is_plain = levels == 0 and not support.ground
-            series = [_series(support, *law, terms) for law in laws_of_regimes] if is_plain else []
+            terms = max(_terms(support, *line, degree(phase)) for line in lines) if is_plain else 0
+            series = [_series(support, *line, terms) for line in lines] if is_plain else []
         model = header(support, switched.REGIMES - at.MODEL_OWN)
         model[switched.VR], model[switched.LAST_LEVEL] = float(vr), levels
-        model[switched.WHOLE], model[switched.DEGREE] = support.sample_interval, terms
+        model[switched.WHOLE], model[switched.TERMS] = support.sample_interval, terms
+        model[switched.DEGREE] = degree(phase / 2.0**levels)
         model[switched.LEVEL_SIZE] = switched.HARMONICS + switched.HARMONIC_SIZE * len(
             support.ground
         )
@@ -147,18 +148,35 @@ def _regime(support: Support, damping: Decimal, force: Decimal, levels: int) -> 
     )
 
 
+def _terms(support: Support, damping: Decimal, force: Decimal, most: int) -> int:
+    """Return how many terms of the series of one regime count, by the norms of the powers of A.
+
+    Positions are counted in units of velocity over the fastest frequency, or the interval.
+    """
+    interval = support.sample_interval
+    frequency = max(fastest_oscillation(support), 1.0 / interval)
+    units = np.array([1.0 / frequency, 1.0 / frequency, 1.0, 1.0])
+    a = _generator(support, damping, force)[:4, :4].astype(np.float64)
+    step = interval * a * units / units[:, None]
+    term = 0.5 * step @ step
+    for n in range(2, most):
+        term = term @ step / (n + 1)
+        if np.linalg.norm(term, 2) <= 0.5 * ROUND_OFF:  # with all that follow at most twice that
+            return n
+    return most
+
+
 def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> NDArray[np.float64]:
     """Return what the series of one regime need, see `mm_gym.methods.switched.layout`."""
     with localcontext(Context(prec=60)):
-        generator = _generator(support, damping, force)[2:4]
-        interval = Decimal(support.sample_interval)
-        found = [*(interval * generator).ravel()]
+        p, interval = values_of(support.low), Decimal(support.sample_interval)
+        m1, k1, d, k2 = p["m1"], p["k1"], p["d"], p["k2"]
+        found = [interval * x / m1 for x in (k1, d, Decimal(1), k2, damping, force)]
+        found.append(1 + m1 / p["m2"])
         for n in range(terms + 1):
-            step = interval / (n + 1)
-            for row in generator:
-                found += [*(step * row[2:4]), *(step * interval / max(n, 1) * row[:2])]
-            found.append(step)
-    return np.array(found, dtype=object).astype(np.float64)
+            step, before = interval / (n + 1), interval / max(n, 1)
+            found += [step * x / m1 for x in (before * k1, d, before * k2, damping)] + [step]
+    return np.array([float(x) for x in found])
 
 
 def _level(
