@@ -168,15 +168,16 @@ def _terms(support: Support, damping: Decimal, force: Decimal, most: int) -> int
 
 def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> NDArray[np.float64]:
     """Return what the series of one regime need, see `mm_gym.methods.switched.layout`."""
-    with localcontext(Context(prec=60)):
-        p, interval = values_of(support.low), Decimal(support.sample_interval)
-        m1, k1, d, k2 = p["m1"], p["k1"], p["d"], p["k2"]
-        found = [interval * x / m1 for x in (k1, d, Decimal(1), k2, damping, force)]
-        found.append(1 + m1 / p["m2"])
-        for n in range(terms + 1):
-            step, before = interval / (n + 1), interval / max(n, 1)
-            found += [step * x / m1 for x in (before * k1, d, before * k2, damping)] + [step]
-    return np.array([float(x) for x in found])
+    p, interval = values_of(support.low), support.sample_interval
+    m1, m2, k1, d, k2, c, f = (
+        float(x) for x in (*(p[name] for name in ("m1", "m2", "k1", "d", "k2")), damping, force)
+    )
+    n = np.arange(terms + 1)
+    step, before = interval / (n + 1.0), interval / np.maximum(n, 1)
+    columns = before * k1 / m1, np.full(n.size, d / m1), before * k2 / m1, np.full(n.size, c / m1)
+    rest = np.column_stack([*(step * column for column in columns), step])
+    first = interval / m1 * np.array([k1, d, 1.0, k2, c, f])
+    return np.concatenate([first, [1.0 + m1 / m2], rest.ravel()])
 
 
 def _level(
