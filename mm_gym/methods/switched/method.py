@@ -112,10 +112,8 @@ class Switched(ExactMethod):
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work of an interval, and of a change of regime."""
         inputs = STATE_INPUTS + 2 * int(model[at.HARMONIC_COUNT])
-        return (
-            f"7 products with {inputs} inputs; "
-            f"a series of degree {int(model[switched.DEGREE])} per change of regime"
-        )
+        terms = int(model[switched.TERMS] or model[switched.DEGREE])
+        return f"7 products with {inputs} inputs; a series of degree {terms} per change of regime"
 
 
 def refuse_long_interval(support: Support, phase: float, longest: float, unit: str) -> None:
