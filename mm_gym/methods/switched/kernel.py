@@ -6,7 +6,7 @@ exactly. An interval of a level is taken whole if the slip velocity w provably s
 a chord of w over a time h is wrong by at most t (h - t) / 2 times the largest |w''|, which the
 model bounds. Otherwise the interval is halved. The last level is short enough for a Taylor series
 (`series_kernel`), which finds every crossing to round-off, two within one step included; there is
-no tolerance.
+no tolerance. Where there is one level only, `blocks_kernel` follows many such lanes at a time.
 
 The state alone tells the regime: on w = +-v_r the slip acceleration jumps outwards, so a trajectory
 never rests there.
@@ -21,28 +21,7 @@ from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import sign_of
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.methods.switched import blocks_kernel as blocks
-from mm_gym.methods.switched.layout import (
-    CHANGE,
-    DEGREE,
-    GAIN_OF_SECOND,
-    GAINS,
-    HARMONIC_CHANGE,
-    HARMONIC_GAINS,
-    HARMONIC_ROWS,
-    HARMONIC_SECOND,
-    HARMONIC_SIZE,
-    HARMONIC_TURN,
-    HARMONICS,
-    LAST_LEVEL,
-    LEVEL_SIZE,
-    ROWS,
-    SECOND,
-    SLIP,
-    STICK,
-    STICK_SERIES,
-    VR,
-    WHOLE,
-)
+from mm_gym.methods.switched import layout as slots
 from mm_gym.methods.switched.series_kernel import (
     COEFFICIENTS,
     HELD,
@@ -52,8 +31,8 @@ from mm_gym.methods.switched.series_kernel import (
 )
 
 _HARMONIC_SLOTS = (
-    *(HARMONIC_ROWS + 2 * row for row in range(4)),
-    *(HARMONIC_SECOND, HARMONIC_CHANGE, HARMONIC_GAINS),
+    *(slots.HARMONIC_ROWS + 2 * row for row in range(4)),
+    *(slots.HARMONIC_SECOND, slots.HARMONIC_CHANGE, slots.HARMONIC_GAINS),
 )
 
 MOST_INTERVALS = 1 << 20
@@ -73,7 +52,7 @@ _SCRATCH_ROWS = 12 * WIDTH
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval, or a part of it; force and stretch are held."""
     part = model[at.SAMPLE_INTERVAL]
-    if part == model[WHOLE]:
+    if part == model[slots.WHOLE]:
         return propagate_whole(model, lanes, first, last)
     return _follow(model, lanes, np.arange(first, last), part)
 
@@ -81,7 +60,7 @@ def propagate(model, lanes, first, last):
 @kernel
 def propagate_whole(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    harmonics, in_slip = int(model[at.HARMONIC_COUNT]), _level(model, int(model[SLIP]))
+    harmonics, in_slip = int(model[at.HARMONIC_COUNT]), _level(model, int(model[slots.SLIP]))
     room = np.empty(_SCRATCH_ROWS + last - first)  # one array: to make two takes a lane longer
     scratch, which, left = room[:_SCRATCH_ROWS], room[_SCRATCH_ROWS:].view(np.int64), 0
     _clear_added(scratch, min(WIDTH, last - first))
@@ -91,7 +70,7 @@ def propagate_whole(model, lanes, first, last):
             _clear_added(scratch, count)
             for j in range(harmonics):
                 _add_harmonic(model, lanes, scratch, j, start, count)
-        if _some_slip(model[VR], lanes, start, count):
+        if _some_slip(model[slots.VR], lanes, start, count):
             leaving = _propagate(model, lanes, scratch, start, count, in_slip)
         else:  # the common case once motions have decayed
             leaving = _propagate(model, lanes, scratch, start, count, None)
@@ -99,7 +78,7 @@ def propagate_whole(model, lanes, first, last):
             for i in range(count):
                 which[left] = start + i
                 left += int(scratch[_LEAVES + i])
-    if left > 0 and model[STICK_SERIES] > 0.0:
+    if left > 0 and model[slots.STICK_SERIES] > 0.0:
         left = blocks.advance(model, lanes, which[:left])
     return _follow(model, lanes, which[:left], None) if left > 0 else at.OK
 
@@ -142,9 +121,9 @@ def _propagate(model, lanes, scratch, first, count, in_slip):
     compiled without the arithmetic of slip, half of all.
     """
     prefer_widest_vectors()
-    vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
+    vr, stick, slip = model[slots.VR], int(model[slots.STICK]), int(model[slots.SLIP])
     in_stick = _level(model, stick)
-    stick_gain, slip_gain = model[stick + GAIN_OF_SECOND], model[slip + GAIN_OF_SECOND]
+    stick_gain, slip_gain = model[stick + slots.GAIN_OF_SECOND], model[slip + slots.GAIN_OF_SECOND]
     x1s, x2s = lanes[at.X1, first : first + count], lanes[at.X2, first : first + count]
     v1s, v2s = lanes[at.V1, first : first + count], lanes[at.V2, first : first + count]
     us, leaving = lanes[at.FORCE, first : first + count], 0
@@ -179,13 +158,13 @@ def _propagate(model, lanes, scratch, first, count, in_slip):
 def _level(model, k):
     """Return the rows of the level at slot k: of the state, w'' now, the change of w, the gains."""
     return (
-        _six(model, k + ROWS),
-        _six(model, k + ROWS + 6),
-        _six(model, k + ROWS + 12),
-        _six(model, k + ROWS + 18),
-        _six(model, k + SECOND),
-        _six(model, k + CHANGE),
-        _six(model, k + GAINS),
+        _six(model, k + slots.ROWS),
+        _six(model, k + slots.ROWS + 6),
+        _six(model, k + slots.ROWS + 12),
+        _six(model, k + slots.ROWS + 18),
+        _six(model, k + slots.SECOND),
+        _six(model, k + slots.CHANGE),
+        _six(model, k + slots.GAINS),
     )
 
 
@@ -227,8 +206,8 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
     first, count
         The lanes: count from first on.
     """
-    vr, stick, slip = model[VR], int(model[STICK]), int(model[SLIP])
-    harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, HARMONICS + HARMONIC_SIZE * j
+    vr, stick, slip = model[slots.VR], int(model[slots.STICK]), int(model[slots.SLIP])
+    harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, slots.HARMONICS + slots.HARMONIC_SIZE * j
     amplitudes = lanes[harmonic + at.AMPLITUDE, first:]
     cosines, sines = lanes[harmonic + at.COSINE, first:], lanes[harmonic + at.SINE, first:]
     v1s, v2s = lanes[at.V1, first:], lanes[at.V2, first:]
@@ -242,7 +221,7 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
         )
         for i in range(count):
             c, s = amplitudes[i] * cosines[i], amplitudes[i] * sines[i]
-            if _HARMONIC_SLOTS[row] == HARMONIC_GAINS:
+            if _HARMONIC_SLOTS[row] == slots.HARMONIC_GAINS:
                 c, s = abs(c), abs(s)
             in_stick, in_slip = fma(a0, c, a1 * s), fma(b0, c, b1 * s)
             sticks = sign_of(vr, v2s[i] - v1s[i]) == 0.0
@@ -295,11 +274,15 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
     int
         Status.
     """
-    last_level, size, degree = int(model[LAST_LEVEL]), int(model[LEVEL_SIZE]), int(model[DEGREE])
-    vr = model[VR]
+    last_level, size, degree = (
+        int(model[slots.LAST_LEVEL]),
+        int(model[slots.LEVEL_SIZE]),
+        int(model[slots.DEGREE]),
+    )
+    vr = model[slots.VR]
     _load_inputs(model, lanes, i, z)
     p[HELD] = z[6]
-    unit, end = model[WHOLE] / (1 << last_level), 1 << last_level
+    unit, end = model[slots.WHOLE] / (1 << last_level), 1 << last_level
     position, level = 0, 0  # in units of the last level's time
     if part is not None:
         position = end - int(part / unit)
@@ -307,10 +290,12 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
             level += 1
     start = position
     for _ in range(MOST_INTERVALS if start < end else 0):
-        first = (int(model[STICK]) if z[5] == 0.0 else int(model[SLIP])) + level * size
+        first = (int(model[slots.STICK]) if z[5] == 0.0 else int(model[slots.SLIP])) + level * size
         m = model[first : first + size]
-        next_w = z[4] + _slip_row(m, CHANGE, HARMONIC_CHANGE, z)
-        bend = _slip_gain(m, z) + m[GAIN_OF_SECOND] * abs(_slip_row(m, SECOND, HARMONIC_SECOND, z))
+        next_w = z[4] + _slip_row(m, slots.CHANGE, slots.HARMONIC_CHANGE, z)
+        bend = _slip_gain(m, z) + m[slots.GAIN_OF_SECOND] * abs(
+            _slip_row(m, slots.SECOND, slots.HARMONIC_SECOND, z)
+        )
         if _stays(vr, z[5], z[4], next_w, bend):
             _take_interval(m, z)
             z[4] = next_w
@@ -354,7 +339,7 @@ def _load_inputs(model, lanes, i, z):
     for row in range(4):
         z[row] = lanes[row, i]
     z[4] = z[3] - z[2]
-    z[5], z[6] = sign_of(model[VR], z[4]), lanes[at.FORCE, i]
+    z[5], z[6] = sign_of(model[slots.VR], z[4]), lanes[at.FORCE, i]
     for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         z[7 + 2 * j] = lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.COSINE, i]
@@ -366,7 +351,7 @@ def _slip_row(m, row, harmonic_row, z):
     """Return a row of a level times the inputs with offset and slip velocity."""
     total = _product(_six(m, row), (z[0], z[1] - z[0], z[2], z[4], z[5], z[6]))
     for j in range((z.size - 7) // 2):
-        own = HARMONICS + HARMONIC_SIZE * j + harmonic_row
+        own = slots.HARMONICS + slots.HARMONIC_SIZE * j + harmonic_row
         total += m[own] * z[7 + 2 * j] + m[own + 1] * z[8 + 2 * j]
     return total
 
@@ -375,9 +360,9 @@ def _slip_row(m, row, harmonic_row, z):
 def _slip_gain(m, z):
     """Return a level's gains times the magnitudes of the inputs with offset and slip velocity."""
     sizes = (abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6]))
-    total = _product(_six(m, GAINS), sizes)
+    total = _product(_six(m, slots.GAINS), sizes)
     for j in range((z.size - 7) // 2):
-        own = HARMONICS + HARMONIC_SIZE * j + HARMONIC_GAINS
+        own = slots.HARMONICS + slots.HARMONIC_SIZE * j + slots.HARMONIC_GAINS
         total += m[own] * abs(z[7 + 2 * j]) + m[own + 1] * abs(z[8 + 2 * j])
     return total
 
@@ -387,10 +372,10 @@ def _take_interval(m, z):
     """Advance the inputs but w by a level."""
     present = (z[0], z[1], z[2], z[3], z[5], z[6])
     for row in range(4):
-        z[row] = _product(_six(m, ROWS + 6 * row), present)
+        z[row] = _product(_six(m, slots.ROWS + 6 * row), present)
     for j in range((z.size - 7) // 2):
         own, cosine, sine = (
-            HARMONICS + HARMONIC_SIZE * j + HARMONIC_ROWS,
+            slots.HARMONICS + slots.HARMONIC_SIZE * j + slots.HARMONIC_ROWS,
             z[7 + 2 * j],
             z[8 + 2 * j],
         )
@@ -404,7 +389,7 @@ def _turn_harmonics(m, z):
     """Advance the phases of the harmonics by a level."""
     for j in range((z.size - 7) // 2):
         own, cosine, sine = (
-            HARMONICS + HARMONIC_SIZE * j + HARMONIC_TURN,
+            slots.HARMONICS + slots.HARMONIC_SIZE * j + slots.HARMONIC_TURN,
             z[7 + 2 * j],
             z[8 + 2 * j],
         )
