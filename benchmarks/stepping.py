@@ -38,7 +38,7 @@ processes slow them down. Undisturbed: each step of an episode at its fastest of
 """
 EPISODES = f"""{PROCESSOR.strip()} Episodes of at most {LONGEST} control steps under random actions,
 the reset included. Under such actions most spheres slip; while they stick, a step of dry friction
-takes a thirtieth of that.
+takes a sixth of that.
 """
 ACTIONS = 8
 """Arrays of random actions, used in turns."""
