@@ -99,7 +99,7 @@ class Descent(Search):
         first, last = np.log(settings.first_horizon), np.log(settings.horizon)
         horizon = np.exp(first + (last - first) * done)
         self.episodes.run(self.network, training_seeds(settings.seed, count, self.rounds * count))
-        self.episodes.back(self.network, float(np.exp(-1.0 / horizon)))
+        self.episodes.back(self.network, float(np.exp(-1.0 / horizon)), settings.feedback)
         warmth = 0.5 * (1.0 + np.cos(np.pi * done))
         self._follow(settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth))
 

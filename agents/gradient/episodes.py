@@ -91,15 +91,21 @@ class Episodes:
         motion = np.mean(np.sum(self.states * (self.weight @ self.states), axis=1))
         return float(motion + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
 
-    def back(self, network: Network, fade: float) -> None:
+    def back(self, network: Network, fade: float, feedback: float = 1.0) -> None:
         """Write the gradient of the mean cost, as far as it does not fade, into the network.
+
+        Under the best policy no action can be bettered, whatever was observed: what a motion costs
+        by changing later actions is nothing on average. Until then it is what lanes differ in most.
 
         Parameters
         ----------
         network
             That of the last `run`.
         fade
-            Factor in each step; with 1, and `MOST` out of reach, the gradient is exact.
+            Factor in each step.
+        feedback
+            Part of the slopes over the observations that is followed to the motion they show. With
+            1, no fading, and `MOST` out of reach, the gradient is exact.
         """
         network.begin_back()
         part = 2.0 / (self.lanes * self.steps)
@@ -122,7 +128,7 @@ class Episodes:
             network.fade(factor)
             shown = network.back(step, action)
             frames[delay:] += shown.reshape(history, rows, self.lanes)[::-1]
-            state += self.shown.T @ frames[0]
+            state += feedback * (self.shown.T @ frames[0])
             frames[:-1] = frames[1:]
             frames[-1] = 0.0
 

@@ -27,6 +27,9 @@ class GradientSettings(SearchSettings):
     """control steps in which the slopes fade to 1/e, at first"""
     horizon: Positive = 200.0
     """the same at the end"""
+    feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """part of the slopes over observations that is followed to the motion before; 1 is the exact
+    gradient, less is steadier"""
     floor: Positive = 0.05
     """of the correlation units' denominators; a smaller one switches more sharply"""
 

@@ -16,6 +16,7 @@ from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.search.starts import start_of
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
+from agents.training.arrays import load_checkpoint
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, load_scene
 
@@ -71,6 +72,26 @@ class Exact:
         return np.where(follows, exact.T, observation), *rest
 
 
+class Replayed:
+    """An environment that shows what another showed in its first run, whatever is done."""
+
+    def __init__(self, own):
+        self.own, self.plant, self.get_state = own, own.plant, own.get_state
+        self.shown = []
+
+    def reset(self, **options):
+        self.left = iter(self.shown[:])
+        return self._noted(*self.own.reset(**options))
+
+    def step(self, actions):
+        return self._noted(*self.own.step(actions))
+
+    def _noted(self, observation, *rest):
+        if len(self.shown) <= STEPS:
+            self.shown.append(observation)
+        return next(self.left, observation), *rest
+
+
 def policy_for(scene, seed=1):
     """Return a policy with memory and units of random weights, which asks for less than it may."""
     generator = np.random.default_rng(seed)
@@ -86,18 +107,19 @@ def policy_for(scene, seed=1):
 
 
 class TestGradients:
+    @pytest.mark.parametrize("feedback", [0.0, 1.0])
     @pytest.mark.parametrize("kind", SCENES)
-    def test_gradient_is_that_of_central_differences(self, kind, monkeypatch):
+    def test_gradient_is_that_of_central_differences(self, kind, feedback, monkeypatch):
         monkeypatch.setattr(network, "REAL", np.float64)
         monkeypatch.setattr(episodes, "MOST", 1e30)
         task, changes = SCENES[kind]
         scene = load_scene(f"mm_gym/{task}-v0").replace(**SHORT).replace(**changes)
         own = Episodes(scene, LANES)
-        own.env = Exact(own)
+        own.env = Exact(own) if feedback else Replayed(Exact(own))
         net = Network(policy_for(scene), STEPS, LANES)
         cost, draw = own.run(net, range(LANES)), np.random.default_rng(2)
         assert own.free.all()
-        own.back(net, 1.0)
+        own.back(net, 1.0, feedback)
         first, step = net.parameters, 1e-4
         for name, values in first.items():
             way, costs = draw.standard_normal(values.shape), []
@@ -192,6 +214,24 @@ class TestRuns:
         assert not run.finished
         descend(TINY, run)
         assert_same_outcome(run, unbroken)
+
+    @pytest.mark.slow
+    def test_run_killed_ten_times_at_random_instants_ends_as_if_unbroken(self, tmp_path):
+        settings = TINY.model_copy(update={"iterations": 3000})
+        whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+        descend(settings, whole)
+        draw, reached = np.random.default_rng(1), []
+        while len(reached) < 10:
+            process = kills.begin_descent(settings, tmp_path / "broken")
+            process.join(draw.uniform(2.0, 9.0))
+            process.kill()
+            process.join()
+            assert not broken.finished
+            arrays = load_checkpoint(broken.checkpoint) if broken.checkpoint.exists() else {}
+            reached.append(int(arrays.get("gradient/rounds", 0)))
+        assert 0 < reached[-1] < settings.iterations
+        descend(settings, broken)
+        assert_same_outcome(broken, whole)
 
     def test_finished_run_goes_on_with_more_iterations(self, tmp_path):
         run = Run("tiny", tmp_path)
