@@ -23,24 +23,6 @@ def copy_rows(rows, row, target, first, last):
 
 
 @borrowing_kernel
-def copy_as_columns(rows, target, first, last):
-    """Copy rows to the columns of a row-major target, as many as it has.
-
-    Four at a time, because then the compiler transposes in registers.
-    """
-    width = target.shape[1]
-    in_fours = width - width % 4
-    for k in range(0, in_fours, 4):
-        a, b, c, d = rows[k], rows[k + 1], rows[k + 2], rows[k + 3]
-        for i in span(first, last):
-            target[i, k], target[i, k + 1] = a[i], b[i]
-            target[i, k + 2], target[i, k + 3] = c[i], d[i]
-    for k in range(in_fours, width):
-        for i in span(first, last):
-            target[i, k] = rows[k, i]
-
-
-@borrowing_kernel
 def copy_row(lanes, source, target, first, last):
     """Copy a row's lanes."""
     for i in span(first, last):

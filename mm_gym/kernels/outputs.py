@@ -10,13 +10,14 @@ from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
 from mm_gym.kernels.listed import place_of
-from mm_gym.kernels.memory import copy_as_columns, copy_row, copy_rows, fill, span
+from mm_gym.kernels.memory import copy_row, copy_rows, fill, span
 from mm_gym.kernels.random import normals
+from mm_gym.kernels.transposition import copy_as_columns
 
 
 @borrowing_kernel
 def derive(task, model, lanes, first, last):
-    """Write the rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
+    """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
 
     Parameters
     ----------
