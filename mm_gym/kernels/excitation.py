@@ -30,7 +30,7 @@ from mm_gym.kernels.memory import fill
 # harmonics, whether a record has corners between sample instants, whether there are impulses and
 # records, SIZE slots for each part, then the matrices of filters, and the times and values of
 # records.
-CORNERS, IMPULSES, RECORDS, FIRST, SIZE = 1, 2, 3, 4, 6
+CORNERS, IMPULSES, RECORDS, FIRST, SIZE = 1, 2, 3, 4, 7
 KIND, TARGET, ROW, OWN = 0, 1, 2, 3
 IMPULSE, SWEEP, FILTER, RECORD = 0, 1, 2, 3  # kinds
 FORCE, GROUND = 0, 1  # targets
@@ -110,18 +110,31 @@ def excite(model, lanes, streams, interval, first, last):
     first, last
         The lanes first .. last - 1, of one block.
     """
-    base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
     clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
-    for row in range(jets, jets + 2 * terms):
-        fill(lanes, row, 0.0, first, last)
-    for k in range(int(model[base])):
-        slot = base + FIRST + SIZE * k
+    _clear_jets(model, lanes, first, last)
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
         kind = int(model[slot + KIND])
         if kind == SWEEP:
             _add_sweep(model, slot, lanes, clock, first, last)
         elif kind == FILTER:
             row, jet = _row_and_jet(model, slot)
             noise.add(model, slot + OWN, lanes, row, jet, streams, clock, first, last)
+
+
+@borrowing_kernel
+def _clear_jets(model, lanes, first, last):
+    """Set the jets to which a part adds to zero; the others have been zero since the start."""
+    terms = int(model[at.TERMS])
+    for target in range(2):
+        is_added_to = False
+        for k in range(part_count(model)):
+            slot = part_slot(model, k)
+            is_added_to |= not is_impulse(model, slot) and int(model[slot + TARGET]) == target
+        if is_added_to:
+            jet = int(model[at.JETS]) + terms * target
+            for row in range(jet, jet + terms):
+                fill(lanes, row, 0.0, first, last)
 
 
 @borrowing_kernel

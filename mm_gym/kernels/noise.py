@@ -27,9 +27,9 @@ RMS, LOW_PASS, LOW_PASS_DAMPING, HIGH_PASS, HIGH_PASS_DAMPING, RISE, PLATEAU, DE
 STATE, VALUE, ROWS = 8, 12, 13
 FILTER = range(LOW_PASS, HIGH_PASS_DAMPING + 1)  # what its matrices follow from
 
-# Own slots of a part: whether the low-pass hands on its velocity too, the number of states, and the
-# slot of its matrices, 0 where they are drawn.
-PASSES_VELOCITY, STATES, PLACE = range(3)
+# Own slots of a part: whether the low-pass hands on its velocity too, the number of states, the
+# slot of its matrices, 0 where they are drawn, and whether the envelope is 1 at all times.
+PASSES_VELOCITY, STATES, PLACE, IS_LEVEL = range(4)
 
 
 @inlined_kernel
@@ -60,18 +60,6 @@ def _high(m, k, i):
         _next_four(m, k + SPREAD + 3, i),  # the last belongs to the next row
         _next_four(m, k + SPREAD + 6, i),
     )
-
-
-@inlined_kernel
-def _two(m, k, i):
-    """Return the matrices of a low-pass alone, and what its states contribute to the noise."""
-    return _low(m, k, i), (_number(m, k + OUTPUT, i), _number(m, k + OUTPUT + 1, i))
-
-
-@inlined_kernel
-def _four(m, k, i):
-    """Return those of a low-pass and a high-pass."""
-    return _low(m, k, i), _high(m, k, i), _next_four(m, k + OUTPUT, i)
 
 
 @inlined_kernel
@@ -124,37 +112,89 @@ def _envelope(lanes, row, time, i):
 
 
 @inlined_kernel
-def _add_line(total, lanes, row, jet, clock, step, i):
-    """Add the line from the last value to the next to a jet; total: for rms and envelope 1."""
+def _end(lanes, clock, step, i):
+    """Return the time [s] since the start of the episode at the sample interval's end."""
     now, intervals_per_step, interval = clock
     count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
-    before = lanes[row + VALUE, i]
-    after = lanes[row + RMS, i] * _envelope(lanes, row, (count + 1.0) * step, i) * total
+    return (count + 1.0) * step
+
+
+@inlined_kernel
+def _contributed(has_high_pass, m, k, lanes, row, i):
+    """Return what the states contribute to the noise; the matrices begin at number k."""
+    x = _states(lanes, row, i)
+    if has_high_pass:
+        return _product(_next_four(m, k + OUTPUT, i), x)
+    return fma(_number(m, k + OUTPUT, i), x[0], _number(m, k + OUTPUT + 1, i) * x[1])
+
+
+@inlined_kernel
+def _add_line(total, envelope, lanes, row, jet, i):
+    """Add the line from the last value to the next to a jet; total: for rms and envelope 1."""
+    before, after = lanes[row + VALUE, i], lanes[row + RMS, i] * envelope * total
     lanes[row + VALUE, i] = after
     lanes[jet, i] += before
     lanes[jet + 1, i] += after - before
 
 
 @inlined_kernel
-def _step_two(matrices, lanes, row, jet, streams, clock, step, i):
-    """Advance a lane's filter without high-pass, and add to its jet."""
-    low, output = matrices
-    x0, x1 = _low_pass(low, _states(lanes, row, i), normals(streams, i))
-    lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
-    _add_line(fma(output[0], x0, output[1] * x1), lanes, row, jet, clock, step, i)
+def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock, step, first, last):
+    """Add the lines of the filters' outputs to the jets.
+
+    Parameters
+    ----------
+    has_high_pass, is_level
+        Whether the filters have a high-pass, and whether the envelope is 1.
+    m, k
+        The matrices, and the number or row at which they begin.
+    lanes
+        (rows, lanes) float64; the filter's value and the jet are written.
+    row, jet
+        First row of the filter, and of the jet.
+    clock, step
+        Three numbers, see `mm_gym.kernels.excitation`, and the sample interval [s].
+    first, last
+        The lanes first .. last - 1.
+    """
+    if is_level:
+        for i in span(first, last):
+            total = _contributed(has_high_pass, m, k, lanes, row, i)
+            _add_line(total, 1.0, lanes, row, jet, i)
+    else:
+        for i in span(first, last):
+            total = _contributed(has_high_pass, m, k, lanes, row, i)
+            envelope = _envelope(lanes, row, _end(lanes, clock, step, i), i)
+            _add_line(total, envelope, lanes, row, jet, i)
 
 
 @inlined_kernel
-def _step_four(matrices, lanes, row, jet, streams, clock, step, i):
-    """Advance a lane's filter with high-pass, and add to its jet."""
-    low, high, output = matrices
+def _step_two(low, lanes, row, streams, i):
+    """Advance a lane's filter without high-pass."""
+    x0, x1 = _low_pass(low, _states(lanes, row, i), normals(streams, i))
+    lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
+
+
+@inlined_kernel
+def _step_four(low, high, lanes, row, streams, i):
+    """Advance a lane's filter with high-pass."""
     x, g = _states(lanes, row, i), _four_normals(streams, i)
     count_draws(streams, ORDER, i)
     x0, x1 = _low_pass(low, x, g)
     x2, x3 = _high_pass(high, x, g)
     lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
     lanes[row + STATE + 2, i], lanes[row + STATE + 3, i] = x2, x3
-    _add_line(_product(output, (x0, x1, x2, x3)), lanes, row, jet, clock, step, i)
+
+
+@inlined_kernel
+def _step_alone(has_high_pass, m, k, lanes, row, jet, streams, clock, step, i):
+    """Advance a lone lane's filter, without what loops prepare, and add to its jet."""
+    if has_high_pass:
+        _step_four(_low(m, k, i), _high(m, k, i), lanes, row, streams, i)
+    else:
+        _step_two(_low(m, k, i), lanes, row, streams, i)
+    total = _contributed(has_high_pass, m, k, lanes, row, i)
+    envelope = _envelope(lanes, row, _end(lanes, clock, step, i), i)
+    _add_line(total, envelope, lanes, row, jet, i)
 
 
 @inlined_kernel
@@ -182,42 +222,40 @@ def add(model, own, lanes, row, jet, streams, clock, first, last):
     has_high_pass, k = model[own + STATES] == ORDER, int(model[at.EXCITATION]) + place
     if last - first > 1:
         if place == 0:
-            _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last)
+            _add_drawn(model, own, lanes, row, jet, streams, clock, first, last)
         else:
-            _add_shared(has_high_pass, model, k, lanes, row, jet, streams, clock, first, last)
-    # A lone lane does without what loops prepare.
-    elif has_high_pass:
-        if place == 0:
-            _step_four(_four(lanes, drawn, first), lanes, row, jet, streams, clock, step, first)
-        else:
-            _step_four(_four(model, k, 0), lanes, row, jet, streams, clock, step, first)
+            _add_shared(model, own, k, lanes, row, jet, streams, clock, first, last)
     elif place == 0:
-        _step_two(_two(lanes, drawn, first), lanes, row, jet, streams, clock, step, first)
+        _step_alone(has_high_pass, lanes, drawn, lanes, row, jet, streams, clock, step, first)
     else:
-        _step_two(_two(model, k, 0), lanes, row, jet, streams, clock, step, first)
+        _step_alone(has_high_pass, model, k, lanes, row, jet, streams, clock, step, first)
 
 
 @borrowing_kernel
-def _add_shared(has_high_pass, model, k, lanes, row, jet, streams, clock, first, last):
+def _add_shared(model, own, k, lanes, row, jet, streams, clock, first, last):
     """Do so with matrices from slot k of the model on."""
     prefer_widest_vectors()
-    two, four, step = _two(model, k, 0), _four(model, k, 0), model[at.SAMPLE_INTERVAL]
-    if has_high_pass:
+    low, high, step = _low(model, k, 0), _high(model, k, 0), model[at.SAMPLE_INTERVAL]
+    is_level = model[own + IS_LEVEL] > 0.0
+    if model[own + STATES] == ORDER:
         for i in span(first, last):
-            _step_four(four, lanes, row, jet, streams, clock, step, i)
+            _step_four(low, high, lanes, row, streams, i)
+        _add_lines(True, is_level, model, k, lanes, row, jet, clock, step, first, last)
     else:
         for i in span(first, last):
-            _step_two(two, lanes, row, jet, streams, clock, step, i)
+            _step_two(low, lanes, row, streams, i)
+        _add_lines(False, is_level, model, k, lanes, row, jet, clock, step, first, last)
 
 
 @borrowing_kernel
-def _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last):
+def _add_drawn(model, own, lanes, row, jet, streams, clock, first, last):
     """Do so with each lane's own matrices.
 
     In several loops, because the compiler refuses to check so many rows for overlap in one.
     """
     prefer_widest_vectors()
-    k = row + ROWS
+    has_high_pass, is_level = model[own + STATES] == ORDER, model[own + IS_LEVEL] > 0.0
+    k, step = row + ROWS, model[at.SAMPLE_INTERVAL]
     if has_high_pass:
         for i in span(first, last):
             x, g = _states(lanes, row, i), _four_normals(streams, i)
@@ -230,14 +268,9 @@ def _add_drawn(has_high_pass, lanes, row, jet, streams, clock, step, first, last
         x0, x1 = _low_pass(_low(lanes, k, i), _states(lanes, row, i), g)
         lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
     if has_high_pass:
-        for i in span(first, last):
-            total = _product(_next_four(lanes, k + OUTPUT, i), _states(lanes, row, i))
-            _add_line(total, lanes, row, jet, clock, step, i)
+        _add_lines(True, is_level, lanes, k, lanes, row, jet, clock, step, first, last)
     else:
-        for i in span(first, last):
-            x, output = _states(lanes, row, i), k + OUTPUT
-            total = fma(lanes[output, i], x[0], lanes[output + 1, i] * x[1])
-            _add_line(total, lanes, row, jet, clock, step, i)
+        _add_lines(False, is_level, lanes, k, lanes, row, jet, clock, step, first, last)
 
 
 @borrowing_kernel

@@ -8,6 +8,7 @@ to find them in loops over lanes misses many.
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import TYPE_CHECKING, Any
 
@@ -162,6 +163,19 @@ def _fused(_context, x, y, z):
 @overload(fma)
 def _fma_of_vectors(x, y, z):
     return (lambda x, y, z: _fused(x, y, z)) if VECTOR in (x, y, z) else None
+
+
+_root = _operation(VECTOR, lambda builder, x: call(builder, "sqrt", x), 1)
+
+
+def root(x: float) -> float:
+    """Return the square root, not a number below zero."""
+    return np.sqrt(x)
+
+
+@overload(root)
+def _compiled_root(x):
+    return (lambda x: _root(x)) if x == VECTOR else (lambda x: math.sqrt(x))
 
 
 def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:

@@ -98,3 +98,42 @@ def smaller(x: float, y: float) -> float:
 @overload(smaller)
 def _smaller(x, y):
     return lambda x, y: where(y < x, y, x)
+
+
+@intrinsic
+def _bits(_context, mask):
+    def build(_context, builder, _signature, arguments):
+        bits = builder.bitcast(arguments[0], ir.IntType(LANES))
+        return builder.zext(bits, ir.IntType(64))
+
+    return types.int64(mask), build
+
+
+def bits(condition: bool) -> int:  # noqa: FBT001 - as above
+    """Return an integer of which bit k tells whether a condition holds in lane k."""
+    return sum(1 << int(k) for k in np.flatnonzero(condition))
+
+
+@overload(bits)
+def _compiled_bits(condition):
+    if condition == MASK:
+        return lambda condition: _bits(condition)
+    return lambda condition: 1 if condition else 0
+
+
+@intrinsic
+def _lowest(_context, number):
+    def build(_context, builder, _signature, arguments):
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(number), build
+
+
+def lowest(number: int) -> int:
+    """Return the place of the lowest bit that is set, of a number that is not 0."""
+    return (number & -number).bit_length() - 1
+
+
+@overload(lowest)
+def _compiled_lowest(number):
+    return lambda number: _lowest(number)

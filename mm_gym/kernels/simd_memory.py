@@ -148,3 +148,26 @@ def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
         return ROWS(), build
 
     return rows
+
+
+@intrinsic
+def _prefetch(_context, lanes, row, i):
+    def build(context, builder, signature, arguments):
+        byte, integer = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, integer, integer, integer])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        place = builder.bitcast(_pointer(context, builder, signature, arguments), byte)
+        to_write, keep, data = (ir.Constant(integer, value) for value in (1, 3, 1))
+        builder.call(function, [place, to_write, keep, data])
+        return context.get_dummy_value()
+
+    return types.none(lanes, row, i), build
+
+
+def prefetch(lanes: NDArray[np.float64], row: int, i: int) -> None:
+    """Fetch a lane's number into the cache, for what comes a little later."""
+
+
+@overload(prefetch)
+def _compiled_prefetch(lanes, row, i):
+    return lambda lanes, row, i: _prefetch(lanes, row, i)

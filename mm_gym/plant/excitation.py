@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mm_gym.scene.part import Part
 
     Array = NDArray[np.float64]
-    Slots = tuple[float, float, float]
+    Slots = tuple[float, float, float, float]
 
 HARMONIC = -1
 """Code of a harmonic, which has no branch in the kernels: the methods know its rows."""
@@ -84,7 +84,7 @@ class Kind(Generic[P]):
     constants: dict[int, float] = field(default_factory=dict[int, float])
     interval: Callable[[Placed[P]], float] = lambda _: inf
     samples: Callable[[P], tuple[Array, float]] = lambda _: (np.empty(0), 0.0)
-    slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0)
+    slots: Callable[[Placed[P]], Slots] = lambda _: (0.0, 0.0, 0.0, 0.0)
     drawn_rows: Callable[[Placed[P]], int] = lambda _: 0
     prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
 
@@ -142,7 +142,7 @@ def _fraction_of(phase: float, *frequencies: str) -> Callable[[Placed[Any]], flo
 
 
 def _sweep_slots(placed: Placed[Sweep]) -> Slots:
-    return float(placed.part.spacing == "logarithmic"), 0.0, 0.0
+    return float(placed.part.spacing == "logarithmic"), 0.0, 0.0, 0.0
 
 
 def _impulse_interval(placed: Placed[Impulse]) -> float:
@@ -152,7 +152,7 @@ def _impulse_interval(placed: Placed[Impulse]) -> float:
 
 def _impulse_slots(placed: Placed[Impulse]) -> Slots:
     size = placed.part.size
-    return float(isinstance(size, tuple)), *bounds(size)
+    return float(isinstance(size, tuple)), *bounds(size), 0.0
 
 
 def _record_samples(part: Recorded) -> tuple[Array, float]:
@@ -172,7 +172,7 @@ def _record_slots(placed: Placed[Recorded]) -> Slots:
     spacing = float(times[-1]) / (len(times) - 1)  # the shortest one is rounded
     even = spacing * np.arange(len(times))
     is_even = np.all(np.abs(times - even) <= interpolation.ROUND_OFF * even)
-    return placed.data, len(times), spacing if is_even else 0.0
+    return placed.data, len(times), spacing if is_even else 0.0, 0.0
 
 
 def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> float:
@@ -198,6 +198,12 @@ def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> floa
         middle = 0.5 * (low + high)
         low, high = (low, middle) if falls_short(middle) else (middle, high)
     return low
+
+
+def _is_level(placed: Placed[FilteredNoise]) -> bool:
+    """Tell whether the envelope is 1 at all times."""
+    falls = placed.lowest("plateau") < inf and placed.highest("decay") > 0.0
+    return placed.highest("rise") == 0.0 and not falls
 
 
 def _filtered(
@@ -234,7 +240,8 @@ def _filtered(
         return shaping.ORDER if has_high_pass else shaping.ORDER // 2
 
     def slots(placed: Placed[FilteredNoise]) -> Slots:
-        return passes_velocity, states(placed), 0.0 if is_drawn(placed) else placed.data
+        place = 0.0 if is_drawn(placed) else placed.data
+        return passes_velocity, states(placed), place, _is_level(placed)
 
     def prepare(placed: Placed[FilteredNoise], described: Array, interval: float) -> None:
         if not is_drawn(placed):  # else each lane has its own

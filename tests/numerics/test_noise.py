@@ -243,3 +243,16 @@ def test_lanes_have_the_noise_of_a_lone_one(part, drawn):
         alone, *_ = lone.step(np.zeros(lone.action_space.shape, np.float32))
         np.testing.assert_array_equal(together[18], alone)
         np.testing.assert_array_equal(lanes.state[18], lone.state)
+
+
+def test_filters_side_by_side_have_the_matrices_of_each_alone():
+    rng, count = np.random.default_rng(0), 60
+    # Frequencies from slow to fast: the sample interval is halved a different number of times.
+    filters = 10.0 ** rng.uniform([[-1.0], [-2.0]] * 2, [[3.0], [1.0]] * 2, (4, count))
+    filters[2, rng.random(count) < 0.3] = 0.0  # without high-pass
+    listed = np.sort(rng.permutation(count)[:50])
+    together, alone = np.zeros((2, shaping.MATRICES, count))
+    shaping.write_matrices(together, 0, filters, True, 0.005, listed)
+    for i in listed:
+        shaping.write_matrices(alone, 0, filters, True, 0.005, np.array([i]))
+    np.testing.assert_array_equal(together, alone)

@@ -8,8 +8,8 @@ import pytest
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, alike, read_bits, write_bits
-from mm_gym.kernels.simd_masks import larger, none, smaller, where
+from mm_gym.kernels.simd import LANES, alike, read_bits, root, write_bits
+from mm_gym.kernels.simd_masks import bits, larger, lowest, none, smaller, where
 from mm_gym.kernels.simd_memory import rows_of
 
 
@@ -23,7 +23,7 @@ def operations(c):
     c[12], c[13] = where(x == y, 3.0, 4.0), where(x <= y, x, y)
     c[14], c[15] = read_bits(x), write_bits(read_bits(abs(x)))
     c[16], c[17] = alike(x, 5.0), fma(x, y, 2.0) - fma(2.0, x, y)
-    c[18] = alike(x, 1.0 if none(x == 7.0) else 0.0)
+    c[18], c[19] = root(abs(x)), alike(x, 1.0 if none(x == 7.0) else 0.0)
 
 
 @kernel
@@ -32,7 +32,7 @@ def operations_in_rows(numbers):
     operations(rows_of(numbers))
 
 
-ROWS = 19
+ROWS = 20
 
 
 @pytest.mark.parametrize("special", [0.0, -0.0, np.inf, np.nan, 1e-310])
@@ -48,6 +48,22 @@ def test_vectors_give_the_same_results_as_numbers(special: float) -> None:
         for lane in lanes:
             operations(lane)
     assert np.array_equal(start, np.stack(lanes, axis=1), equal_nan=True)
+
+
+@kernel
+def lanes_above(numbers, level):
+    """Return the bits of the lanes whose first number is above a level."""
+    return bits(rows_of(numbers)[0] > level)
+
+
+@pytest.mark.parametrize("lane", [0, 1, LANES // 2, LANES - 1])
+def test_bits_tell_the_lanes(lane: int) -> None:
+    numbers = on_cache_line(LANES)
+    numbers[:] = np.arange(LANES)
+    above = lanes_above(numbers, lane - 0.5)
+    assert above == 2**LANES - 2**lane
+    assert lowest(above) == lane
+    assert lanes_above(numbers, LANES) == 0
 
 
 def test_none_sees_a_single_lane() -> None:
