@@ -26,7 +26,6 @@ from mm_gym.kernels.excitation import (
     part_slot,
 )
 from mm_gym.kernels.impulses import (
-    STRIDE,
     apply_first_impulses,
     has_impulses,
     next_impulse,
@@ -35,6 +34,8 @@ from mm_gym.kernels.impulses import (
     take_impulses,
 )
 from mm_gym.kernels.jit import borrowing_kernel, kernel, named_after
+from mm_gym.kernels.simd import LANES
+from mm_gym.kernels.simd_masks import lowest
 
 ROUND_OFF = 2.0**-50
 """Size of the rounding of a time, relative to it: what lies nearer is one instant."""
@@ -49,9 +50,11 @@ def by_superposition(propagate, respond):
 
     @borrowing_kernel
     @named_after(propagate)
-    def add_few(model, slot, lanes, clock, first, last):
+    def add_few(model, slot, lanes, clock, start, inside):
         row, step = int(model[slot + ROW]) + process.NEXT, model[at.SAMPLE_INTERVAL]
-        for i in range(first, last):
+        while inside != 0:
+            i = start + lowest(inside)
+            inside &= inside - 1
             count = intervals_since(clock, lanes[at.BEGAN, i])
             since = process.earliest(count, step)
             while lanes[row, i] < process.before_end(count, step):
@@ -61,29 +64,31 @@ def by_superposition(propagate, respond):
 
     @borrowing_kernel
     @named_after(propagate)
-    def add_responses(model, lanes, clock, first, last):
-        for k in range(part_count(model)):
-            slot = part_slot(model, k)
-            if not is_impulse(model, slot):
-                continue
-            row, step = int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
-            for start in range(first, last, STRIDE):
-                stop = min(start + STRIDE, last)
-                if process.some_inside(lanes, row, clock, step, start, stop):
-                    add_few(model, slot, lanes, clock, start, stop)
+    def add_responses(model, lanes, clock, groups, first, last):
+        step = model[at.SAMPLE_INTERVAL]
+        while groups != 0:
+            start = first + LANES * lowest(groups)
+            groups &= groups - 1
+            count = min(LANES, last - start)
+            for k in range(part_count(model)):
+                slot = part_slot(model, k)
+                if is_impulse(model, slot):
+                    row = int(model[slot + ROW])
+                    inside = process.lanes_inside(lanes, row, clock, step, start, count)
+                    add_few(model, slot, lanes, clock, start, inside)
 
     @borrowing_kernel
     @named_after(propagate)
     def move(model, lanes, interval, first, last):
-        some_within = False
+        groups_within = 0
         clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
         if excited(model):
             if has_impulses(model):
-                some_within = apply_first_impulses(model, lanes, clock, first, last)
+                groups_within = apply_first_impulses(model, lanes, clock, first, last)
             add_records(model, lanes, clock, first, last)
         status = propagate(model, lanes, first, last)
-        if some_within:
-            add_responses(model, lanes, clock, first, last)
+        if groups_within != 0:
+            add_responses(model, lanes, clock, groups_within, first, last)
         return status
 
     return move
@@ -161,9 +166,9 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
     @named_after(propagate)
     def around_impulses(model, lanes, clock, first, last):
         status, begin, step = at.OK, first, model[at.SAMPLE_INTERVAL]
-        for start in range(first, last, STRIDE):
-            stop = min(start + STRIDE, last)
-            if not some_impulse(model, lanes, clock, start, stop):
+        for start in range(first, last, LANES):
+            stop = min(start + LANES, last)
+            if not some_impulse(model, lanes, clock, start, stop - start):
                 continue
             for i in range(start, stop):
                 count = intervals_since(clock, lanes[at.BEGAN, i])
@@ -180,12 +185,12 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
     @named_after(propagate)
     def move(model, lanes, interval, first, last):
         clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
-        some_within = False
+        groups_within = 0
         if excited(model) and has_impulses(model):
-            some_within = apply_first_impulses(model, lanes, clock, first, last)
+            groups_within = apply_first_impulses(model, lanes, clock, first, last)
         if at_corners(model):
             return walk(model, lanes, clock, first, last)
-        if some_within:
+        if groups_within != 0:
             return around_impulses(model, lanes, clock, first, last)
         return whole(model, lanes, clock, first, last)
 

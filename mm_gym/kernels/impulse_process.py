@@ -13,10 +13,13 @@ import math
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.groups import read
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.listed import run_of
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.random import numbered, uniform
+from mm_gym.kernels.simd import LANES
+from mm_gym.kernels.simd_masks import bits
 
 IS_RANGE, LOWEST, HIGHEST = 0, 1, 2
 """Own slots, of an impulse's size."""
@@ -59,7 +62,7 @@ def _draw(lanes, row, streams, first, last):
         lanes[row + RANDOM, i] = numbered(key, 1.0)
 
 
-@borrowing_kernel
+@inlined_kernel
 def earliest(count, step):
     """Return the time [s] before which no impulse belongs to sample interval `count`.
 
@@ -68,27 +71,65 @@ def earliest(count, step):
     return step * (count * (1.0 - CLOSE))
 
 
-@borrowing_kernel
+@inlined_kernel
 def after_start(count, step):
     """Return the time [s] before which an impulse is at the start of sample interval `count`."""
     return step * (count + CLOSE * max(count, 1.0))
 
 
-@borrowing_kernel
+@inlined_kernel
 def before_end(count, step):
     """Return the time [s] from which on an impulse belongs to a later sample interval."""
     return earliest(count + 1.0, step)
 
 
-@borrowing_kernel
-def some_inside(lanes, row, clock, step, first, last):
-    """Tell whether in one of the lanes an impulse comes before the sample interval's end."""
+@inlined_kernel
+def lanes_inside(lanes, row, clock, step, i, count):
+    """Return in which of the lanes i .. i + count - 1 an impulse comes before the interval's end.
+
+    Parameters
+    ----------
+    lanes
+        (rows, lanes) float64, read.
+    row
+        See above.
+    clock
+        Three numbers, see `mm_gym.kernels.excitation`.
+    step
+        Sample interval [s].
+    i, count
+        The lanes, LANES at most.
+
+    Returns
+    -------
+    int
+        Its bit k stands for lane i + k.
+    """
     now, intervals_per_step, interval = clock
-    some = False
-    for i in span(first, last):
-        count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
-        some |= lanes[row + NEXT, i] < before_end(count, step)
-    return some
+    if count == 1:  # a lone lane does without what vectors prepare
+        passed = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
+        return bits(lanes[row + NEXT, i] < before_end(passed, step))
+    passed = (now - read(lanes, at.BEGAN, i, count)) * intervals_per_step + interval
+    inside = bits(read(lanes, row + NEXT, i, count) < before_end(passed, step))
+    return inside & ((1 << count) - 1)
+
+
+@borrowing_kernel
+def groups_inside(lanes, row, clock, step, first, last):
+    """Return in which groups of lanes an impulse comes before the sample interval's end.
+
+    Arguments are as for `lanes_inside`, but for all lanes of a block, first .. last - 1. Bit k
+    stands for the LANES lanes from first + LANES k on. There are no branches, because which groups
+    have one cannot be predicted.
+    """
+    groups, whole = 0, (last - first) // LANES
+    for k in range(whole):
+        inside = lanes_inside(lanes, row, clock, step, first + LANES * k, LANES)
+        groups |= (1 if inside != 0 else 0) << k
+    rest = first + LANES * whole
+    if rest < last and lanes_inside(lanes, row, clock, step, rest, last - rest) != 0:
+        groups |= 1 << whole
+    return groups
 
 
 @borrowing_kernel
@@ -111,10 +152,10 @@ def take(model, own, lanes, row, since, i):
     """
     now, time, size = lanes[row + NEXT, i], lanes[row + TIME, i], 0.0
     if time == now:
-        size += _size(model, own, lanes, row, 0.0, i)
+        size += size_of(model, own, lanes, row, 0.0, i)
     if lanes[row + RANDOM, i] <= now:
         lanes[row + COUNT, i] += 1.0
-        size += _size(model, own, lanes, row, 2.0 * lanes[row + COUNT, i], i)
+        size += size_of(model, own, lanes, row, 2.0 * lanes[row + COUNT, i], i)
         number = numbered(lanes[row + KEY, i], 2.0 * lanes[row + COUNT, i] + 1.0)
         wait = _wait(number, lanes[row + RATE, i])
         lanes[row + RANDOM, i] = min(max(now, since) + wait, NEVER)
@@ -130,8 +171,8 @@ def _wait(number, rate):
     return -math.log(1.0 - number) / rate
 
 
-@borrowing_kernel
-def _size(model, own, lanes, row, n, i):
+@inlined_kernel
+def size_of(model, own, lanes, row, n, i):
     """Return the size of an impulse [N s] or [m/s]; if it is drawn, from number n."""
     if model[own + IS_RANGE] > 0.0:
         low, high = model[own + LOWEST], model[own + HIGHEST]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import prefer_widest_vectors
 from mm_gym.kernels.excitation import (
     IMPULSES,
     OWN,
@@ -18,15 +19,16 @@ from mm_gym.kernels.excitation import (
     part_count,
     part_slot,
 )
-from mm_gym.kernels.jit import borrowing_kernel
-
-STRIDE = 32
-"""Lanes looked at together for impulses, which are rare."""
+from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
+from mm_gym.kernels.memory import span
+from mm_gym.kernels.simd import LANES
+from mm_gym.kernels.simd_masks import lowest
+from mm_gym.kernels.simd_memory import prefetch
 
 
 @borrowing_kernel
 def apply_first_impulses(model, lanes, clock, first, last):
-    """Apply the impulses at the start of a sample interval; tell whether others come within it.
+    """Apply the impulses at the start of a sample interval; tell in which lanes others come in it.
 
     Parameters
     ----------
@@ -37,35 +39,85 @@ def apply_first_impulses(model, lanes, clock, first, last):
     clock
         Three numbers, see above.
     first, last
-        The lanes first .. last - 1.
+        The lanes first .. last - 1, of one block.
+
+    Returns
+    -------
+    int
+        Its bit k stands for the LANES lanes from first + LANES k on.
     """
-    some, step = False, model[at.SAMPLE_INTERVAL]
+    groups, step = 0, model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
         if not is_impulse(model, slot):
             continue
         row = int(model[slot + ROW])
-        for start in range(first, last, STRIDE):
-            stop = min(start + STRIDE, last)
-            if process.some_inside(lanes, row, clock, step, start, stop):
-                some |= _apply_first(model, slot, lanes, clock, start, stop)
-    return some
+        if last - first > 1 and _is_planned(lanes, row, clock, step, first):
+            _apply_planned(model, slot, lanes, clock, first, last)
+        some = process.groups_inside(lanes, row, clock, step, first, last)
+        while some != 0:
+            group, some = lowest(some), some & (some - 1)
+            start = first + LANES * group
+            inside = process.lanes_inside(lanes, row, clock, step, start, min(LANES, last - start))
+            if _apply_first(model, slot, lanes, clock, start, inside):
+                groups |= 1 << group
+    return groups
+
+
+@inlined_kernel
+def _is_planned(lanes, row, clock, step, i):
+    """Tell whether an impulse at the interval's start comes at its given time, and alone."""
+    count, time = intervals_since(clock, lanes[at.BEGAN, i]), lanes[row + process.TIME, i]
+    is_next = (lanes[row + process.NEXT, i] == time) & (lanes[row + process.RANDOM, i] > time)
+    return is_next & (time < process.after_start(count, step))
 
 
 @borrowing_kernel
-def _apply_first(model, slot, lanes, clock, first, last):
-    """Do so for the impulses of a part in a few lanes."""
-    some, row, step = False, int(model[slot + ROW]) + process.NEXT, model[at.SAMPLE_INTERVAL]
-    for i in range(first, last):
+def _apply_planned(model, slot, lanes, clock, first, last):
+    """Apply such impulses of a part side by side: one at the start of an episode is in all lanes.
+
+    This is what `_apply_first` does with them one after the other.
+    """
+    prefer_widest_vectors()
+    row, own, step = int(model[slot + ROW]), slot + OWN, model[at.SAMPLE_INTERVAL]
+    is_ground = model[slot + TARGET] > 0.0
+    for i in span(first, last):
+        is_planned = _is_planned(lanes, row, clock, step, i)
+        size = 0.0 + process.size_of(model, own, lanes, row, 0.0, i)
+        on_carriage = -size if is_ground else size / lanes[at.M1, i]
+        on_sphere = -size if is_ground else 0.0
+        v1, v2, following = lanes[at.V1, i], lanes[at.V2, i], lanes[row + process.NEXT, i]
+        random = min(lanes[row + process.RANDOM, i], process.NEVER)
+        lanes[at.V1, i] = v1 + on_carriage if is_planned else v1
+        lanes[at.V2, i] = v2 + on_sphere if is_planned else v2
+        lanes[row + process.NEXT, i] = random if is_planned else following
+
+
+@borrowing_kernel
+def _apply_first(model, slot, lanes, clock, start, inside):
+    """Do so for a part in the lanes `inside` from `start` on; tell whether impulses are left."""
+    some, row, step = False, int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
+    while inside != 0:
+        i = start + lowest(inside)
+        inside &= inside - 1
         count = intervals_since(clock, lanes[at.BEGAN, i])
-        if lanes[row, i] < process.before_end(count, step):
-            since = process.earliest(count, step)
-            while lanes[row, i] < process.after_start(count, step):
-                v1, v2 = take_impulse(model, slot, lanes, since, i)
-                lanes[at.V1, i] += v1
-                lanes[at.V2, i] += v2
-            some |= lanes[row, i] < process.before_end(count, step)
+        since = process.earliest(count, step)
+        while lanes[row + process.NEXT, i] < process.after_start(count, step):
+            v1, v2 = take_impulse(model, slot, lanes, since, i)
+            lanes[at.V1, i] += v1
+            lanes[at.V2, i] += v2
+        if lanes[row + process.NEXT, i] < process.before_end(count, step):
+            _fetch(lanes, row, i)
+            some = True
     return some
+
+
+@inlined_kernel
+def _fetch(lanes, row, i):
+    """Fetch what `take_impulse` reads in a lane, which would wait for one row after the other."""
+    prefetch(lanes, at.M1, i)
+    for own in range(process.ROWS):
+        prefetch(lanes, row + own, i)
 
 
 @borrowing_kernel
@@ -84,14 +136,14 @@ def has_impulses(model):
 
 
 @borrowing_kernel
-def some_impulse(model, lanes, clock, first, last):
-    """Tell whether in one of the lanes an impulse comes before the sample interval's end."""
+def some_impulse(model, lanes, clock, i, count):
+    """Tell if in one of the lanes i .. i + count - 1 an impulse comes before the interval's end."""
     step = model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
         slot = part_slot(model, k)
         if is_impulse(model, slot):
             row = int(model[slot + ROW])
-            if process.some_inside(lanes, row, clock, step, first, last):
+            if process.lanes_inside(lanes, row, clock, step, i, count) != 0:
                 return True
     return False
 

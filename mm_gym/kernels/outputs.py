@@ -25,15 +25,19 @@ def derive(task, model, lanes, first, last):
         (t,) and (m,), read.
     lanes
         (rows, lanes) float64, read, and those rows written: the first three of them only if a
-        channel shows one of the three.
+        channel shows one of the three, DISTURBANCE only then or if a channel shows it.
     first, last
         The lanes first .. last - 1.
     """
     if not task[at.IS_DERIVED] > 0.0:
         return
-    write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
+    has_reactions, is_pushed = task[at.HAS_REACTIONS] > 0.0, False
+    for k in range(int(task[at.CHANNEL_COUNT])):
+        is_pushed |= rows_of(task, k)[0] == at.DISTURBANCE
+    if has_reactions or is_pushed:
+        write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
     write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
-    if task[at.HAS_REACTIONS] > 0.0:
+    if has_reactions:
         for i in range(first, last):
             write_reactions(lanes, i)
 

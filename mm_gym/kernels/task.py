@@ -42,20 +42,21 @@ def command(task, lanes, actions, rewards, first, last):
     first, last
         The lanes first .. last - 1.
     """
-    has_force = task[at.HAS_FORCE] > 0.0
+    has_force, has_stretch = task[at.HAS_FORCE] > 0.0, task[at.HAS_STRETCH] > 0.0
     if has_force:
         push(task, lanes, actions, rewards, first, last)
-    else:
+    if has_stretch:
+        behind_forces = actions.shape[0] // 2 if has_force else 0
+        tune(task, lanes, actions[behind_forces:], rewards, has_force, first, last)
+    elif not has_force:
         for i in span(first, last):
             rewards[i] = 0.0
-    if task[at.HAS_STRETCH] > 0.0:
-        behind_forces = actions.shape[0] // 2 if has_force else 0
-        tune(task, lanes, actions[behind_forces:], rewards, first, last)
 
 
 @borrowing_kernel
 def push(task, lanes, actions, rewards, first, last):
     """Apply a force [N] and begin the rewards with the cost of its action."""
+    prefer_widest_vectors()
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
     lag_factor = task[at.FORCE_LAG_FACTOR]
     if task[at.FORCE_IS_RATE] > 0.0:
@@ -81,8 +82,25 @@ def push(task, lanes, actions, rewards, first, last):
 
 
 @borrowing_kernel
-def tune(task, lanes, asked, rewards, first, last):
-    """Set the stretch [-] and subtract the cost of its action from the rewards."""
+def tune(task, lanes, asked, rewards, begun, first, last):
+    """Set the stretch [-] and subtract the cost of its action from the rewards.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; the stretch is written.
+    asked
+        (lanes,) float32 or float64, read: the actions; clipped to [-1, 1].
+    rewards
+        (lanes,) float64, written.
+    begun
+        Whether the rewards hold the cost of the force already, or nothing yet.
+    first, last
+        The lanes first .. last - 1.
+    """
+    prefer_widest_vectors()
     low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
     lag_factor, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
     middle, half = 0.5 * (high + low), 0.5 * (high - low)
@@ -95,12 +113,12 @@ def tune(task, lanes, asked, rewards, first, last):
                 lanes[at.STRETCH_ASKED, i],
             )
             lanes[at.STRETCH, i] = approach(present, wanted, lag_factor, rate, low, high)
-            rewards[i] -= weight * a * a
+            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
     else:
         for i in span(first, last):
             a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
             lanes[at.STRETCH, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
-            rewards[i] -= weight * a * a
+            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
 
 
 @borrowing_kernel
@@ -154,6 +172,7 @@ def approach(present, wanted, lag_factor, rate, low, high):
 @borrowing_kernel
 def score(task, lanes, rewards, first, last):
     """Subtract the state's cost from the rewards; return the status."""
+    prefer_widest_vectors()
     weights, lost = state_weights(task), False
     for i in span(first, last):
         cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])

@@ -241,6 +241,13 @@ def test_lanes_with_impulses_equal_single_ones(plant):
     assert_lanes_equal_single(compile_scene(scene), 12, 150)
 
 
+@pytest.mark.parametrize("target", ["force", "ground"])
+def test_lanes_with_impulses_at_the_start_equal_single_ones(target):
+    # One of a random size, and at random times too; one of a given size.
+    parts = [RANDOM | {"time": 0.0, "target": target}, impulse(0.0, 0.1, target)]
+    assert_lanes_equal_single(compile_scene(BASE.replace(excitation=parts)), 3, 37)
+
+
 def test_state_saved_between_impulses_continues_with_the_same_ones():
     scene = BASE.replace(
         excitation=[RANDOM, impulse(0.155, 0.1), impulse(0.21, 0.1, "ground")],
