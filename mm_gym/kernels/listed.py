@@ -1,10 +1,12 @@
-"""Lists of lanes, and rows set and copied in the lanes listed.
+"""Lists of lanes, and rows set, copied, gathered and scattered in the lanes listed.
 
 Lists are in ascending order. If one is a run of neighbours, as in a reset of all lanes, the
 compiler vectorises the loops over it.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
@@ -50,3 +52,17 @@ def copy_within(rows, source, target, which):
     if last == first:
         for k in span(0, which.shape[0]):
             rows[target, which[k]] = rows[source, which[k]]
+
+
+@borrowing_kernel
+def gather_row(rows, row, gathered, which, first):
+    """Copy a row of the lanes listed to the same row of others, side by side from `first` on."""
+    for k in span(0, which.shape[0]):
+        gathered[row, np.uintp(first) + k] = rows[row, np.uintp(which[k])]
+
+
+@borrowing_kernel
+def scatter_row(gathered, source, rows, target, which, first):
+    """Copy a row of lanes side by side, from `first` on, to a row of the lanes listed."""
+    for k in span(0, which.shape[0]):
+        rows[target, np.uintp(which[k])] = gathered[source, np.uintp(first) + k]

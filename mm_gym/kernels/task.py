@@ -248,6 +248,7 @@ def check_termination(task, lanes, ends, first, last):
         fill(ends, at.TERMINATED, False, first, last)
     for i in range(last - first):
         late[i] = now - began[i] >= steps
+    for i in range(last - first):  # apart: bytes alone fill longer vectors
         ended |= over[i] | late[i]
     if not ends[at.MARKED, first]:  # else episodes may end in the next step too
         oldest = 0

@@ -20,6 +20,7 @@ from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
 from mm_gym.kernels.random import seed_streams
+from mm_gym.kernels.restarts import restart_gathered, rows_of_start
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
 
     Values = NDArray[np.float64]
+
+SEVERAL = 64
+"""Lanes that are restarted together take less time gathered, if there are so many."""
 
 STATE_ARRAYS = ("values", "streams", "frames", "terminated", "truncated")
 """The arrays that make up the state of a set of lanes."""
@@ -90,6 +94,9 @@ class Lanes:
         # Looked up once: with few lanes to restart, that takes longer than they do.
         self._products, self._is_excited = plant.support.products, plant.support.sampled
         self._is_noisy = bool(plant.task[at.IS_NOISY])
+        self._can_gather = not (
+            self._products or self._is_excited or bool(plant.task[at.IS_DERIVED])
+        )
         self._bind_steps()
         self._bind_episodes()
         expect(self._advance, episodes.start, episodes.show_first)
@@ -145,6 +152,22 @@ class Lanes:
     def _list_ended(self) -> Callable[..., int]:
         """Compiled when it is first used: a single environment does without."""
         return entry_point(episodes.list_ended, *self._listing)
+
+    @cached_property
+    def _restart_gathered(self) -> Callable[..., int]:
+        """Bound and compiled when it is first used, as `_list_ended`."""
+        plant, count = self.plant, self.count
+        constants = plant.template, plant.draws, plant.model, plant.task
+        return self._threads.bind(
+            restart_gathered,
+            *constants,
+            *(self._values, self.streams, self._frames, self._ends),
+            *rows_of_start(*constants),
+            rows_of(len(plant.template), count, np.float64),
+            rows_of(2, count, np.uint64),
+            rows_of(len(plant.channels), count, np.float32),
+            np.arange(count),
+        )
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
         """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.
@@ -227,6 +250,9 @@ class Lanes:
         """
         if which is None:
             which = np.arange(self.count)
+        if self._can_gather and seen and not fixed and _are_apart(which):
+            self._restart_gathered(which, paused, self.rewards)
+            return
         rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
         self._start(which, rows, values)
         if self._products:
@@ -321,3 +347,8 @@ class Lanes:
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
+
+
+def _are_apart(which: NDArray[np.int64]) -> bool:
+    """Tell whether lanes listed in ascending order are several, and not all neighbours."""
+    return len(which) >= SEVERAL and which[-1] - which[0] >= len(which)
