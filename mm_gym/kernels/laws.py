@@ -12,6 +12,10 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.memory import span
 
+REGIMES_READ = at.VR, at.MU1, at.MU2, at.FN
+REGIMES_WRITTEN = at.C, at.KINETIC_FORCE
+"""Rows of `write_regimes`."""
+
 
 @inlined_kernel
 def carriage_force(k1, alpha, beta, x1):

@@ -13,6 +13,7 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.episodes import complete, draw, fill_history
 from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.kernels.laws import REGIMES_READ, REGIMES_WRITTEN
 from mm_gym.kernels.listed import gather_row, place_of, scatter_row, set_row
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.random import COUNT, KEY
@@ -38,8 +39,8 @@ def rows_of_start(
     if task[at.STRETCH_IS_RATE]:
         written.append(at.STRETCH_ASKED)
     if template[at.VR] or at.VR in drawn:
-        read += [at.VR, at.MU1, at.MU2, at.FN]
-        written += [at.C, at.KINETIC_FORCE]
+        read += REGIMES_READ
+        written += REGIMES_WRITTEN
     for j in range(int(model[at.HARMONIC_COUNT])):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         read += [harmonic + at.FREQUENCY, harmonic + at.PHASE]
