@@ -128,6 +128,7 @@ def test_off_policy_runs_killed_at_random_instants_end_as_if_uninterrupted(wante
     assert_same_outcome(broken, whole)
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_of_an_off_policy_training_waits_for_the_step_and_loses_nothing(tmp_path):
     settings = tiny("sac", steps=600)
     whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")

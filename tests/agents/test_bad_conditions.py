@@ -108,6 +108,7 @@ def test_missing_optuna_is_named(monkeypatch):
     assert caught.value.code == said
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_second_ctrl_c_does_not_wait(tmp_path, monkeypatch):
     settings = TrainSettings(
         task=SMALL.task, name="small", lanes=8, steps=800, algorithm="sac", evaluations=1
