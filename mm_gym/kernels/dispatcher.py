@@ -10,10 +10,11 @@ code, as a whole. And the compiler leaves out its passes for what no kernel cont
 
 from __future__ import annotations
 
+import secrets
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from numba.core import compiler, sigutils, typed_passes, typing, untyped_passes
+from numba.core import bytecode, compiler, sigutils, typed_passes, typing, untyped_passes
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
@@ -49,6 +50,11 @@ PASSES = (
     typed_passes.NoPythonBackend,
 )
 """Numba's, without those for closures, generators, literal types and lifted loops."""
+
+# Numba tells functions of one name apart by a count that every process begins anew: linked from a
+# cache that several processes filled, one would come in the place of another
+# (https://github.com/numba/numba/issues/10486).
+bytecode.FunctionIdentity._unique_ids = iter(lambda: secrets.randbits(64), None)
 
 
 class Pipeline(compiler.CompilerBase):

@@ -188,3 +188,54 @@ def test_code_for_other_arguments_is_not_taken_when_two_processes_number_theirs_
     one.save("one", "code")
     other._save_index(index)
     assert other.load("other") is None
+
+
+CLOSURES = """
+from numba.extending import overload
+from mm_gym.kernels.jit import kernel
+
+def doubled(x): ...
+
+def tripled(x): ...
+
+def multiplied(function, factor):
+    @overload(function)
+    def _(x):
+        return lambda x: factor * x
+
+multiplied(doubled, 2.0)
+multiplied(tripled, 3.0)
+
+@kernel
+def twice(x):
+    return doubled(x)
+
+@kernel
+def thrice(x):
+    return tripled(x)
+
+@kernel
+def first(x):
+    return twice(x)
+
+@kernel
+def second(x):
+    return thrice(x)
+
+@kernel
+def both(x):
+    return twice(x), thrice(x)
+"""
+
+
+def test_closures_of_one_name_stay_apart_though_two_processes_number_them_alike(tmp_path):
+    (tmp_path / "module.py").write_text(CLOSURES)
+
+    def printed(name):
+        program = f"import module; print(module.{name}(1.0))"
+        process = start(program, folder=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        out, err = process.communicate()
+        assert process.returncode == 0, err
+        return out.strip()
+
+    assert [printed(name) for name in ("first", "second", "both")] == ["2.0", "3.0", "(2.0, 3.0)"]
