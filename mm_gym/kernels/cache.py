@@ -221,13 +221,13 @@ class KernelCache(caching.FunctionCache):
     def _index_key(self, sig: object, codegen: Any) -> tuple[object, ...]:  # noqa: ANN401 - numba's
         # Kernels close over other kernels only, and the stamp covers their text: their names
         # identify the closure.
-        return (sig, codegen.magic_tuple(), _closed_over(self._py_func))
+        return (sig, codegen.magic_tuple(), closed_over(self._py_func))
 
 
-def _closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
+def closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
     """Return the names of the kernels that a kernel closes over, and that those close over."""
     kernels = [cell.cell_contents for cell in function.__closure__ or ()]
     return tuple(
-        (kernel.__module__, kernel.__qualname__, _closed_over(getattr(kernel, "py_func", kernel)))
+        (kernel.__module__, kernel.__qualname__, closed_over(getattr(kernel, "py_func", kernel)))
         for kernel in kernels
     )

@@ -10,7 +10,7 @@ from mm_gym.kernels.escapes import are_terminated
 from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.impulses import apply_first_impulses
-from mm_gym.kernels.jit import borrowing_kernel, named_after, plain
+from mm_gym.kernels.jit import borrowing_kernel, plain
 from mm_gym.kernels.outputs import derive, observe
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
 
@@ -104,7 +104,7 @@ def build(
         propagate,
         cross,
         stops_at_corners,
-        *((is_simple, _advance(at_once, at_once)) if at_once else (None, None)),
+        *((is_simple, _advance(at_once)) if at_once else (None, None)),
     )
 
 
@@ -125,18 +125,16 @@ def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
     """Return a kernel that propagates through a sample interval without sampled excitation."""
 
     @borrowing_kernel
-    @named_after(propagate)
     def move(model, lanes, interval, first, last):  # noqa: ARG001 - those of `crossing` have it
         return propagate(model, lanes, first, last)
 
     return move
 
 
-def _advance(step: Callable[..., int], namesake: Callable[..., object]) -> Callable[..., int]:
+def _advance(step: Callable[..., int]) -> Callable[..., int]:
     """Return the entry that makes a control step by a kernel such as `in_turn` returns."""
 
     @borrowing_kernel
-    @named_after(namesake)
     def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step, without resets; none moves if one action is not finite.
 
@@ -186,7 +184,6 @@ def _entries(
     """
 
     @borrowing_kernel
-    @named_after(cross)
     def run(model, task, lanes, streams, commands, starts, states, applied, jets):
         """Simulate lane 0 and record every sample interval.
 
@@ -233,7 +230,7 @@ def _entries(
             lanes[at.NOW, 0] += 1.0
         return at.OK
 
-    return _advance(in_turn(cross, disturb), cross), run
+    return _advance(in_turn(cross, disturb)), run
 
 
 def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable[..., int]:
@@ -243,7 +240,6 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
     """
 
     @borrowing_kernel
-    @named_after(cross)
     def move(task, model, lanes, streams, actions, rewards, first, last):
         """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
         command(task, lanes, actions, rewards, first, last)
@@ -256,7 +252,6 @@ def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable
         return max(status, score(task, lanes, rewards, first, last))
 
     @borrowing_kernel
-    @named_after(cross)
     def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
         """Make one control step.
 

@@ -33,7 +33,7 @@ from mm_gym.kernels.impulses import (
     take_impulse,
     take_impulses,
 )
-from mm_gym.kernels.jit import borrowing_kernel, kernel, named_after
+from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.simd import LANES
 from mm_gym.kernels.simd_masks import lowest
 
@@ -49,7 +49,6 @@ def by_superposition(propagate, respond):
     """
 
     @borrowing_kernel
-    @named_after(propagate)
     def add_few(model, slot, lanes, clock, start, inside):
         row, step = int(model[slot + ROW]) + process.NEXT, model[at.SAMPLE_INTERVAL]
         while inside != 0:
@@ -63,7 +62,6 @@ def by_superposition(propagate, respond):
                 respond(model, lanes, step - elapsed, v1, v2, i)
 
     @borrowing_kernel
-    @named_after(propagate)
     def add_responses(model, lanes, clock, groups, first, last):
         step = model[at.SAMPLE_INTERVAL]
         while groups != 0:
@@ -78,7 +76,6 @@ def by_superposition(propagate, respond):
                     add_few(model, slot, lanes, clock, start, inside)
 
     @borrowing_kernel
-    @named_after(propagate)
     def move(model, lanes, interval, first, last):
         groups_within = 0
         clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
@@ -120,7 +117,6 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
     """
 
     @kernel
-    @named_after(propagate)
     def walk(model, lanes, clock, first, last):
         own, terms, row = int(model[at.EXCITATION]), int(model[at.TERMS]), int(model[at.JETS])
         harmonics, step = int(model[at.HARMONIC_COUNT]), model[at.SAMPLE_INTERVAL]
@@ -156,14 +152,12 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
         return status
 
     @borrowing_kernel
-    @named_after(propagate)
     def whole(model, lanes, clock, first, last):
         if excited(model):
             add_records(model, lanes, clock, first, last)
         return propagate(model, lanes, first, last)
 
     @borrowing_kernel
-    @named_after(propagate)
     def around_impulses(model, lanes, clock, first, last):
         status, begin, step = at.OK, first, model[at.SAMPLE_INTERVAL]
         for start in range(first, last, LANES):
@@ -182,7 +176,6 @@ def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
         return status
 
     @borrowing_kernel
-    @named_after(propagate)
     def move(model, lanes, interval, first, last):
         clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
         groups_within = 0

@@ -38,21 +38,6 @@ def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compiled(function, nrt=False, inline=True)
 
 
-def named_after(kernel: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Give a function that closes over a kernel a name of its own.
-
-    Compiled code is found by the function's name and the types of its arguments, that of a helper
-    too. Numba's count of functions tells closures of one name apart within a process only: filled
-    by several, the cache leads from one to the code of another.
-    """
-
-    def name(function: Callable[..., Any]) -> Callable[..., Any]:
-        function.__qualname__ += f"[{kernel.__module__}.{kernel.__qualname__}]"
-        return function
-
-    return name
-
-
 @cache
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Return a kernel as plain Python, its helpers too: for decimals, arrays, or a few numbers.

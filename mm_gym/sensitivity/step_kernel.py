@@ -8,7 +8,7 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.crossing import by_pieces, by_superposition
 from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
-from mm_gym.kernels.jit import borrowing_kernel, named_after
+from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
 from mm_gym.kernels.outputs import next_noisy
 from mm_gym.kernels.random import count_draws
@@ -47,7 +47,6 @@ def step_by(
     """
 
     @borrowing_kernel
-    @named_after(cross)
     def step(task, model, lanes, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, of one block.
 

@@ -8,7 +8,7 @@ import sys
 
 from source_imports import PACKAGE, file_of, imported_by
 
-from mm_gym.kernels.cache import sources
+from mm_gym.kernels.cache import closed_over, sources
 from mm_gym.methods import METHODS
 
 DECORATORS = ("kernel", "borrowing_kernel", "inlined_kernel", "sharing_kernel")
@@ -94,13 +94,18 @@ def closures_of(kernel):
     return {function}.union(*inner)
 
 
-def test_no_two_kernels_are_compiled_to_code_of_the_same_name():
-    """Else one is found in place of the other, where two processes have filled the cache."""
+def key_of(kernel):
+    return kernel.__module__, kernel.__qualname__, closed_over(kernel)
+
+
+def test_kernels_of_one_key_in_the_cache_have_the_same_code():
+    """Else one is found in place of the other."""
     entries = {entry for method in METHODS for entry in method.entries if callable(entry)}
     kernels = set().union(*(closures_of(entry) for entry in entries))
-    names = {(kernel.__module__, kernel.__qualname__) for kernel in kernels}
+    keys = {key_of(kernel) for kernel in kernels}
     # in_turn's two and the three entries of each propagation; two methods have one in common
-    assert len(names) == len(kernels) > 4 * len(METHODS)
+    assert len({(key_of(kernel), kernel.__code__) for kernel in kernels}) == len(keys)
+    assert len(keys) > 4 * len(METHODS)
 
 
 def kernels_of(file):
