@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
+
 from agents import train as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
@@ -49,6 +51,19 @@ def begin_tuning(settings: TuneSettings, root: Path, touches: int | None = None)
 def begin_command(arguments: list[str], folder: Path):
     """Run ``python -m agents.train`` in a new process and a folder, where it writes ``errors``."""
     return _begin(_command, arguments, folder)
+
+
+def kill_ten_times(begin, settings: RunSettings, root: Path) -> Run:
+    """Kill a search at random instants, which goes on from where it was; return its run."""
+    run, draw = Run(settings.name, root), np.random.default_rng(1)
+    for _ in range(10):
+        process = begin(settings, root)
+        process.join(draw.uniform(2.0, 9.0))
+        process.kill()
+        process.join()
+        assert not run.finished
+    assert run.checkpoint.exists()
+    return run
 
 
 def _begin(target, *arguments):

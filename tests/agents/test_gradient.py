@@ -16,7 +16,6 @@ from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.search.starts import start_of
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
-from agents.training.arrays import load_checkpoint
 from agents.training.runs import Run, RunError
 from mm_gym import DesignError, load_scene
 
@@ -218,18 +217,9 @@ class TestRuns:
     @pytest.mark.slow
     def test_run_killed_ten_times_at_random_instants_ends_as_if_unbroken(self, tmp_path):
         settings = TINY.model_copy(update={"iterations": 3000})
-        whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+        whole = Run("tiny", tmp_path / "whole")
         descend(settings, whole)
-        draw, reached = np.random.default_rng(1), []
-        while len(reached) < 10:
-            process = kills.begin_descent(settings, tmp_path / "broken")
-            process.join(draw.uniform(2.0, 9.0))
-            process.kill()
-            process.join()
-            assert not broken.finished
-            arrays = load_checkpoint(broken.checkpoint) if broken.checkpoint.exists() else {}
-            reached.append(int(arrays.get("gradient/rounds", 0)))
-        assert 0 < reached[-1] < settings.iterations
+        broken = kills.kill_ten_times(kills.begin_descent, settings, tmp_path / "broken")
         descend(settings, broken)
         assert_same_outcome(broken, whole)
 
