@@ -160,14 +160,10 @@ def informed_laws(scene: Scene) -> list[Controller]:
 def switched_springs(scene: Scene) -> list[Feedback]:
     """Return the clipped LQR beside a regulator of the force, and one with feed-forward."""
     found = best_lqr_with_clipped_lqr(scene)
-    assert isinstance(found.law, Both)  # noqa: S101 - as it was made
-    clipped = found.law.stretch
-    assert isinstance(clipped, ClippedLQR)  # noqa: S101 - as it was made
     try:
-        force = FeedforwardLQR(scene, clipped.about)
+        return [found, _with_feedforward(scene, found)]
     except DesignError:  # no noise
         return [found]
-    return [found, Feedback(scene, Both(force, clipped))]
 
 
 def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
@@ -280,6 +276,18 @@ def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
         scene,
         lambda stretch, price: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, price)),
     )
+
+
+def best_feedforward_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
+    """Search the clipped LQR as beside a regulator, then give the regulator feed-forward."""
+    return _with_feedforward(scene, best_lqr_with_clipped_lqr(scene))
+
+
+def _with_feedforward(scene: Scene, found: Feedback) -> Feedback:
+    assert isinstance(found.law, Both)  # noqa: S101 - as it was made
+    clipped = found.law.stretch
+    assert isinstance(clipped, ClippedLQR)  # noqa: S101 - as it was made
+    return Feedback(scene, Both(FeedforwardLQR(scene, clipped.about), clipped))
 
 
 def _stretches(scene: Scene) -> NDArray[np.float64]:

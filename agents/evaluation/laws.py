@@ -15,6 +15,7 @@ from agents.evaluation.baselines import (
     FURTHER,
     best_clipped_lqr,
     best_constant,
+    best_feedforward_lqr_with_clipped_lqr,
     best_lqr_at_constant_stretch,
     best_lqr_with_clipped_lqr,
     best_on_off_stiffness,
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
     Make = Callable[[Scene], Controller]
 
 RANDOM, MATCHING = "random", "matching-stretch"
+FEEDFORWARD = "feedforward-lqr-and-clipped-lqr"
+
+NOISES = ("noise", "kanai_tajimi", "clough_penzien")
+"""Excitation whose next values can be expected."""
 
 ALWAYS: Mapping[str, Make] = {
     RANDOM: RandomActions,
@@ -66,11 +71,15 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
         "lqr-and-clipped-lqr": best_lqr_with_clipped_lqr,
+        FEEDFORWARD: best_feedforward_lqr_with_clipped_lqr,
     },
 }
 """Laws for the actuators that a scene has, beside those of `FURTHER`."""
 
-PRICED = ("lqr", "lqg", "finite-horizon-lqr", "linear-mpc", "h-infinity", "lqr-and-clipped-lqr")
+PRICED = (
+    *("lqr", "lqg", "finite-horizon-lqr", "linear-mpc", "h-infinity"),
+    *("lqr-and-clipped-lqr", FEEDFORWARD),
+)
 """Laws that need a force with a price, commanded by value."""
 
 TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
@@ -84,8 +93,11 @@ def laws(scene: Scene) -> dict[str, Make]:
     if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
         for name in PRICED:
             found.pop(name, None)
+    kinds = {part.kind for part in scene.excitation}
+    if not kinds.intersection(NOISES):
+        found.pop(FEEDFORWARD, None)
     if columns(scene) == ("stretch",):
-        if {part.kind for part in scene.excitation} == {"harmonic"}:
+        if kinds == {"harmonic"}:
             found |= {name: partial(_tracker, number) for number, name in enumerate(TRACKERS)}
         if FREQUENCY in scene.randomization:
             found[MATCHING] = MatchingStretch

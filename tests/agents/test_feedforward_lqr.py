@@ -13,6 +13,7 @@ from agents.controllers.lqr import LQR
 from agents.controllers.true_state import TrueState
 from agents.evaluation.baselines import best_without_memory
 from agents.evaluation.episodes import evaluate
+from agents.evaluation.laws import laws
 from mm_gym import DesignError, Scene
 
 SHAKEN = Scene(
@@ -52,6 +53,13 @@ def test_hybrid_costs_a_twentieth_less_with_feed_forward_from_the_observation():
     assert with_it.reads == "observation"
     assert with_it.cost <= 0.955 * without.cost  # 0.277 and 0.292
     assert np.mean(with_it.penalties < without.penalties) >= 0.8
+
+
+def test_commands_know_its_name_where_there_is_noise():
+    still = HYBRID.replace(excitation=[], randomization={})
+    assert set(laws(HYBRID)) - set(laws(still)) == {"feedforward-lqr-and-clipped-lqr"}
+    law = laws(HYBRID)["feedforward-lqr-and-clipped-lqr"](HYBRID)
+    assert law.name.startswith("LQR with feed-forward + clipped LQR")
 
 
 def test_expectation_is_a_memory():

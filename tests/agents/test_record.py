@@ -143,7 +143,7 @@ def test_noise_has_its_deviation_and_stays_in_the_action_space():
 def test_laws_of_a_scene_have_an_action_for_each_actuator(scene):
     names = {
         1: {"random", "no-control", "best-constant", "predictive-control"},
-        2: {"random", "no-control", "best-constant", "lqr", "lqr-and-clipped-lqr"},
+        2: {"random", "no-control", "best-constant", "lqr", "feedforward-lqr-and-clipped-lqr"},
     }
     applicable = laws(scene)
     actuators = sum(
