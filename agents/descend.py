@@ -1,8 +1,9 @@
 """Train a network around a law by gradients: ``python -m agents.descend PreStretchNoise --seed 1``.
 
-A task or a file of settings comes first, then flags over it. An interrupted run continues from its
-last checkpoint when the same command is given again, and a finished one goes on with more
-``--iterations`` or ``--time-budget``; the best network of the validations is kept.
+A task, which stands for its file in ``configs/gradient``, or a file of settings comes first, then
+flags over it. An interrupted run continues from its last checkpoint when the same command is given
+again, and a finished one goes on with more ``--iterations`` or ``--time-budget``; the best network
+of the validations is kept.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Train an agent.
 
-For example ``python -m agents.train configs/agents/pre_stretch.toml --name first --seed 1``.
+For example ``python -m agents.train PreStretch --name first --seed 1``.
 
-An interrupted run continues from its last checkpoint when the same command is given again, and a
-finished one goes on with more ``--steps``; the best policy of the validations is kept.
+A task, which stands for its file in ``configs/agents``, or a file of settings comes first, then
+flags over it. An interrupted run continues from its last checkpoint when the same command is given
+again, and a finished one goes on with more ``--steps``; the best policy of the validations is kept.
 """
 
 from __future__ import annotations

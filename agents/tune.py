@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -51,6 +51,8 @@ class TuneSettings(TrainSettings):
 
     trials: Count = 50
     """that end or are pruned, over all processes and starts"""
+
+    folder: ClassVar[str | None] = None  # what was found before is no part of the search
 
 
 def main() -> str | int | None:

@@ -34,3 +34,4 @@ class GradientSettings(SearchSettings):
     """of the correlation units' denominators; a smaller one switches more sharply"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
+    folder: ClassVar[str | None] = "gradient"

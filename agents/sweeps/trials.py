@@ -17,7 +17,13 @@ from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.training.algorithm_settings import Algorithm, Count
-from agents.training.config import Changes, RunSettings, TrainSettings, short_name
+from agents.training.config import (
+    Changes,
+    RunSettings,
+    TrainSettings,
+    good_settings,
+    short_name,
+)
 from agents.training.parts import make_parts
 from agents.training.runs import Run
 from mm_gym import SceneError
@@ -62,7 +68,8 @@ class SweepSettings(Part):
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
     """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of
-    evolution, gradient and residual alone begin with their names, as "evolution.hidden" """
+    evolution, gradient and residual alone begin with their names, as "evolution.hidden", and go
+    over the task's file of good settings"""
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])
@@ -103,7 +110,9 @@ class SweepSettings(Part):
             if algorithm in SEARCHES:
                 kind, _ = SEARCHES[algorithm]
                 alone = {"threads": 1} if "threads" in kind.model_fields else {}
-                return kind.of({**_table(own, algorithm), **fixed, **alone})
+                table = _table(own, algorithm)
+                good = {} if table.keys() & kind.fitted else _good(f"mm_gym/{task}-v0", kind)
+                return kind.of({**good, **table, **fixed, **alone})
             if algorithm == RESIDUAL:
                 data = _nested([*data.items(), *_table(own, RESIDUAL).items()])
                 algorithm = "ppo"
@@ -111,6 +120,11 @@ class SweepSettings(Part):
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
             raise SceneError(msg) from None
+
+
+def _good(task: str, kind: type[RunSettings]) -> dict[str, JsonValue]:
+    """Return what is known to be good for a task, without the defaults."""
+    return good_settings(task, kind).model_dump(exclude_unset=True)
 
 
 def _table(

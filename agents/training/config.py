@@ -1,4 +1,4 @@
-"""The settings of a training run: a file of `configs/agents/`, then flags over it."""
+"""The settings of a training run: a file of `configs`, then flags over it."""
 
 from __future__ import annotations
 
@@ -42,6 +42,8 @@ Changes = Annotated[
 ]
 """Dotted name -> value; one argument on the command line."""
 
+CONFIGS = Path(__file__).parents[2] / "configs"
+
 SEED_BITS, LANE_BITS = 32, 31
 """Bits of a training's seed, and of the number of a lane."""
 
@@ -50,6 +52,7 @@ LONGEST_NAME = 200
 
 
 Settings = TypeVar("Settings", bound="Part")
+OfRun = TypeVar("OfRun", bound="RunSettings")
 
 
 class RunSettings(Part):
@@ -68,6 +71,12 @@ class RunSettings(Part):
 
     growing: ClassVar[tuple[str, ...]] = ()
     """Settings of which a finished run can be given more to go on; its size comes first."""
+
+    folder: ClassVar[str | None] = None
+    """Of `configs`, with a file of good settings for each task of which they are known."""
+
+    fitted: ClassVar[tuple[str, ...]] = ("scene",)
+    """Settings for which those of a task's file were found; given others, the defaults hold."""
 
     def code(self) -> dict[str, str]:
         """Return the texts of the user's files that the settings name, by path."""
@@ -127,6 +136,8 @@ class TrainSettings(RunSettings):
     recurrent_ppo: RecurrentPPOSettings = RecurrentPPOSettings()
 
     growing: ClassVar[tuple[str, ...]] = ("steps", "time_budget")
+    folder: ClassVar[str | None] = "agents"
+    fitted: ClassVar[tuple[str, ...]] = ("scene", "algorithm")
 
     def code(self) -> dict[str, str]:
         """Return the texts of the files of base and reward, by path."""
@@ -174,10 +185,26 @@ def read_settings(path: str | Path, kind: type[Settings]) -> Settings:
         raise SceneError(msg) from None
 
 
+def good_settings(task: str, kind: type[OfRun]) -> OfRun:
+    """Return what is known to be good for a task, or the defaults; the run has the task's name.
+
+    Raises
+    ------
+    SceneError
+        If there is no such task, or its file of settings cannot be read.
+    """
+    own = {"task": task, "name": short_name(task)}
+    file = CONFIGS / (kind.folder or "") / path_of(task).name
+    if kind.folder is None or not file.exists():
+        return kind.of(own)
+    return read_settings(file, kind).model_copy(update=own)
+
+
 def settings_from_command_line(kind: type[Settings], description: str) -> Settings:
     """Read ``[FILE.toml | TASK] [--flags]``: the file or task first, then flags over it.
 
-    A task may leave out ``mm_gym/`` and ``-v0``; a run of it has the task's name if none is given.
+    A task may leave out ``mm_gym/`` and ``-v0``. It stands for its file of good settings, if there
+    is one, but not with a scene or an algorithm for which they were not found.
 
     Raises
     ------
@@ -191,6 +218,11 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     elif arguments and not arguments[0].startswith("-"):
         task = _task_called(arguments.pop(0), "settings file", ", before the flags")
         default = kind.of({"task": task, "name": short_name(task)})
+        if issubclass(kind, RunSettings):
+            good = good_settings(task, kind)
+            found = cli(kind, default=good, args=arguments, description=description)
+            if all(getattr(found, name) == getattr(good, name) for name in kind.fitted):
+                return found
     return cli(kind, default=default, args=arguments, description=description)
 
 

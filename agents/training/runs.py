@@ -11,7 +11,7 @@ import sys
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -45,6 +45,16 @@ PACKAGES = (
 
 INTERRUPTED = 130
 """Exit status of a program that Ctrl-C ended: 128 + the number of the signal."""
+
+
+NONE = "none"
+"""What is told of a setting that a run has not."""
+
+WORDS = {"scene_digest": "the scene is another", "code": "your own files have changed"}
+"""What is told of the parts of a run's record."""
+
+MOST_TOLD = 5
+"""Differences in a message."""
 
 
 class RunError(RuntimeError):
@@ -139,8 +149,13 @@ class Run:
         beside, under a name with the steps or generations. Raise `RunError` if the folder holds a
         run of other settings or another scene.
         """
-        if not self.fits(settings):
-            msg = f"{self.folder}: holds a run with other settings; choose another name with --name"
+        other = self._differences(settings)
+        if other:
+            more = [f"{len(other) - MOST_TOLD} more"] if len(other) > MOST_TOLD else []
+            msg = (
+                f"{self.folder}: holds a run with other settings "
+                f"({'; '.join(other[:MOST_TOLD] + more)}); choose another name with --name"
+            )
             raise RunError(msg)
         earlier: list[object] = []
         if self.record.exists():
@@ -165,15 +180,22 @@ class Run:
 
     def fits(self, settings: RunSettings) -> bool:
         """Tell whether the folder holds no run, or one of these settings and this scene."""
+        return not self._differences(settings)
+
+    def _differences(self, settings: RunSettings) -> list[str]:
+        """Return what keeps the run that is here, if there is one, from going on with settings."""
         if not self.record.exists():
-            return True
+            return []
         record, identity = self.read(), _identity(settings)
-        before, now = record.get("settings", {}), identity.pop("settings")
-        same = before.keys() == now.keys() and all(
-            before[key] <= now[key] if key in settings.growing else before[key] == now[key]
-            for key in now
-        )
-        return same and all(record.get(key) == identity[key] for key in identity)
+        before = _by_dotted_name(record.get("settings", {}))
+        now = _by_dotted_name(identity.pop("settings"))
+        more = {name for name in settings.growing if name in before and before[name] <= now[name]}
+        found = [
+            f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
+            for name in dict.fromkeys((*now, *before))
+            if before.get(name) != now.get(name) and name not in more
+        ]
+        return found + [WORDS[key] for key in identity if record.get(key) != identity[key]]
 
     def takes(self, settings: RunSettings) -> bool:
         """Tell whether training with these settings can begin or continue in the folder."""
@@ -196,7 +218,18 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def _identity(settings: RunSettings) -> dict[str, object]:
+def _by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the settings of tables in tables by dotted name."""
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        own = {name: value}
+        if isinstance(value, dict):
+            own = _by_dotted_name(cast("dict[str, Any]", value), f"{name}.")
+        found |= {f"{prefix}{key}": one for key, one in own.items()}
+    return found
+
+
+def _identity(settings: RunSettings) -> dict[str, Any]:
     """Return what two runs must have in common for one to continue the other."""
     return {
         "settings": json.loads(settings.model_dump_json()),

@@ -26,6 +26,7 @@ SMALL = TrainSettings(
 ARGUMENTS = [
     *("CarriageForce", "--name", "small", "--lanes", "8", "--steps", "800", "--evaluations", "8"),
     *("--ppo.rollout", "10", "--ppo.batch-size", "40", "--ppo.hidden", "8"),
+    *("--ppo.reward-scale", "0.05"),  # the default, which the task's file has not
 ]
 
 

@@ -301,8 +301,13 @@ class TestRuns:
         assert run.metrics.read_bytes() == unbroken.metrics.read_bytes()
 
     def test_run_of_other_settings_is_left_alone(self, unbroken):
-        with pytest.raises(RunError, match="other settings"):
+        with pytest.raises(RunError, match=r"other settings \(seed 0, now 1\); choose another"):
             evolve(changed(seed=1), unbroken)
+        fields = {"hidden": 1, "extra": 5, "memory": 1, "evaluations": 1}
+        with pytest.raises(RunError) as caught:
+            evolve(changed(changes={"control.steps": 2}, generations=3, **fields), unbroken)
+        assert "changes.control.steps none, now 2; hidden 4, now 1; " in str(caught.value)
+        assert str(caught.value).endswith("; 2 more); choose another name with --name")
 
 
 class TestCommand:

@@ -5,8 +5,18 @@ import os
 import kills
 import pytest
 
-from agents.training.config import TrainSettings, read_settings, settings_from_command_line
+from agents.gradient.settings import GradientSettings
+from agents.results import ResultsSettings
+from agents.training.config import (
+    CONFIGS,
+    TrainSettings,
+    good_settings,
+    read_settings,
+    settings_from_command_line,
+)
+from agents.tune import TuneSettings
 from mm_gym import SceneError
+from mm_gym.tasks import ids, path_of
 
 
 @pytest.mark.parametrize(
@@ -160,3 +170,71 @@ def test_single_fields_of_the_scene_change_in_the_file_and_on_the_command_line(
     assert (scene.control.steps, scene.initial.sphere_offset) == (40, 0.0)
     with pytest.raises(SceneError, match=r"control\.stepz: unknown key; did you mean 'steps'\?"):
         TrainSettings(changes={"control.stepz": 40}).load_scene()
+
+
+def read_from(monkeypatch, kind, *words):
+    monkeypatch.setattr("sys.argv", ["command", *words])
+    return settings_from_command_line(kind, "")
+
+
+@pytest.fixture
+def known(tmp_path, monkeypatch):
+    """Let settings of Hybrid, and of no other task, be known."""
+    monkeypatch.setattr("agents.training.config.CONFIGS", tmp_path)
+    for kind, text in ((GradientSettings, "hidden = 5\nrate = 0.1\n"), (TrainSettings, LANES)):
+        (tmp_path / kind.folder).mkdir()
+        (tmp_path / kind.folder / "hybrid.toml").write_text('name = "found"\n' + text)
+    return tmp_path
+
+
+LANES = "lanes = 3\n[ppo]\nepochs = 2\n[sac]\ntau = 0.5\n"
+
+
+@pytest.mark.usefixtures("known")
+def test_task_stands_for_its_good_settings_and_flags_go_over_them(monkeypatch):
+    settings = read_from(monkeypatch, GradientSettings, "Hybrid", "--rate", "0.2")
+    own = {"task": "mm_gym/Hybrid-v0", "name": "Hybrid"}
+    assert settings == GradientSettings(hidden=5, rate=0.2, **own)
+    trained = read_from(monkeypatch, TrainSettings, "mm_gym/Hybrid-v0", "--ppo.rollout", "4")
+    assert (trained.name, trained.lanes) == ("Hybrid", 3)
+    assert (trained.ppo.epochs, trained.ppo.rollout) == (2, 4)
+    alone = read_from(monkeypatch, GradientSettings, "PreStretch")
+    assert alone == GradientSettings(task="mm_gym/PreStretch-v0", name="PreStretch")
+
+
+@pytest.mark.usefixtures("known")
+def test_own_scene_and_another_algorithm_have_the_defaults(monkeypatch):
+    scene = ["--scene", "own.toml", "--rate", "0.2"]
+    settings = read_from(monkeypatch, GradientSettings, "Hybrid", *scene)
+    own = {"task": "mm_gym/Hybrid-v0", "name": "Hybrid"}
+    assert settings == GradientSettings(scene="own.toml", rate=0.2, **own)
+    trained = read_from(monkeypatch, TrainSettings, "Hybrid", "--algorithm", "sac")
+    assert trained == TrainSettings(algorithm="sac", **own)
+
+
+@pytest.mark.usefixtures("known")
+def test_tuning_begins_without_what_was_found_before(monkeypatch):
+    settings = read_from(monkeypatch, TuneSettings, "Hybrid")
+    assert settings == TuneSettings(task="mm_gym/Hybrid-v0", name="Hybrid")
+
+
+def test_wrong_file_of_good_settings_is_named(known, monkeypatch):
+    (known / "gradient" / "hybrid.toml").write_text("hiddn = 5")
+    with pytest.raises(SceneError, match=r"gradient.hybrid\.toml: hiddn: unknown key; did you"):
+        read_from(monkeypatch, GradientSettings, "Hybrid", "--hidden", "3")
+
+
+@pytest.mark.parametrize("kind", [TrainSettings, GradientSettings], ids=lambda kind: kind.folder)
+def test_files_of_good_settings_are_of_the_tasks_whose_names_they_have(kind):
+    files = sorted((CONFIGS / kind.folder).glob("*.toml"))
+    tasks = {path_of(task).name: task for task in ids()}
+    assert files
+    for file in files:
+        assert read_settings(file, kind).task == tasks[file.name]
+
+
+def test_results_repeat_no_good_setting_of_a_search():
+    results = read_settings(CONFIGS / "results.toml", ResultsSettings)
+    for task, table in results.task_settings.items():
+        good = good_settings(f"mm_gym/{task}-v0", GradientSettings).model_fields_set
+        assert not {f"gradient.{name}" for name in good} & table.keys()

@@ -11,8 +11,10 @@ import pytest
 from agents import sweep as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
+from agents.gradient.settings import GradientSettings
 from agents.sweep import sweep
 from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
+from agents.training.config import good_settings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from mm_gym import SceneError
@@ -108,6 +110,19 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     rows = write_results(trials[:1], tmp_path).read_text().splitlines()
     assert rows[1].startswith("CarriageForce,evolution,plain,0,")
     assert float(rows[1].split(",")[-1]) == cost
+
+
+def test_search_begins_with_the_good_settings_of_the_task_but_not_on_an_own_scene():
+    task = {"tasks": ("PreStretchNoise",), "algorithms": ("gradient",)}
+    good = good_settings("mm_gym/PreStretchNoise-v0", GradientSettings)
+    name = {"name": "PreStretchNoise-gradient-plain-0"}
+    (trial,) = SweepSettings(**task).trials()
+    assert trial == good.model_copy(update=name)
+    assert trial.hidden != GradientSettings().hidden
+    (trial,) = SweepSettings(settings={"gradient.hidden": 3}, **task).trials()
+    assert trial == good.model_copy(update={"hidden": 3, **name})
+    (trial,) = SweepSettings(settings={"gradient.scene": "own.toml"}, **task).trials()
+    assert trial == GradientSettings(task=good.task, scene="own.toml", **name)
 
 
 def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
