@@ -12,6 +12,7 @@ trials.
 from __future__ import annotations
 
 import logging
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -125,11 +126,13 @@ def _study(settings: TuneSettings, folder: Path) -> Study:
 def _tried(trial: Trial, settings: TuneSettings, folder: Path) -> float:
     """Return the least validation cost of a trial's training; it is pruned if it falls behind."""
     own = suggested(trial, settings, f"trial-{begin(trial)}")
-    run = Run(own.name, folder)
+    run, every = Run(own.name, folder), -(-own.steps // own.evaluations)
 
     def report(steps: int, cost: float) -> None:
-        if steps not in frozen(trial).intermediate_values:  # as after a kill
-            trial.report(cost, steps)
+        # Only equal numbers are compared, and steps depend on the length of a rollout.
+        number = min(steps // every, own.evaluations)
+        if number not in frozen(trial).intermediate_values:  # as after a kill
+            trial.report(cost, number)
         if trial.should_prune():
             raise optuna.TrialPruned
 
@@ -148,7 +151,10 @@ def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
         best = study.best_trial
         own = suggested(optuna.trial.FixedTrial(best.params), settings, "best")  # pyright: ignore[reportArgumentType]
         over = study.get_trials(deepcopy=False, states=OVER)
-        comment = f"Validation cost {study.best_value:.4f}, the best of {len(over)} trials."
+        comment = (
+            f"Validation cost {study.best_value:.4f}, the best of {len(over)} trials:\n"
+            f"python -m agents.tune {shlex.join(sys.argv[1:])}"
+        )
         write_text(path, as_toml(own, comment, settings.name))
     return path
 

@@ -20,20 +20,21 @@ RUN = ("name", "seed", "threads")
 def suggested(trial: Trial, settings: TrainSettings, name: str) -> TrainSettings:
     """Return the settings that a trial tries, under the name of its run."""
     chosen = settings.chosen
+    reward = chosen.reward_scale * trial.suggest_float("reward", 0.1, 10.0, log=True)
     own: dict[str, Any] = {
-        "learning_rate": trial.suggest_float("learning_rate", 1e-4, 1e-2, log=True),
-        "discount": 1.0 - trial.suggest_float("1 - discount", 5e-3, 0.2, log=True),
+        "learning_rate": _short(trial.suggest_float("learning_rate", 1e-4, 1e-2, log=True)),
+        "discount": round(1.0 - trial.suggest_float("1 - discount", 5e-3, 0.2, log=True), 4),
         "hidden": LAYERS[trial.suggest_categorical("hidden", list(LAYERS))],
-        "reward_scale": chosen.reward_scale * trial.suggest_float("reward", 0.1, 10.0, log=True),
+        "reward_scale": _short(reward),
     }
     if isinstance(chosen, PPOSettings):
         own |= {
             "rollout": trial.suggest_categorical("rollout", [25, 50, 100, 200]),
-            "epochs": trial.suggest_int("epochs", 3, 12),
-            "gae_lambda": trial.suggest_float("gae_lambda", 0.9, 0.99),
-            "initial_log_std": trial.suggest_float("initial_log_std", -2.0, 0.0),
+            "epochs": trial.suggest_int("epochs", 3, 15),
+            "gae_lambda": _short(trial.suggest_float("gae_lambda", 0.8, 0.99)),
+            "initial_log_std": _short(trial.suggest_float("initial_log_std", -2.0, 0.5)),
         }
-        parts = trial.suggest_categorical("batches", [2, 4, 8, 16])
+        parts = trial.suggest_categorical("batches", [2, 4, 8, 16, 32])
         own["batch_size"] = max(2, settings.lanes * own["rollout"] // parts)
     if isinstance(chosen, OffPolicySettings):
         own |= {
@@ -41,12 +42,20 @@ def suggested(trial: Trial, settings: TrainSettings, name: str) -> TrainSettings
             "batch_size": trial.suggest_categorical("batch_size", [128, 256, 512]),
         }
     if "tau" in type(chosen).model_fields:
-        own["tau"] = trial.suggest_float("tau", 2e-3, 5e-2, log=True)
+        own["tau"] = _short(trial.suggest_float("tau", 2e-3, 5e-2, log=True))
     data = plain(settings)
     data[settings.algorithm] |= own
+    data["normalise_observations"] = trial.suggest_categorical(
+        "normalise_observations", [False, True]
+    )
     if settings.base is not None:
-        data["authority"] = trial.suggest_float("authority", 0.1, 1.0)
+        data["authority"] = _short(trial.suggest_float("authority", 0.1, 1.0))
     return TrainSettings.of(data | {"name": name})
+
+
+def _short(value: float) -> float:
+    """Return a value with three digits, which a file can hold and no training tells from it."""
+    return float(f"{value:.3g}")
 
 
 def plain(settings: TrainSettings) -> dict[str, Any]:
@@ -63,12 +72,14 @@ def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
     Parameters
     ----------
     comment
-        Its first line.
+        Its first lines.
     name
         The name of its runs.
     """
     default, data = TrainSettings().model_dump(), plain(settings)
-    lines, tables = [f"# {comment}", f'task = "{settings.task}"', f"name = {json.dumps(name)}"], []
+    lines = [f"# {line}" for line in comment.splitlines()]
+    lines += [f'task = "{settings.task}"', f"name = {json.dumps(name)}"]
+    tables: list[str] = []
     for key, value in data.items():
         if key == "task" or key in RUN or value == default[key]:
             continue
@@ -79,9 +90,14 @@ def as_toml(settings: TrainSettings, comment: str, name: str) -> str:
             tables += [
                 "",
                 f"[{key}]",
-                *(f"{json.dumps(k)} = {_written(v)}" for k, v in own.items()),
+                *(f"{_key(k)} = {_written(v)}" for k, v in own.items()),
             ]
     return "\n".join([*lines, *tables]) + "\n"
+
+
+def _key(name: str) -> str:
+    """Return a name as TOML has it: bare, or in quotes if it is dotted."""
+    return name if name.isidentifier() else json.dumps(name)
 
 
 def _written(value: object) -> str:

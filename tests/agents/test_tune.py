@@ -1,5 +1,6 @@
 """Does tuning go on after a kill, prune, and write files that train?"""
 
+import re
 import signal
 
 import kills
@@ -32,7 +33,7 @@ def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
     assert len(study.trials) == 2
     best = read_settings(path, TrainSettings)
     assert (best.task, best.name, best.steps) == (QUICK.task, "quick", 800)
-    assert best.ppo.learning_rate == study.best_params["learning_rate"]
+    assert best.ppo.learning_rate == float(f"{study.best_params['learning_rate']:.3g}")
     metrics = np.loadtxt(
         path.parent / f"trial-{study.best_trial.number}" / "metrics.csv",
         delimiter=",",
@@ -78,6 +79,25 @@ def test_trial_behind_the_median_is_pruned(tmp_path, monkeypatch):
     assert [trial.state.name for trial in study_of(path.parent).trials] == ["COMPLETE", "PRUNED"]
 
 
+def test_validations_of_trials_with_other_rollouts_are_compared(tmp_path):
+    path = tune(QUICK.model_copy(update={"trials": 4}), tmp_path)
+    trials = study_of(path.parent).trials
+    assert len({trial.params["rollout"] for trial in trials}) > 1
+    for trial in trials:
+        # A rollout of 8 lanes has 200 to 1600 steps, of 800: the last validation always is there.
+        assert set(trial.intermediate_values) in ({1, 2}, {2})
+
+
+def test_best_file_says_the_command_and_is_written_plainly(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["tune", "CarriageForce", "--name", "a b"])
+    changes = {"control.steps": 20}
+    text = tune(QUICK.model_copy(update={"changes": changes}), tmp_path).read_text()
+    assert re.match(r"# Validation cost [\d.]+, the best of 2 trials:\n# python -m agents", text)
+    assert "\n# python -m agents.tune CarriageForce --name 'a b'\ntask = " in text
+    assert re.search(r"\nlearning_rate = 0\.0*[1-9]\d{0,2}\n", text)
+    assert '\n"control.steps" = 20\n' in text
+
+
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3", "tqc", "crossq", "recurrent_ppo"])
 def test_every_suggestion_is_a_file_of_settings(algorithm, tmp_path):
     settings = TuneSettings(algorithm=algorithm, base="lqr", changes={"control.steps": 50})
@@ -88,3 +108,4 @@ def test_every_suggestion_is_a_file_of_settings(algorithm, tmp_path):
     read = read_settings(file, TrainSettings)
     assert read == own.model_copy(update={"name": "own"})
     assert read.chosen != TrainSettings(algorithm=algorithm).chosen
+    assert {"normalise_observations", "authority"} <= trial.params.keys()
