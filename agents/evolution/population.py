@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Single = NDArray[np.float32]
     Values = NDArray[np.float64]
 
-LANES = 256
+LANES = 384
 """Those that a thread takes at a time: they stay in its cache, and no thread waits for long."""
 
 
