@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mm_gym.precision import work_precision as work_precision
     from mm_gym.scene.scene import Scene as Scene
     from mm_gym.scene.toml_file import load_scene as load_scene
+    from mm_gym.simulation.closed_loop import Episodes as Episodes
     from mm_gym.simulation.simulate import simulate as simulate
     from mm_gym.simulation.trajectory import Trajectory as Trajectory
     from mm_gym.state_space.linear_system import LinearSystem as LinearSystem
@@ -26,6 +27,7 @@ _MODULES = {
     "ActionError": "errors",
     "CompileError": "errors",
     "DesignError": "errors",
+    "Episodes": "simulation.closed_loop",
     "LinearSystem": "state_space.linear_system",
     "MovingMassEnv": "env.single",
     "MovingMassVectorEnv": "env.vector",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from agents.controllers.controller import Controller, Reads
     from mm_gym import Scene
 
+    Values = NDArray[np.float64]
     Rewards = Callable[[NDArray[np.float32], dict[str, Any]], NDArray[np.float64]]
 
 HELD_OUT_SEED = 1_000_000
@@ -88,6 +89,17 @@ class Evaluation:
         return np.sqrt(np.mean(self.displacement**2, axis=0))
 
 
+def spread_frequency(scene: Scene, episodes: int, blocks: int = 1) -> dict[str, Values]:
+    """Return the options of a reset that spread an unknown frequency evenly over its band.
+
+    It is spread in each block of the episodes anew; there are no options if it is known.
+    """
+    band = scene.randomization.get(FREQUENCY)
+    if band is None:
+        return {}
+    return {FREQUENCY: np.tile(np.linspace(*band, episodes // blocks), blocks)}
+
+
 def limit_penalty(scene: Scene) -> float:
     """Return -reward [-] at the edge of what an episode allows.
 
@@ -130,10 +142,7 @@ def evaluate(
     ends of equal L the later is the better. The return is the sum of the rewards that were got.
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
-    band = scene.randomization.get(FREQUENCY)
-    options = (
-        {} if band is None else {FREQUENCY: np.tile(np.linspace(*band, episodes // blocks), blocks)}
-    )
+    options = spread_frequency(scene, episodes, blocks)
     observation, info = env.reset(seed=seed, options=options)
     controller.reset(env)
     steps = scene.control.steps
@@ -173,7 +182,7 @@ def evaluate(
         reads=controller.reads,
         penalties=-rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit,
         returns=rewards.sum(axis=0),
-        frequency=None if band is None else options[FREQUENCY],
+        frequency=options.get(FREQUENCY),
         time=scene.control.time_step * np.arange(1, steps + 1),
         displacement=displacement / scene.objective.displacement_scale,
         applied=applied,

@@ -12,31 +12,81 @@ SINGLE = np.float32
 ZERO, ONE, TWO, THREE = SINGLE(0.0), SINGLE(1.0), SINGLE(2.0), SINGLE(3.0)
 NINE, TWENTY_SEVEN = SINGLE(9.0), SINGLE(27.0)
 
+FOUR = 4
+"""Products that are added at once."""
+
 FAST = {"contract", "arcp", "nsz"}
 """Products and sums may be fused: a candidate's actions do not depend on the other lanes for it."""
 
 
 def kernel(function):
-    """Compile without the GIL, and keep the code on disk."""
-    return njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True)(function)
+    """Compile without the GIL and without counts of references, and keep the code on disk."""
+    return njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True, _nrt=False)(function)
 
 
-@kernel
+def inlined(function):
+    """Compile into the callers: a call takes as long as the arithmetic of some lanes."""
+    return njit(fastmath=FAST, error_model="numpy", forceinline=True, _nrt=False)(function)
+
+
+@inlined
+def copy_row(row, target):
+    """Copy a row (lanes,)."""
+    for lane in range(row.size):
+        target[lane] = row[lane]
+
+
+@inlined
+def combine(weights, constant, rows, total):
+    """Write a constant plus weights (n,) times rows (n, lanes) to the total (lanes,)."""
+    lanes, n, j = total.size, weights.size, 0
+    if n >= FOUR:
+        w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+        r0, r1, r2, r3 = rows[0], rows[1], rows[2], rows[3]
+        for lane in range(lanes):
+            near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
+            total[lane] = constant + (near + far)
+        j = FOUR
+    else:
+        for lane in range(lanes):
+            total[lane] = constant
+    add_products(weights[j:], rows[j:], total)
+
+
+@inlined
 def add_products(weights, rows, total):
     """Add weights (n,) times rows (n, lanes) to the total (lanes,), which is written."""
     lanes, n, j = total.size, weights.size, 0
-    while j + 4 <= n:
+    while j + FOUR <= n:
         w0, w1, w2, w3 = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
         r0, r1, r2, r3 = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
         for lane in range(lanes):
             near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
             total[lane] += near + far
-        j += 4
+        j += FOUR
     while j < n:
         w0, r0 = weights[j], rows[j]
         for lane in range(lanes):
             total[lane] += w0 * r0[lane]
         j += 1
+
+
+@inlined
+def bounded_tanh(value):
+    """Return the rational function of `agents.policies.ACTIVATIONS`."""
+    v = min(max(value, -THREE), THREE)
+    square = v * v
+    return v * (TWENTY_SEVEN + square) / (TWENTY_SEVEN + NINE * square)
+
+
+@inlined
+def add_unit(own, rows, total):
+    """Add a hidden unit's part to the only action, where there are four inputs, in one loop."""
+    constant, w0, w1, w2, w3, part = own[0], own[1], own[2], own[3], own[4], own[5]
+    r0, r1, r2, r3 = rows[0], rows[1], rows[2], rows[3]
+    for lane in range(total.size):
+        near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
+        total[lane] += part * bounded_tanh(constant + (near + far))
 
 
 @kernel
@@ -60,10 +110,8 @@ def correlate(pair, unit, rows, sums, left, right, result):
     """
     n = pair.size // 2
     memory, floor, offset, scale = unit[0], unit[1], unit[2], unit[3]
-    left[:] = ZERO
-    right[:] = ZERO
-    add_products(pair[:n], rows, left)
-    add_products(pair[n:], rows, right)
+    combine(pair[:n], ZERO, rows, left)
+    combine(pair[n:], ZERO, rows, right)
     products, squares = sums[0], sums[1]
     for lane in range(result.size):
         a, b = left[lane], right[lane]
@@ -88,46 +136,45 @@ def remember(keep, enter, rows, memory, result):
         (m, lanes) the same; written.
     """
     for j in range(len(keep)):
-        result[j] = ZERO
-        add_products(keep[j], memory, result[j])
+        combine(keep[j], ZERO, memory, result[j])
         add_products(enter[j], rows, result[j])
-    memory[:] = result
+    for j in range(len(keep)):
+        copy_row(result[j], memory[j])
 
 
 @kernel
-def forward(parameters, fixed, observed, sums, actions, sizes, first, last):
-    """Compute the actions of some candidates; the lanes of a candidate stand side by side.
+def forward(observed, actions, parameters, fixed, sums, memory, sizes):
+    """Compute the actions of candidates; the lanes of a candidate stand side by side.
 
     Parameters
     ----------
+    observed
+        (n, candidates * lanes or more) observations.
+    actions
+        (k, candidates * lanes) actions in [-1, 1]; written.
     parameters
         (candidates, N) of each candidate, in the order of `agents.evolution.network.Network`.
     fixed
         (r, 4) memory, floor, offset and scale of each correlation unit; (m, m) and (m, n) of the
         linear memory.
-    observed
-        (n, candidates * lanes) observations.
     sums
         (2 r + m, candidates * lanes) the correlation units' forgetting sums, and the linear memory;
         read and written.
-    actions
-        (k, candidates * lanes) actions in [-1, 1]; written.
+    memory
+        (n + m + r + 2, lanes) working memory; written.
     sizes
         (n, hidden, k).
-    first, last
-        The candidates: first <= candidate < last.
     """
     n, hidden, k = sizes
     units, keep, enter = fixed
-    r, m, lanes = len(units), len(keep), observed.shape[1] // len(parameters)
+    r, m, lanes = len(units), len(keep), actions.shape[1] // len(parameters)
     inputs = n + m + r
-    rows = np.empty((inputs, lanes), SINGLE)
-    value, other = np.empty(lanes, SINGLE), np.empty(lanes, SINGLE)
-    for candidate in range(first, last):
+    rows, value, other = memory[:inputs], memory[inputs], memory[inputs + 1]
+    for candidate in range(len(parameters)):
         own, begin, i = parameters[candidate], candidate * lanes, 0
         end = begin + lanes
         for j in range(n):
-            rows[j] = observed[j, begin:end]
+            copy_row(observed[j, begin:end], rows[j])
         if m > 0:
             remember(keep, enter, rows[:n], sums[2 * r :, begin:end], rows[n : n + m])
         for q in range(r):
@@ -137,17 +184,17 @@ def forward(parameters, fixed, observed, sums, actions, sizes, first, last):
             i += 2 * (n + m)
         for action in range(k):
             total = actions[action, begin:end]
-            total[:] = own[i]
-            add_products(own[i + 1 : i + 1 + inputs], rows, total)
+            combine(own[i + 1 : i + 1 + inputs], own[i], rows, total)
             i += 1 + inputs
         for _ in range(hidden):
-            value[:] = own[i]
-            add_products(own[i + 1 : i + 1 + inputs], rows, value)
+            if inputs == FOUR and k == 1:
+                add_unit(own[i : i + FOUR + 2], rows, actions[0, begin:end])
+                i += FOUR + 2
+                continue
+            combine(own[i + 1 : i + 1 + inputs], own[i], rows, value)
             i += 1 + inputs
             for lane in range(lanes):
-                v = min(max(value[lane], -THREE), THREE)
-                square = v * v
-                value[lane] = v * (TWENTY_SEVEN + square) / (TWENTY_SEVEN + NINE * square)
+                value[lane] = bounded_tanh(value[lane])
             for action in range(k):
                 total, weight = actions[action, begin:end], own[i + action]
                 for lane in range(lanes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,19 +13,22 @@ from agents.evolution.network_kernel import forward
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from agents.evolution.network import Network
-    from mm_gym import Scene
+    from mm_gym import Episodes, Scene
 
     Single = NDArray[np.float32]
     Values = NDArray[np.float64]
 
+LANES = 384
+"""Those that a thread takes at a time: they stay in its cache, and no thread waits for long."""
+
 
 class Population:
-    """Costs of candidates, found in threads that have an environment each.
+    """Costs of candidates, found in threads.
 
     Parameters
     ----------
@@ -33,26 +37,24 @@ class Population:
     candidates, episodes
         Numbers of them; a candidate's episodes are lanes side by side.
     threads
-        Number of parts into which the candidates are divided.
+        Number of threads.
     """
 
     def __init__(
         self, scene: Scene, network: Network, candidates: int, episodes: int, threads: int
     ) -> None:
-        self.episodes = episodes
-        self.bounds = np.linspace(0, candidates, min(threads, candidates) + 1).astype(int)
-        counts = np.diff(self.bounds)
-        self.parts = [_Part(scene, network, int(count), episodes) for count in counts]
+        self.bounds = [*range(0, candidates, max(1, LANES // episodes)), candidates]
+        counts = np.diff(self.bounds).tolist()
+        self.parts = [Candidates(scene, network, count, episodes) for count in counts]
         self.frames = candidates * episodes * scene.control.steps
-        self.threads = ThreadPoolExecutor(len(counts))
+        self.threads = ThreadPoolExecutor(threads)
 
     def costs(self, vectors: Values, seeds: Sequence[int]) -> Values:
         """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
 
         A seed is that of an episode of every candidate.
         """
-        parameters = np.ascontiguousarray(vectors, np.float32)
-        chunks = np.split(parameters, self.bounds[1:-1])
+        chunks = np.split(vectors, self.bounds[1:-1])
         found = self.threads.map(lambda part, chunk: part.costs(chunk, seeds), self.parts, chunks)
         return np.concatenate(list(found))
 
@@ -61,60 +63,56 @@ class Population:
         self.threads.shutdown()
 
 
-class _Part:
-    """Some of the candidates, in one environment."""
+class Candidates:
+    """Some of the candidates, in one environment.
+
+    Parameters
+    ----------
+    scene, network, candidates, episodes
+        As for `Population`.
+    """
 
     def __init__(self, scene: Scene, network: Network, candidates: int, episodes: int) -> None:
-        self.network, self.candidates, self.steps = network, candidates, scene.control.steps
-        self.first = MovingMassVectorEnv(scene, episodes, info="none")
-        self.env = MovingMassVectorEnv(scene, candidates * episodes, copy=False, info="none")
-        self.env.reset()
-        objective = scene.objective
-        self.may_end = bool(objective.displacement_limit or objective.rail_half_length)
-        self.limit = limit_penalty(scene)
-        start, lanes = network.start, self.env.num_envs
-        self.fixed = tuple(
+        self.steps, self.limit = scene.control.steps, limit_penalty(scene)
+        self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
+        lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
+        self.env = MovingMassVectorEnv(scene, lanes, info="none")
+        self.sums: Single = np.empty((2 * len(start.units) + len(start.keep), lanes), np.float32)
+        fixed = tuple(
             np.ascontiguousarray(array, np.float32)
             for array in (start.units, start.keep, start.enter)
         )
-        self.observed = np.empty((network.sizes[0], lanes), np.float32)
-        self.sums = np.empty((2 * len(start.units) + len(start.keep), lanes), np.float32)
-        self.actions = np.empty((self.env.action_space.shape[1], lanes), np.float32)
+        memory = np.empty((n + len(start.keep) + len(start.units) + 2, episodes), np.float32)
+        self.arguments = self.parameters, fixed, self.sums, memory, network.sizes
 
-    def costs(self, parameters: Single, seeds: Sequence[int]) -> Values:
-        lanes = self.env.num_envs
-        observation = self._begin(seeds)
+    @cached_property
+    def run(self) -> Callable[[], Episodes]:
+        """Compiled, or read from disk, in the first generation: its time counts."""
+        return self.env.closed_loop(forward, *self.arguments)
+
+    def costs(
+        self, vectors: Values, seeds: Sequence[int], options: Mapping[str, Values] | None = None
+    ) -> Values:
+        """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
+
+        Parameters
+        ----------
+        vectors
+            The candidates.
+        seeds
+            Those of the episodes of every candidate.
+        options
+            Of the reset, for each of these episodes.
+        """
+        self.parameters[:] = vectors
         self.sums[:] = 0.0
-        total, alive = np.zeros(lanes), np.ones(lanes, np.bool_)
-        sizes = self.network.sizes
-        for left in range(self.steps, 0, -1):
-            np.copyto(self.observed, observation.T)  # the kernel reads whole rows faster
-            forward(
-                parameters,
-                self.fixed,
-                self.observed,
-                self.sums,
-                self.actions,
-                sizes,
-                0,
-                self.candidates,
-            )
-            observation, reward, terminated, *_ = self.env.step(self.actions.T)
-            if not self.may_end:
-                total -= reward
-                continue
-            # An early end costs as in `evaluate`; its lane runs on, and is not looked at.
-            total[alive] -= reward[alive]
-            ended = terminated & alive
-            total[ended] += (left - 1 + self.steps) * np.maximum(self.limit, -reward[ended])
-            alive &= ~ended
-        return total.reshape(self.candidates, -1).mean(axis=1) / self.steps
-
-    def _begin(self, seeds: Sequence[int]) -> NDArray[np.float32]:
-        """Begin the episodes once, and copy them to every candidate; return what they show."""
-        observation, _ = self.first.reset(seed=list(seeds))
-        state = self.first.get_state()
-        arrays = {name: value for name, value in state.items() if isinstance(value, np.ndarray)}
-        copies = {name: np.tile(array, self.candidates) for name, array in arrays.items()}
-        self.env.set_state(state | copies)
-        return np.tile(observation, (self.candidates, 1))
+        count, repeated = len(vectors), dict(options or {})
+        for name, values in repeated.items():
+            repeated[name] = np.tile(values, count)
+        self.env.reset(seed=list(seeds) * count, options=repeated)
+        episodes, steps = self.run(), self.steps
+        # An early end costs as in `evaluate`.
+        largest = np.maximum(self.limit, -episodes.least)
+        left = episodes.terminated * (2 * steps - episodes.lengths)
+        penalties = left * largest - episodes.returns
+        return penalties.reshape(count, -1).mean(axis=1) / steps

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
 
+EPISODES = 100
+"""Of a validation."""
+
 
 class Search(ABC):
     """A search that validates the policy it has come to, and keeps the best.
@@ -124,11 +127,15 @@ class Search(ABC):
 
     def _validate(self) -> None:
         present = self._present()
-        learned = Learned(self._policy(present))
-        cost = evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=100).cost
+        cost = self._cost(present)
         if cost < self.progress.least_cost:
             self.progress.best = present
         self.progress.add(self.rounds * self.frames, cost)
+
+    def _cost(self, parameters: Arrays) -> float:
+        """Return the cost of parameters on the episodes of all validations."""
+        learned = Learned(self._policy(parameters))
+        return evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=EPISODES).cost
 
     def _note(self) -> None:
         """Note where an interrupted search begins again: between two rounds."""

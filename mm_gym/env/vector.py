@@ -22,6 +22,7 @@ from mm_gym.env.arguments import (
     python_integer,
     scene_of,
 )
+from mm_gym.env.closed_loop import CanCloseLoop
 from mm_gym.env.ends import Ends
 from mm_gym.env.lane_access import LaneAccess
 from mm_gym.env.pickling import Picklable
@@ -48,7 +49,12 @@ if TYPE_CHECKING:
 
 
 class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
-    Specified, Seeded, LaneAccess, Picklable, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
+    Specified,
+    Seeded,
+    LaneAccess,
+    CanCloseLoop,
+    Picklable,
+    VectorEnv[np.ndarray, np.ndarray, np.ndarray],
 ):
     """Many independent episodes of one scene.
 

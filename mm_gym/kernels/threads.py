@@ -9,8 +9,6 @@ arguments of the same types.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numba
 import numpy as np
 from llvmlite import ir
@@ -19,35 +17,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import borrowing_kernel, compiled_for, sharing_kernel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-
-def address_of(work: Callable[..., int], *arguments: object) -> int:
-    """Return the address of a kernel's machine code for arguments like these.
-
-    It is valid as long as the kernel exists.
-    """
-    compiled = compiled_for(work, *arguments)
-    return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-
-
-@intrinsic
-def _call(_context, address, arguments):
-    """Call the kernel at an address, and return its status."""
-
-    def build(context, builder, signature, values):
-        kinds, convention = signature.args[1].types, context.call_conv
-        kind = convention.get_function_type(types.int64, kinds)
-        pointer = builder.inttoptr(values[0], kind.as_pointer())
-        given = cgutils.unpack_tuple(builder, values[1])
-        _, status = convention.call_function(builder, pointer, types.int64, kinds, given)
-        return status
-
-    return types.int64(address, arguments), build
-
+from mm_gym.kernels.addresses import call
+from mm_gym.kernels.jit import borrowing_kernel, sharing_kernel
 
 # `numba.get_num_threads` and `set_num_threads` would keep the kernel from being cached.
 
@@ -113,8 +84,8 @@ def in_threads(work, then, statuses, length, count, arguments, more):
     for k in numba.prange(statuses.shape[0]):
         first = np.int64(k) * length
         last = min(first + length, count)
-        statuses[k] = _call(work, (*arguments, first, last))
-        _call(then, (*more, first, last))
+        statuses[k] = call(work, (*arguments, first, last))
+        call(then, (*more, first, last))
     _set_thread_count(before)
     status = statuses[0]
     for k in range(1, statuses.shape[0]):

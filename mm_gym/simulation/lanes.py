@@ -175,8 +175,17 @@ class Lanes:
         It takes less time than `advance`, because it does not check the dtype.
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
-        arguments = *self._step_arguments, actions, self.rewards, 0, self.count
-        return partial(entry_point(self._advance, *arguments), *self._step_arguments)
+        advance, arguments = self.step_with(actions)
+        return partial(entry_point(advance, *arguments), *self._step_arguments)
+
+    def step_with(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[Callable[..., int], tuple[Any, ...]]:
+        """Return the kernel of a control step, and its arguments for all lanes.
+
+        They are these actions, as `advance` takes them, and the present array of rewards.
+        """
+        return self._advance, (*self._step_arguments, actions, self.rewards, 0, self.count)
 
     def advance(self, actions: NDArray[np.floating]) -> int:
         """Make one control step of all lanes; return its status.

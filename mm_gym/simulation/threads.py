@@ -18,8 +18,9 @@ import numpy as np
 from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.addresses import address_of
 from mm_gym.kernels.jit import COMPILED, entry_point
-from mm_gym.kernels.threads import address_of, in_threads, nothing
+from mm_gym.kernels.threads import in_threads, nothing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

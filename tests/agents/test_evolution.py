@@ -15,8 +15,8 @@ from agents.controllers.lqr import LQR
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.evolution.network import Network
 from agents.evolution.network_kernel import forward
-from agents.evolution.population import Population
-from agents.evolution.search import evolve
+from agents.evolution.population import LANES, Population
+from agents.evolution.search import Evolution, evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.search.starts import Start, start_of
@@ -83,18 +83,11 @@ class TestNetworks:
         policies = [network.policy(vector) for vector in vectors]
         own = [policy.begin(lanes) for policy in policies]
         actions = np.empty((k, 3 * lanes), np.float32)
+        memory = np.empty((n + m + r + 2, lanes), np.float32)
         for _ in range(4):
             observed = rng.standard_normal((n, 3 * lanes)).astype(np.float32)
-            forward(
-                vectors.astype(np.float32),
-                fixed,
-                observed,
-                sums,
-                actions,
-                network.sizes,
-                0,
-                3,
-            )
+            own_parameters = vectors.astype(np.float32)
+            forward(observed, actions, own_parameters, fixed, sums, memory, network.sizes)
             for i, policy in enumerate(policies):
                 mine = slice(i * lanes, (i + 1) * lanes)
                 want = policy.act(observed[:, mine].T, own[i])
@@ -214,6 +207,31 @@ class TestPopulations:
             # The kernel acts in single precision.
             np.testing.assert_allclose(cost, want, rtol=1e-3)
 
+    @pytest.mark.parametrize("lanes", [1, 12, LANES])
+    def test_costs_do_not_depend_on_how_candidates_are_divided(self, lanes, monkeypatch):
+        scene, rng = scene_of("CarriageForceFriction"), np.random.default_rng(0)
+        network = Network(start_of(scene, EvolveSettings(), rng), 8, odd=True)
+        vectors = network.first(rng) + 0.5 * rng.standard_normal((5, network.free.size))
+        whole = Population(scene, network, 5, 6, 1)
+        monkeypatch.setattr("agents.evolution.population.LANES", lanes)
+        divided = Population(scene, network, 5, 6, 3)
+        got, want = (population.costs(vectors, range(6)) for population in (divided, whole))
+        whole.close()
+        divided.close()
+        np.testing.assert_array_equal(got, want)
+
+    @pytest.mark.parametrize("task", ["CarriageForceFriction", "PreStretch"])
+    def test_validation_has_the_cost_of_an_evaluation(self, task):
+        settings = changed(task=f"mm_gym/{task}-v0", spread=1.0)
+        search = Evolution(settings, settings.load_scene())
+        search.population.close()
+        vector = search.first + search.free * search.generator.normal(size=search.first.size)
+        found = search._cost({"vector": vector})
+        learned = Learned(search.network.policy(vector))
+        want = evaluate(search.scene, learned, seed=VALIDATION_SEED, episodes=100).cost
+        # The kernel acts in single precision.
+        assert found == pytest.approx(want, rel=1e-4)
+
 
 class TestRuns:
     def test_search_without_a_law_comes_near_the_optimum(self, tmp_path):
@@ -263,15 +281,15 @@ class TestRuns:
     def test_run_interrupted_in_a_validation_ends_as_if_unbroken(
         self, unbroken, tmp_path, monkeypatch
     ):
-        run, calls = Run("tiny", tmp_path), []
+        run, validate, calls = Run("tiny", tmp_path), Evolution._cost, []
 
-        def interrupted(*arguments, **options):
+        def interrupted(*arguments):
             calls.append(1)
             if len(calls) == 2:
                 raise KeyboardInterrupt
-            return evaluate(*arguments, **options)
+            return validate(*arguments)
 
-        monkeypatch.setattr("agents.search.search.evaluate", interrupted)
+        monkeypatch.setattr(Evolution, "_cost", interrupted)
         with pytest.raises(KeyboardInterrupt):
             evolve(TINY, run)
         evolve(TINY, run)

@@ -13,7 +13,7 @@ EXTRAS += ["minari", "h5py"]
 PUBLIC = [
     "work_precision",
     *["Scene", "load_scene", "SceneError", "CompileError", "ActionError", "SimulationError"],
-    *["DesignError", "LinearSystem"],
+    *["DesignError", "LinearSystem", "Episodes"],
     *["compile_scene", "Plant", "simulate", "Trajectory", "MovingMassEnv", "MovingMassVectorEnv"],
 ]
 

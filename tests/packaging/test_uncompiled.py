@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+from numba import njit
 
 from mm_gym import MovingMassVectorEnv, load_scene
 from mm_gym.kernels import layout as at
@@ -17,8 +18,8 @@ LANES = at.BLOCK + 1
 
 PROGRAM = """
 import json, sys
-from tests.packaging.test_uncompiled import motion
-print(json.dumps(motion(sys.argv[1])))
+from tests.packaging import test_uncompiled
+print(json.dumps(getattr(test_uncompiled, sys.argv[1])(*sys.argv[2:])))
 """
 
 ROUNDING = {
@@ -43,15 +44,40 @@ def motion(name):
     return env.state[[0, -1]].tolist()
 
 
-@pytest.mark.parametrize("name", list(ROUNDING))
-def test_plain_python_moves_as_compiled_code_does(name):
+@njit
+def law(observed, actions):
+    for lane in range(actions.shape[1]):
+        actions[0, lane] = -observed[0, lane]
+
+
+def returns():
+    """Returns of two short episodes in closed loop."""
+    warnings.filterwarnings("ignore", "overflow encountered", RuntimeWarning)
+    env = MovingMassVectorEnv(load_scene("mm_gym/CarriageForce-v0"), 2, max_episode_steps=9)
+    run = env.closed_loop(law)
+    env.reset(seed=0)
+    return run().returns.tolist()
+
+
+def run_uncompiled(name, *arguments):
+    """Return what a function of this module returns, run as plain Python."""
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, name],
+        [sys.executable, "-c", PROGRAM, name, *arguments],
         env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
         capture_output=True,
         check=False,
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    got, want = json.loads(done.stdout), motion(name)
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("name", list(ROUNDING))
+def test_plain_python_moves_as_compiled_code_does(name):
+    got, want = run_uncompiled("motion", name), motion(name)
     np.testing.assert_allclose(got, want, rtol=0.0, atol=ROUNDING[name])
+
+
+def test_plain_python_closes_the_loop_as_compiled_code_does():
+    # Nine rewards, each rounded a few times.
+    np.testing.assert_allclose(run_uncompiled("returns"), returns(), rtol=1e-14)

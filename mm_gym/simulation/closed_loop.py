@@ -1,0 +1,87 @@
+"""Whole episodes of lanes under a compiled law."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from mm_gym.errors import SimulationError
+from mm_gym.kernels.addresses import address_of
+from mm_gym.kernels.closed_loop import LAW_FAILED, run
+from mm_gym.kernels.jit import COMPILED, compiled_for, entry_point
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from mm_gym.simulation.lanes import Lanes
+
+
+class Episodes(NamedTuple):
+    """What came of one episode in each lane."""
+
+    returns: NDArray[np.float64]
+    """(lanes,) sum of the rewards [-]"""
+    least: NDArray[np.float64]
+    """(lanes,) least reward, at most zero [-]"""
+    lengths: NDArray[np.int64]
+    """(lanes,) number of control steps"""
+    terminated: NDArray[np.bool_]
+    """(lanes,) whether it was terminated, not truncated"""
+
+
+class ClosedLoop:
+    """Lanes under a law that acts on what is observed.
+
+    Parameters
+    ----------
+    lanes
+        The lanes.
+    law, arguments
+        As for `MovingMassVectorEnv.closed_loop`.
+    """
+
+    def __init__(
+        self, lanes: Lanes, law: Callable[..., None], arguments: tuple[object, ...]
+    ) -> None:
+        self._lanes, self._law = lanes, law  # whose machine code is called by address
+        actions = np.zeros((len(lanes.plant.actuators), lanes.count), np.float32)
+        self._rewards = lanes.rewards = np.zeros(lanes.count)
+        step, known = lanes.step_with(actions.reshape(-1))
+        given = (known[2][: len(lanes.observed)], actions, *arguments)
+        _check(law, given)
+        constants = address_of(law, *given), given, address_of(step, *known), known
+        self._run = partial(entry_point(run, *constants, self._empty()), *constants)
+
+    def _empty(self) -> Episodes:
+        count = self._lanes.count
+        return Episodes(
+            np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(count, np.bool_)
+        )
+
+    def run(self) -> Episodes:
+        """Take all lanes to the ends of their episodes."""
+        found, self._lanes.rewards = self._empty(), self._rewards
+        status = self._run(found)
+        if status == LAW_FAILED:
+            msg = "law: raised an error in compiled code; call it from Python to see which"
+            raise SimulationError(msg)
+        self._lanes.raise_for(status)
+        return found
+
+
+def _check(law: Any, given: tuple[object, ...]) -> None:  # noqa: ANN401 - anything may be given
+    """Raise `TypeError` unless a law can be called by address."""
+    if not COMPILED:
+        return
+    if not hasattr(law, "overloads"):
+        msg = f"law: got {law!r}; allowed: a function that numba.njit has compiled"
+        raise TypeError(msg)
+    returned = compiled_for(law, *given).signature.return_type
+    if returned != types.none:
+        msg = f"law: returns {returned}; allowed: nothing, it writes the actions"
+        raise TypeError(msg)
