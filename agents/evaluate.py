@@ -29,7 +29,7 @@ from agents.comparison.measure import Studies
 from agents.controllers.user_defined import user_defined
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
-from agents.policies import Policy, PolicyError, load_policy
+from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.config import task_or_scene
@@ -107,7 +107,7 @@ def report_run(
     run: Run,
     episodes: int = 200,
     *,
-    policy: Policy | None = None,
+    policy: AnyPolicy | None = None,
     name: str = "learned",
     beside: Sequence[Controller] = (),
     trust: bool = False,
@@ -155,7 +155,7 @@ def report(
     return results
 
 
-def read_policy(path: Path, *, trust: bool) -> Policy:
+def read_policy(path: Path, *, trust: bool) -> AnyPolicy:
     """Read a policy from a file of numbers, or from an archive if it is trusted.
 
     Raises

@@ -27,11 +27,12 @@ from agents.exports.onnx_graph import onnx_bytes
 from agents.policies import PolicyError, load_policy
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
+from agents.value_table.policy import TablePolicy
 from mm_gym import Scene, SceneError
 from mm_gym.files import check_outputs, write_bytes
 
 if TYPE_CHECKING:
-    from agents.policies import Policy
+    from agents.policies import AnyPolicy, Policy
 
 WRITERS = {
     ".c": lambda policy, comment: c_source(policy, comment).encode(),
@@ -54,7 +55,18 @@ class Arguments:
     """open an archive, and run a run's own base, although that can run any code"""
 
 
-def read_whole(path: Path, *, trust: bool) -> tuple[Policy, str]:
+def content_of(policy: AnyPolicy, out: Path, comment: str) -> bytes:
+    """Return the content of the file to write; raise `PolicyError` if it cannot hold a table."""
+    if isinstance(policy, TablePolicy) and out.suffix != ".npz":
+        msg = (
+            f"--out: got {str(out)!r}; allowed for a policy of value iteration: .npz; it is no "
+            f"network but a table of {policy.after.size:,} numbers, more than a microcontroller has"
+        )
+        raise PolicyError(msg)
+    return WRITERS[out.suffix](policy, comment)
+
+
+def read_whole(path: Path, *, trust: bool) -> tuple[AnyPolicy, str]:
     """Return the policy of a run or file, its base in it if that is linear, and what is missing.
 
     Raises
@@ -92,7 +104,7 @@ def main() -> str | None:
     try:
         check_outputs([out], [arguments.policy, arguments.policy / "policy.npz"])
         policy, comment = read_whole(arguments.policy, trust=arguments.trust)
-        write_bytes(out, WRITERS[out.suffix](policy, comment))
+        write_bytes(out, content_of(policy, out, comment))
     except (PolicyError, RunError, SceneError, DependencyNotInstalled, OSError) as error:
         return f"error: {error}"
     print(f"written: {out}")

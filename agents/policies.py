@@ -4,7 +4,8 @@ A file ``policy.npz`` is NumPy's archive of arrays, read with ``allow_pickle=Fal
 the bias of each layer, the arrays named in `OPTIONAL` where there are any, and ``description``, a
 JSON text of the rest. It takes NumPy alone to act.
 A recurrent policy has the three arrays of its cell besides, ``cell_0`` to ``cell_2``; one that is
-exported with the law to which it is added has ``base``.
+exported with the law to which it is added has ``base``. Value iteration's has a table in the place
+of layers, see `agents.value_table.policy`.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import json
 import zipfile
 import zlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from agents.policy_file import LARGEST, PolicyError
+from agents.value_table.policy import TablePolicy, is_table, table_policy
 from mm_gym import SceneError
 from mm_gym.files import read_bytes, write_bytes
 
@@ -32,10 +35,6 @@ if TYPE_CHECKING:
 FORMATS = (1, 2, 3)
 """Numbers of the formats that can be read. Format 1 had layers alone, format 3 has a base or a
 linear memory besides; a policy without them is written in format 2."""
-
-LARGEST = 64 * 2**20
-"""Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
-
 
 DAMAGE = (
     ValueError,
@@ -78,10 +77,6 @@ UNIT = ("memory", "floor", "offset", "scale")
 
 def _empty(*shape: int) -> Callable[[], NDArray[np.float32]]:
     return lambda: np.zeros(shape, np.float32)
-
-
-class PolicyError(RuntimeError):
-    """A policy cannot be read, or does not suit the scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,12 +265,15 @@ class Policy:
         return content.getvalue()
 
 
+AnyPolicy: TypeAlias = Policy | TablePolicy
+"""What acts: a network, or a table of value iteration."""
+
 OPTIONAL = ("direct", "keep", "enter", "pairs", "units", "base")
 """Arrays of a policy that a file may leave out."""
 
 
-def load_policy(path: str | Path) -> Policy:
-    """Read a policy that `Policy.save` wrote; nothing in the file is run.
+def load_policy(path: str | Path) -> AnyPolicy:
+    """Read a policy that `save` of either kind wrote; nothing in the file is run.
 
     Raises
     ------
@@ -283,7 +281,8 @@ def load_policy(path: str | Path) -> Policy:
         If the file is missing, too large, damaged, or no policy.
     """
     try:
-        return _policy(_arrays(read_bytes(path, most=LARGEST)))
+        arrays = _arrays(read_bytes(path, most=LARGEST))
+        return table_policy(arrays) if is_table(arrays) else _policy(arrays)
     except SceneError as error:
         raise PolicyError(str(error)) from None
     except DAMAGE as error:

@@ -18,6 +18,8 @@ from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.tune import TuneSettings, tune
+from agents.value_iteration.iteration import iterate
+from agents.value_iteration.settings import IterateSettings
 
 FORKING = multiprocessing.get_context("forkserver")
 """Processes fork from one that has imported torch already, which takes seconds."""
@@ -41,6 +43,11 @@ def begin_evolution(settings: EvolveSettings, root: Path, touches: int | None = 
 def begin_descent(settings: GradientSettings, root: Path, touches: int | None = None):
     """Train by gradients in a new process, as `begin_training` does."""
     return _begin(_run, descend, settings, Run(settings.name, root), touches)
+
+
+def begin_iteration(settings: IterateSettings, root: Path, touches: int | None = None):
+    """Iterate values in a new process, as `begin_training` does."""
+    return _begin(_run, iterate, settings, Run(settings.name, root), touches)
 
 
 def begin_tuning(settings: TuneSettings, root: Path, touches: int | None = None):

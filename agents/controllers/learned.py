@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Reads, Values
-    from agents.policies import Policy
+    from agents.policies import AnyPolicy
     from mm_gym import MovingMassVectorEnv
 
 
@@ -18,7 +18,7 @@ class Learned:
 
     reads: Reads = "observation"
 
-    def __init__(self, policy: Policy, name: str = "learned") -> None:
+    def __init__(self, policy: AnyPolicy, name: str = "learned") -> None:
         self.policy = policy
         self.name = name
 

@@ -42,6 +42,7 @@ KINDS = {
     "evolution": "a small network around a law, by evolution: `agents.evolve`",
     "gradient": "the same with a wider network and its memory, by exact gradients: "
     "`agents.descend`",
+    "value_iteration": "the best law without foresight, on a grid: `agents.iterate`",
     "ppo": "a network that begins with nothing, by PPO",
     "residual": "a network by PPO, added to the law that `configs/results.toml` names",
     "sac": "a network that begins with nothing, by SAC",

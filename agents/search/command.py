@@ -17,9 +17,9 @@ from mm_gym import CompileError, DesignError, SceneError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from agents.search.settings import SearchSettings
+    from agents.search.settings import TimedSettings
 
-Settings = TypeVar("Settings", bound="SearchSettings")
+Settings = TypeVar("Settings", bound="TimedSettings")
 
 ERRORS = (
     SceneError,

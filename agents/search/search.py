@@ -14,8 +14,8 @@ from agents.training.arrays import load_checkpoint, save_checkpoint
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
-    from agents.policies import Policy
-    from agents.search.settings import SearchSettings
+    from agents.policies import AnyPolicy
+    from agents.search.settings import TimedSettings
     from agents.training.arrays import Arrays
     from agents.training.runs import Run
     from mm_gym import Scene
@@ -45,7 +45,7 @@ class Search(ABC):
     unit: ClassVar[str]
     frames: int
 
-    def __init__(self, settings: SearchSettings, scene: Scene) -> None:
+    def __init__(self, settings: TimedSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
         self.rounds, self.progress = 0, Progress()
 
@@ -63,7 +63,7 @@ class Search(ABC):
         """Return the parameters of the policy that is validated, copied."""
 
     @abstractmethod
-    def _policy(self, parameters: Arrays) -> Policy:
+    def _policy(self, parameters: Arrays) -> AnyPolicy:
         """Return the policy of parameters."""
 
     @abstractmethod
@@ -74,7 +74,7 @@ class Search(ABC):
     def _restore(self, arrays: Arrays) -> None:
         """Go on from what `_state` returned, and count the rounds."""
 
-    def policy(self) -> Policy:
+    def policy(self) -> AnyPolicy:
         """Return the best policy of the validations."""
         return self._policy(self.progress.best)
 

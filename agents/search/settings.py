@@ -1,4 +1,4 @@
-"""The settings of searches around a law."""
+"""The settings of searches, and of those around a law."""
 
 from __future__ import annotations
 
@@ -12,7 +12,16 @@ from agents.training.config import Count, Positive, RunSettings
 LawName = Literal["auto", "regulator", "switching", "tracking", "none"]
 
 
-class SearchSettings(RunSettings):
+class TimedSettings(RunSettings):
+    """What ends a search, and how often it is validated."""
+
+    time_budget: Positive = 300.0
+    """[s] without interruptions, after which it stops even if rounds are left"""
+    evaluations: Count = 20
+    """validations during the run; the best policy is kept"""
+
+
+class SearchSettings(TimedSettings):
     """What is searched around a law, and where it is written."""
 
     law: LawName = "auto"
@@ -25,7 +34,3 @@ class SearchSettings(RunSettings):
     """correlation units beside those of the law, drawn at random"""
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
     """states of a linear memory that foretells a random force, where two frames show it"""
-    time_budget: Positive = 300.0
-    """[s] without interruptions, after which it stops even if rounds are left"""
-    evaluations: Count = 20
-    """validations during the run; the best network is kept"""

@@ -26,6 +26,8 @@ from agents.training.config import (
 )
 from agents.training.parts import make_parts
 from agents.training.runs import Run
+from agents.value_iteration.iteration import iterate
+from agents.value_iteration.settings import IterateSettings
 from mm_gym import SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
@@ -36,16 +38,21 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-EVOLUTION, GRADIENT, RESIDUAL = "evolution", "gradient", "residual"
-"""The algorithms that are agents.evolve and agents.descend, and PPO with settings of its own, such
-as the law to which it is added; the others are those of agents.train."""
+EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
+RESIDUAL = "residual"
+"""The algorithms that are agents.evolve, agents.descend and agents.iterate, and PPO with settings
+of its own, such as the law to which it is added; the others are those of agents.train."""
 
-Learner: TypeAlias = Literal["evolution", "gradient", "residual", Algorithm]
+Learner: TypeAlias = Literal["evolution", "gradient", "value_iteration", "residual", Algorithm]
 
-LEARNERS = (EVOLUTION, GRADIENT, RESIDUAL, *get_args(Algorithm))
+LEARNERS = (EVOLUTION, GRADIENT, VALUES, RESIDUAL, *get_args(Algorithm))
 
-SEARCHES = {EVOLUTION: (EvolveSettings, evolve), GRADIENT: (GradientSettings, descend)}
-"""The searches around a law: their settings, and what runs them."""
+SEARCHES = {
+    EVOLUTION: (EvolveSettings, evolve),
+    GRADIENT: (GradientSettings, descend),
+    VALUES: (IterateSettings, iterate),
+}
+"""The searches by agents' own algorithms: their settings, and what runs them."""
 
 EPISODES = 100
 """Held-out episodes on which each policy is scored."""
@@ -62,14 +69,14 @@ class SweepSettings(Part):
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for agents.train, evolution: agents.evolve, gradient: agents.descend, or residual: ppo
-    with own settings"""
+    """as for agents.train, evolution: agents.evolve, gradient: agents.descend, value_iteration:
+    agents.iterate, or residual: ppo with own settings"""
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
     """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of
-    evolution, gradient and residual alone begin with their names, as "evolution.hidden", and go
-    over the task's file of good settings"""
+    evolution, gradient, value_iteration and residual alone begin with their names, as
+    "evolution.hidden", and go over the task's file of good settings"""
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from agents.controllers.controller import Controller
     from agents.evaluation.episodes import Rewards
-    from agents.policies import Policy
+    from agents.policies import AnyPolicy
     from agents.training.config import TrainSettings
     from mm_gym import Scene
 
@@ -36,7 +36,7 @@ class Parts:
         """What rewards the episodes of `evaluate`, where it is not the scene."""
         return None if self.cost is None else self.cost.rewards
 
-    def controller(self, policy: Policy, name: str = "learned") -> Controller:
+    def controller(self, policy: AnyPolicy, name: str = "learned") -> Controller:
         """Return a policy as a controller, added to the base if there is one."""
         if self.base is None:
             return Learned(policy, name)

@@ -35,10 +35,12 @@ TRAINING = {
 FLAGS = "--name a --lanes 8 --steps 160 --evaluations 2 --ppo.rollout 10 --ppo.batch-size 40"
 SMALL = "--name a --generations 2 --evaluations 1 --candidates 4 --episodes 2 --threads 1"
 FEW = "--name a --iterations 2 --evaluations 1 --episodes 2 --hidden 4"
+COARSE = "--name a --points 5 --stretches 5 --sizes 3 --sweeps 2 --evaluations 1 --threads 1"
 COMMANDS = {
     "train": ["train", "CarriageForce", *FLAGS.split(), "--ppo.hidden", "8"],
     "evolve": ["evolve", "CarriageForce", *SMALL.split()],
     "descend": ["descend", "CarriageForce", *FEW.split()],
+    "iterate": ["iterate", "PreStretchShock", *COARSE.split()],
     "tune": ["tune", "CarriageForce", "--trials", "1", *FLAGS.split()],
     "sweep": [
         *("sweep", "--tasks", "CarriageForce", "--name", "a", "--processes", "1"),
@@ -50,7 +52,9 @@ COMMANDS = {
     ],
     "export": ["export", "p.npz", "--out", "runs/p.onnx"],
 }
-WRITTEN = dict.fromkeys(("train", "evolve", "descend", "tune", "sweep"), "checkpoint.npz")
+WRITTEN = dict.fromkeys(
+    ("train", "evolve", "descend", "iterate", "tune", "sweep"), "checkpoint.npz"
+)
 WRITTEN |= {"evaluate": "scores.csv", "export": "p.onnx"}
 
 LAW = """
@@ -93,6 +97,8 @@ BAD = [
     (["train", "bad.toml"], "bad.toml: stepz: unknown key; did you mean 'steps'?"),
     (["evolve", "bad.toml"], "bad.toml: stepz: unknown key; allowed: task, scene"),
     (["descend", "bad.toml"], "bad.toml: stepz: unknown key; allowed: task, scene"),
+    (["iterate", "bad.toml"], "bad.toml: stepz: unknown key; allowed: task, scene"),
+    (["iterate", "PreStretchNoise"], "excitation: got noise; allowed for value iteration: impulse"),
     (["tune", "bad.toml"], "bad.toml: stepz: unknown key; did you mean 'steps'?"),
     (["sweep", "bad.toml"], "bad.toml: stepz: unknown key; allowed: name, tasks"),
     (["export", "bad.toml"], "bad.toml: not a policy"),
@@ -125,6 +131,7 @@ def test_bad_configuration_is_named_with_the_nearest_and_nothing_is_written(
         ("train --stepz", "--steps"),
         ("evolve --generation", "--generations"),
         ("descend --iteration", "--iterations"),
+        ("iterate --sweep", "--sweeps"),
         ("tune --trialz", "--trials"),
         ("sweep --seedz", "--seeds"),
         ("evaluate lqr --episode", "--episodes"),
@@ -189,6 +196,7 @@ INTERRUPTED = {
     "train": "agents.training.reinforcement.Validation._on_step",
     "evolve": "agents.evolution.search.Evolution._advance",
     "descend": "agents.gradient.descent.Descent._advance",
+    "iterate": "agents.value_iteration.iteration.ValueIteration._advance",
     "tune": "agents.training.reinforcement.Validation._on_step",
     "sweep": "agents.sweep.work_here",
     "evaluate": "agents.evaluate.evaluate",
@@ -209,7 +217,7 @@ def test_ctrl_c_is_one_line_and_the_same_command_goes_on(command, monkeypatch, c
     assert call(monkeypatch, COMMANDS[command]) is None
 
 
-@pytest.mark.parametrize("command", ["train", "evolve", "descend", "sweep"])
+@pytest.mark.parametrize("command", ["train", "evolve", "descend", "iterate", "sweep"])
 def test_second_run_of_a_name_is_refused(command, monkeypatch):
     with Run("a").locked():
         status = call(monkeypatch, COMMANDS[command])

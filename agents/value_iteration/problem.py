@@ -1,0 +1,207 @@
+"""The problem that a scene poses to value iteration, in coordinates of like size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from agents.controllers.actuators import Actuators
+from agents.controllers.controller import require_actuator
+from agents.controllers.stable_rest import require_stable_rest
+from agents.search.starts import Shown
+from mm_gym import DesignError, compile_scene
+from mm_gym.analysis import spring_stiffness
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from mm_gym import Scene
+    from mm_gym.scene import Part
+
+    Values = NDArray[np.float64]
+
+RELATIVE = np.array([[1.0, 0, 0, 0], [-1, 1, 0, 0], [0, 0, 1, 0], [0, 0, -1, 1]])
+"""From x1, x2, v1, v2 to x1, x2 - x1, v1, v2 - v1."""
+
+LARGEST = 2.2
+"""Largest size of the grid, over that of the largest impulse."""
+
+RARE = 0.1
+"""Most impulses in a control step, on average: that there are two of them is left out."""
+
+SIZES_DRAWN = 6
+"""Nodes of Gauss and Legendre over the range of an impulse's sizes."""
+
+
+class Problem(NamedTuple):
+    """What value iteration takes from a scene.
+
+    A motion y (4,) is x1, x2 - x1, v1 and v2 - v1, each times the root of the stiffness or mass
+    that goes with it, so that squares are energies [2 J] and like in size. The offset's stiffness
+    k2 is the geometric mean of its ends, the carriage's at least that.
+
+    Attributes
+    ----------
+    stretches
+        (m,) of the grid [-].
+    squares
+        (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact.
+    moves
+        (m, 4, 4) transition of the motion in a control step with each stretch.
+    cost
+        (4,) weights of the squares at a step's end: -reward.
+    jumps, chances
+        (m, impulses, 4), (impulses,): what an impulse in the middle of a step adds at its end, and
+        how probable it is.
+    travel
+        Most that the stretch moves in a control step, in distances between stretches.
+    reads
+        (5, 1 + n) constants and weights of an observation: motion and stretch [-].
+    is_rate
+        Whether an action commands a rate.
+    """
+
+    stretches: Values
+    squares: Values
+    moves: Values
+    cost: Values
+    jumps: Values
+    chances: Values
+    travel: float
+    reads: Values
+    is_rate: bool
+
+
+def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
+    """Return the problem of a scene on a grid of so many stretches and sizes.
+
+    Raises
+    ------
+    DesignError
+        With all that value iteration cannot solve in the scene.
+    """
+    require_actuator(scene, "stretch")
+    require_stable_rest(scene, "value iteration")
+    shown = Shown(scene)
+    obstacles = [*_obstacles(scene, shown), *_obstacles_of_excitation(scene)]
+    if obstacles:
+        raise DesignError("\n".join(obstacles))
+    actuators = Actuators(scene)
+    low, high = actuators.low[-1], actuators.high[-1]
+    grid = np.linspace(low, high, stretches)
+    ends = spring_stiffness([low, high], scene.springs.stiffness)
+    carriage, k2 = scene.carriage, np.sqrt(ends.prod())
+    k1 = max(carriage.stiffness * carriage.linear_coefficient, k2)
+    scales = np.sqrt([k1, k2, carriage.mass, scene.sphere.mass])
+    into = scales[:, None] * RELATIVE
+    impulses, chances = _impulses(scene)
+    impulses = impulses @ into.T
+    jumps = np.einsum("mij,aj->mai", _moves(scene, grid, 0.5, into), impulses)
+    largest = LARGEST * np.abs(impulses).max(initial=0.0)
+    stretch = shown.stretch()
+    assert stretch is not None  # noqa: S101 - else there is an obstacle
+    objective = scene.objective
+    return Problem(
+        stretches=grid,
+        squares=(largest * np.linspace(0.0, 1.0, sizes) ** 2) ** 2
+        if largest > 0.0
+        else np.array([0.0, 1.0]),
+        moves=_moves(scene, grid, 1.0, into),
+        cost=np.array(
+            [
+                objective.displacement_weight / objective.displacement_scale**2,
+                objective.stroke_weight / objective.stroke_scale**2,
+                objective.velocity_weight / objective.velocity_scale**2,
+                0.0,
+            ]
+        )
+        / scales**2,
+        jumps=jumps,
+        chances=chances if largest > 0.0 else chances[:0],
+        travel=float(min(actuators.travel[-1], high - low) / (grid[1] - grid[0])),
+        reads=np.vstack([np.pad(into @ shown.state, ((0, 0), (1, 0))), stretch]),
+        is_rate=bool(actuators.is_rate[-1]),
+    )
+
+
+def _moves(scene: Scene, grid: Values, part: float, into: Values) -> Values:
+    """Return the exact transitions (m, 4, 4) over a part of a control step."""
+    plant = compile_scene(
+        scene.replace(**{"control.time_step": part * scene.control.time_step, "excitation": []})
+    )
+    back = np.linalg.inv(into)
+    return np.stack([into @ plant.discrete(stretch)[0] @ back for stretch in grid])
+
+
+def _impulses(scene: Scene) -> tuple[Values, Values]:
+    """Return the jumps (impulses, 4) of the state, and their chances in a control step."""
+    nodes, weights = np.polynomial.legendre.leggauss(SIZES_DRAWN)
+    jumps, chances = [np.empty((0, 4))], [np.empty(0)]
+    for part in _random_impulses(scene):
+        push = [0.0, 0.0, 1.0 / scene.carriage.mass, 0.0]
+        unit = push if part.target == "force" else [0.0, 0.0, -1.0, -1.0]
+        chance = -np.expm1(-part.rate * scene.control.time_step)
+        jumps.append(np.outer(part.size[1] * nodes, unit))
+        chances.append(0.5 * chance * weights)
+    return np.concatenate(jumps), np.concatenate(chances)
+
+
+def _random_impulses(scene: Scene) -> list[Part]:
+    return [part for part in scene.excitation if part.kind == "impulse" and part.rate > 0.0]
+
+
+def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
+    """Yield what keeps value iteration from solving a scene: where, what there is, what may be."""
+    plant, objective, actuator = compile_scene(scene), scene.objective, scene.actuation.stretch
+    if scene.actuation.force is not None:
+        yield "actuation.force: allowed for value iteration: none; it tunes the stretch alone"
+    if scene.randomization:
+        drawn = ", ".join(scene.randomization)
+        yield f"randomization: got {drawn}; allowed for value iteration: none"
+    elif plant.kind != "parametric linear":
+        yield (
+            f"scene: got a {plant.kind} plant; allowed for value iteration: linear at every stretch"
+        )
+    limits = objective.displacement_limit, objective.rail_half_length
+    if objective.effort_weight > 0.0 or any(limits):
+        yield (
+            "objective: allowed for value iteration: no effort_weight, displacement_limit and "
+            "rail_half_length; the cost is a quadratic form of the state"
+        )
+    if actuator.lag > 0.0:
+        yield f"actuation.stretch.lag: got {actuator.lag:g} s; allowed for value iteration: 0"
+    exact = shown.stretch() is not None and np.linalg.matrix_rank(shown.state) == len(RELATIVE)
+    if not exact or plant.delay or any(channel.noise for channel in plant.observed):
+        yield (
+            "sensors: allowed for value iteration: channels that show the whole state and the "
+            "stretch, without noise and delay"
+        )
+
+
+def _obstacles_of_excitation(scene: Scene) -> Iterator[str]:
+    """Yield the same of its excitation."""
+    others = sorted({part.kind for part in scene.excitation} - {"impulse"})
+    if others:
+        yield f"excitation: got {', '.join(others)}; allowed for value iteration: impulse, or none"
+    times = [part.time for part in scene.excitation if part.kind == "impulse" and part.time]
+    if times:
+        yield (
+            f"excitation: got an impulse at {times[0]:g} s; allowed for value iteration: at random "
+            "times or at 0; its law does not know the time"
+        )
+    often = sum(part.rate for part in _random_impulses(scene)) * scene.control.time_step
+    if often > RARE:
+        yield (
+            f"excitation: got {often:.3g} impulses in a control step on average; "
+            f"allowed for value iteration: at most {RARE:g}"
+        )
+    sizes = [part.size for part in _random_impulses(scene)]
+    lopsided = [size for size in sizes if np.sum(size) != 0.0]
+    if lopsided:
+        yield (
+            f"excitation: got random impulses of size {lopsided[0]}; allowed for value iteration: "
+            "[-x, x], so that the mirrored motion costs the same"
+        )

@@ -1,0 +1,146 @@
+"""The law of value iteration: the stretch of least cost to come, looked up in a table."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.policy_file import PolicyError
+from agents.value_table.kernel import NODES, choose
+from mm_gym.files import write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
+    Arrays = Mapping[str, NDArray[Any]]
+
+FORMATS = (1,)
+"""Numbers of the formats that can be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class TablePolicy:
+    """A table of the cost to come, over the motion and the stretch after a control step.
+
+    In each step the stretches of the grid that are within reach are tried, and the ends of what is,
+    for the step's cost and the cost to come.
+
+    Attributes
+    ----------
+    after
+        (stretches, 4, n, n, n, sizes) float32, see `agents.value_table.kernel`.
+    stretches, squares, moves, cost, reads, travel, is_rate
+        As of the problem.
+    """
+
+    after: NDArray[np.float32]
+    stretches: Values
+    squares: Values
+    moves: Values
+    cost: Values
+    reads: Values
+    travel: float
+    is_rate: bool
+
+    @property
+    def sizes(self) -> list[int]:
+        """Numbers of an observation and of an action."""
+        return [self.reads.shape[1] - 1, 1]
+
+    def check(self, observation: int, action: int) -> None:
+        """Raise `PolicyError` unless observation and action have so many numbers."""
+        if self.sizes != [observation, action]:
+            msg = (
+                f"policy: got {self.sizes[0]} observed numbers and {self.sizes[1]} action; "
+                f"the scene has {observation} and {action}"
+            )
+            raise PolicyError(msg)
+
+    def begin(self, lanes: int) -> Values:
+        """Return what is remembered (0, lanes) in an episode: nothing."""
+        return np.zeros((0, lanes))
+
+    def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
+        """Return the actions (lanes, 1) for observations (lanes, n) as the environment has them."""
+        known = np.asarray(observation, np.float64) @ self.reads[:, 1:].T + self.reads[:, 0]
+        low, high = self.stretches[0], self.stretches[-1]
+        spacing = (high - low) / (len(self.stretches) - 1)
+        present, chosen = (known[:, 4] - low) / spacing, np.empty(len(known))
+        choose(
+            *(self.after, self.moves, self.cost, self.squares),
+            *(np.ascontiguousarray(known[:, :4]), present, self.travel, chosen),
+        )
+        if self.is_rate:
+            action = (chosen - present) / self.travel
+        else:
+            action = 2.0 * chosen / (len(self.stretches) - 1) - 1.0
+        return np.clip(action, -1.0, 1.0)[:, None]
+
+    def save(self, path: str | Path) -> None:
+        """Write the policy whole: a kill leaves the old file or the new one."""
+        write_bytes(path, self.to_bytes())
+
+    def to_bytes(self) -> bytes:
+        """Return the content of the policy's file."""
+        description = {"format": 1} | {name: getattr(self, name) for name in NUMBERS}
+        content = io.BytesIO()
+        arrays = {name: getattr(self, name) for name in ("after", *ARRAYS)}
+        np.savez(content, description=np.array(json.dumps(description)), **arrays)
+        return content.getvalue()
+
+
+ARRAYS = ("stretches", "squares", "moves", "cost", "reads")
+NUMBERS = ("travel", "is_rate")
+"""What a file holds besides the table: as arrays, and in its JSON text."""
+
+
+def is_table(arrays: Arrays) -> bool:
+    """Tell whether the arrays of a file are those of such a policy."""
+    return "after" in arrays
+
+
+def table_policy(arrays: Arrays) -> TablePolicy:
+    """Return the policy in the arrays of a file.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        If they are wrong.
+    """
+    description = json.loads(str(arrays["description"]))
+    if description["format"] not in FORMATS:
+        msg = f"format: got {description['format']!r}; allowed: {', '.join(map(str, FORMATS))}"
+        raise ValueError(msg)
+    after = np.ascontiguousarray(arrays["after"], np.float32)
+    own = {name: np.ascontiguousarray(arrays[name], np.float64) for name in ARRAYS}
+    stretches, sizes = (max(len(own[name]), 2) for name in ("stretches", "squares"))
+    n = max(after.shape[2:3], default=NODES)
+    shapes = {
+        "after": (stretches, 4, n, n, n, sizes),
+        "stretches": (stretches,),
+        "squares": (sizes,),
+        "moves": (stretches, 4, 4),
+        "cost": (4,),
+        "reads": (5, own["reads"].shape[-1]),
+    }
+    for name, array in {"after": after, **own}.items():
+        if array.shape != shapes[name] or not np.isfinite(array).all():
+            msg = f"{name}: got {array.shape}; allowed: finite numbers of shape {shapes[name]}"
+            raise ValueError(msg)
+    travel = float(description["travel"])
+    rise = [np.diff(own[name]).min() for name in ("stretches", "squares")]
+    if n < NODES or min(*rise, travel) <= 0.0 or own["squares"][0] != 0.0:
+        msg = (
+            f"after: got {n} points; allowed: {NODES} or more; stretches, squares, travel: "
+            "allowed: numbers that rise, squares from 0, and a positive one"
+        )
+        raise ValueError(msg)
+    return TablePolicy(after=after, travel=travel, is_rate=bool(description["is_rate"]), **own)
