@@ -324,7 +324,7 @@ class TestRuns:
         fields = {"hidden": 1, "extra": 5, "memory": 1, "evaluations": 1}
         with pytest.raises(RunError) as caught:
             evolve(changed(changes={"control.steps": 2}, generations=3, **fields), unbroken)
-        assert "changes.control.steps none, now 2; hidden 4, now 1; " in str(caught.value)
+        assert "changes.control.steps none, now 2; evaluations 3, now 1; " in str(caught.value)
         assert str(caught.value).endswith("; 2 more); choose another name with --name")
 
 
