@@ -32,7 +32,7 @@ LARGEST = 2.2
 RARE = 0.1
 """Most impulses in a control step, on average: that there are two of them is left out."""
 
-SIZES_DRAWN = 6
+SIZES_DRAWN = 4
 """Nodes of Gauss and Legendre over the range of an impulse's sizes."""
 
 

@@ -21,11 +21,11 @@ class IterateSettings(TimedSettings):
     """without effect, as nothing is drawn; so that sweeps over seeds can have it"""
     evaluations: Count = 5
     """validations during the run; the best policy is kept"""
-    points: Annotated[int, Field(ge=NODES, le=101)] = 17
+    points: Annotated[int, Field(ge=NODES, le=101)] = 25
     """of each of the three directions of a motion"""
-    stretches: Annotated[int, Field(ge=2, le=1001)] = 17
+    stretches: Annotated[int, Field(ge=2, le=1001)] = 33
     """over the actuator's range"""
-    sizes: Annotated[int, Field(ge=2, le=101)] = 10
+    sizes: Annotated[int, Field(ge=2, le=101)] = 7
     """of a motion, where there are random impulses; without, the value is as its square"""
     sweeps: Count = 160
     """of the whole run"""
