@@ -58,10 +58,10 @@ READING = """Searches around a law are better than the law on every task: by evo
 minutes, by gradients through the physics where evolution stalls. PPO from nothing, with 5.12 M
 control steps, is better than the best law on CarriageForceFriction, PreStretchNoise and
 PreStretchShock. SAC, with a twentieth of the steps in the same time, is better on
-CarriageForceFriction alone. Added to a law, with a quarter of the steps, PPO gains 10 % on
+CarriageForceFriction alone. Added to a law, with a quarter of the steps, PPO gains 5 % on
 CarriageForceFriction, where it does not find what it finds from nothing, 3 % on PreStretchNoise and
-PreStretchShock and 1 % on CarriageForceDuffing; on PreStretch it loses 1 %, and on Hybrid and on
-CarriageForce, where the law is optimal, it gains nothing.
+PreStretchShock and half a per cent on CarriageForceDuffing; on PreStretch it loses half a per cent,
+and on Hybrid and on CarriageForce, where the law is optimal, it gains nothing.
 """
 
 DETAILS = """## Seeds
