@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.controller import require_actuator
+from agents.controllers.lqr import state_weight
 from agents.controllers.stable_rest import require_stable_rest
 from agents.search.starts import Shown
 from mm_gym import DesignError, compile_scene
@@ -103,22 +104,14 @@ def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
     largest = LARGEST * np.abs(impulses).max(initial=0.0)
     stretch = shown.stretch()
     assert stretch is not None  # noqa: S101 - else there is an obstacle
-    objective = scene.objective
+    back = np.linalg.inv(into)
     return Problem(
         stretches=grid,
         squares=(largest * np.linspace(0.0, 1.0, sizes) ** 2) ** 2
         if largest > 0.0
         else np.array([0.0, 1.0]),
         moves=_moves(scene, grid, 1.0, into),
-        cost=np.array(
-            [
-                objective.displacement_weight / objective.displacement_scale**2,
-                objective.stroke_weight / objective.stroke_scale**2,
-                objective.velocity_weight / objective.velocity_scale**2,
-                0.0,
-            ]
-        )
-        / scales**2,
+        cost=np.diagonal(back.T @ state_weight(scene) @ back),
         jumps=jumps,
         chances=chances if largest > 0.0 else chances[:0],
         travel=float(min(actuators.travel[-1], high - low) / (grid[1] - grid[0])),
