@@ -29,7 +29,7 @@ def test_stated_versions_are_the_pinned_ones():
     pins = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     table = INDEX.partition("## ")[0]
     stated = re.findall(r"([a-z_][a-z0-9_-]+) (\d+\.\d+\.\d+)\b", table)
-    assert len(stated) == 10
+    assert len(stated) == 11
     for package, version in stated:
         assert f"{package}=={version}" in pins
 
