@@ -32,10 +32,13 @@ def run(system: Scene, duration: float, time_step: float) -> Trajectory:
     return simulate(system.replace(**{"control.time_step": time_step}), duration=duration)
 
 
-def dampings(system: Scene) -> str:
-    """Return the dampings of a linear interface and of the carriage, for a panel's title."""
+def dampings(system: Scene, mark: str = "") -> str:
+    """Return the dampings of a linear interface and of the carriage, for a panel's title.
+
+    `mark` follows the carriage's.
+    """
     damping = system.interface.damping if system.interface.kind == "viscous" else 0.0
-    return f"$c$ = {damping:g}, $d$ = {system.carriage.damping:g} N s/m"
+    return f"$c$ = {damping:g}, $d$ = {system.carriage.damping:g}{mark} N s/m"
 
 
 def entitle(axes: Axes, letter: str, text: str) -> None:
@@ -76,8 +79,8 @@ def draw_velocities(axes: Axes, motion: Trajectory) -> None:
 
 
 def draw_rest(axes: Axes, place: float, label: str) -> None:
-    """Draw the place [m] where something comes to rest, across all times."""
-    axes.axhline(MILLI * place, color="0.3", linewidth=0.8, linestyle=":", label=label)
+    """Draw the place [m] where something comes to rest, across all times and behind its curve."""
+    axes.axhline(MILLI * place, color="0.8", linewidth=3.0, zorder=1.5, label=label)
 
 
 def _label_path(axes: Axes, mass: int) -> None:

@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING
 from mm_gym.drawing import save, style
 from mm_gym.paper.bistable_figure import figure_bistable
 from mm_gym.paper.friction_figures import figure_7, figure_8, figure_9, figure_10
-from mm_gym.paper.linear_figures import figure_2, figure_2_caption, figure_3, figure_5
+from mm_gym.paper.linear_figures import (
+    figure_2,
+    figure_2_caption,
+    figure_3,
+    figure_3_caption,
+    figure_5,
+)
 from mm_gym.paper.spring_figures import figure_6, figure_12
 
 if TYPE_CHECKING:
@@ -25,6 +31,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "fig2": figure_2,
     "fig2_caption": figure_2_caption,
     "fig3": figure_3,
+    "fig3_caption": figure_3_caption,
     "fig5": figure_5,
     "fig6": figure_6,
     "fig7": figure_7,
@@ -34,8 +41,8 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "fig12": figure_12,
     "bistable": figure_bistable,
 }
-"""The function that draws each figure. Of figure 2 there are two, with the masses of the text and
-with those of its caption. The last is no figure of the paper."""
+"""The function that draws each figure. Of figures 2 and 3 there are two, with the masses of the
+text and with those of figure 2's caption. The last is no figure of the paper."""
 
 
 def draw(name: str, path: str | PathLike[str]) -> None:

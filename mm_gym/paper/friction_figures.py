@@ -63,6 +63,11 @@ def figure_7() -> Figure:
         ylabel="friction force $f$ [N]",
         ylim=(-1.25 * highest, 1.25 * highest),
     )
+    remark(
+        figure,
+        f"parameters of fig. 8, $\\chi$ = {law.slip_damping:g} N s/m assumed; "
+        "at $|w| = v_r$ eq. 9 has the open circle, this project the filled one",
+    )
     legend_of_all(figure, [axes])
     return figure
 
@@ -102,7 +107,8 @@ def figure_8() -> Figure:
     for letter, panel, title in zip("ABCD", figure.axes, titles, strict=True):
         entitle(panel, letter, title)
     remark(
-        figure, f"$\\chi$ = {friction_of(system).slip_damping:g} N s/m; the paper states no value"
+        figure,
+        f"$\\chi$ = {friction_of(system).slip_damping:g} N s/m assumed; the paper states no value",
     )
     legend_of_all(figure, [displacements, sphere])
     return figure
@@ -175,7 +181,9 @@ def figure_10() -> Figure:
     entitle(by_chi, "A", "$\\mu_2 / \\mu_1$ = 0.5")
     entitle(by_ratio, "B", "$\\chi$ = 0.1 N s/m")
     remark(
-        figure, "the text of the paper does not state which $\\chi$ and $\\mu_2 / \\mu_1$ it draws"
+        figure,
+        "$\\chi$ of A and $\\mu_2 / \\mu_1$ of B assumed; "
+        "the paper's text states how many, not which",
     )
     return figure
 

@@ -20,13 +20,16 @@ from mm_gym.paper.curves import (
     remark,
     run,
 )
-from mm_gym.paper.scenes import CAPTION, FIGURE_2, scene
+from mm_gym.paper.scenes import ASSUMED, CAPTION, FIGURE_2, scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LIGHT = 1e-6
 """Carriages [kg] below this are labelled as of vanishing mass."""
+
+TEXT, PRINTED = "that the text needs", "of fig. 2's caption"
+"""Where the masses of figures 2 and 3 are from."""
 
 UNPUBLISHED = "theory only: the paper shows measured points here, but publishes no data"
 
@@ -41,44 +44,60 @@ def _displacement_panels(
         draw_displacements(panel, run(system, duration, 1e-3))
         draw_rest(panel, asymptotic_offset(system), "sphere at rest, $t \\to \\infty$")
         light = ", $m_1 \\to 0$" if system.carriage.mass < LIGHT else ""
-        entitle(panel, letter, dampings(system) + light)
+        entitle(panel, letter, dampings(system, "*" if name in ASSUMED else "") + light)
         panel.label_outer()
     legend_of_all(figure, axes)
     return figure
 
 
+def _masses(name: str, source: str) -> str:
+    """Return the masses of a system, and where they are from."""
+    system = scene(name)
+    masses = f"$m_1$ = {system.carriage.mass:g} kg, $m_2$ = {system.sphere.mass:g} kg"
+    return f"masses {source}: {masses}"
+
+
 def _figure_2(names: tuple[str, ...], source: str) -> Figure:
     figure = _displacement_panels(names, 0.5, 2, 4.4)
-    first = scene(names[0])
-    masses = f"$m_1$ = {first.carriage.mass:g} kg, $m_2$ = {first.sphere.mass:g} kg"
-    remark(figure, f"masses of the {source}: {masses}")
+    remark(figure, f"{_masses(names[0], source)}; * assumed, 1 or 10 in the caption")
     return figure
 
 
 def figure_2() -> Figure:
     """Draw the linear systems A to F with the masses that the text needs."""
-    return _figure_2(tuple(FIGURE_2), "text")
+    return _figure_2(tuple(FIGURE_2), TEXT)
 
 
 def figure_2_caption() -> Figure:
     """Draw the linear systems A to F with the masses of the caption."""
-    return _figure_2(CAPTION, "caption")
+    return _figure_2(CAPTION, PRINTED)
 
 
-def figure_3() -> Figure:
-    """Draw the phase paths of carriage and sphere: A and B of system 2E, C and D of 2A."""
-    figure, axes = panels(4.6, 2, 2, sharex="col", sharey="col")
-    for row, name in enumerate(("fig2e", "fig2a")):
+def _figure_3(undamped: str, damped: str, source: str) -> Figure:
+    """Draw the phase paths of a system without (A, B) and with interface damping (C, D)."""
+    figure, axes = panels(4.8, 2, 2, sharex="col", sharey="col")
+    for row, name in enumerate((undamped, damped)):
         system = scene(name)
-        motion = run(system, 1.0, 5e-4)
+        motion = run(system, 2.0, 5e-4)
         for mass, kind in enumerate(MASSES):
             panel = axes[2 * row + mass]
             draw_path(panel, motion, mass)
             entitle(panel, "ABCD"[2 * row + mass], f"{kind}, {dampings(system)}")
     for panel in axes[:2]:
         panel.set_xlabel("")
+    remark(figure, _masses(damped, source))
     legend_of_all(figure, axes)
     return figure
+
+
+def figure_3() -> Figure:
+    """Draw the phase paths of carriage and sphere: A and B of system 2E, C and D of 2A."""
+    return _figure_3("fig2e", "fig2a", TEXT)
+
+
+def figure_3_caption() -> Figure:
+    """Draw figure 3 with the masses of figure 2's caption."""
+    return _figure_3("fig2e_caption", "fig2a_caption", PRINTED)
 
 
 def figure_5() -> Figure:

@@ -2,10 +2,10 @@
 
 Figure 2 is there twice. "fig2a" to "fig2f" have m1 = 0.04 kg and m2 = 0.10 kg, as the text needs
 them; "fig2a_caption" to "fig2f_caption" have the caption's masses, which are the other way round.
-Section 8 of docs/model.md has the evidence for either. Panels D and F have a carriage of 1e-80 kg;
-which damping belongs to them is not stated, and D is read with d = 1, F with d = 10 N s/m. Figure 8
-omits chi; 0.1 N s/m is used, also in figure 9, where nothing slips and chi is without effect.
-Equation 19 is read as x1(0) = x2(0) = 0.01 m.
+Section 8 of docs/model.md has the evidence for either. Panels D and F have a carriage of 1e-80 kg.
+In D d = 1 N s/m, since the text says c = d; in F the caption leaves 1 or 10 N s/m, and 10 is
+assumed. Figure 8 omits chi; 0.1 N s/m is used, also in figure 9, where nothing slips and chi is
+without effect. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
 """
 
 from __future__ import annotations
@@ -49,6 +49,9 @@ VANISHING = 1e-80
 
 CAPTION = tuple(f"{name}_caption" for name in FIGURE_2)
 """Figure 2's systems with the masses of its caption."""
+
+ASSUMED = ("fig2f", "fig2f_caption")
+"""Systems whose d the paper leaves open."""
 
 RELEASED = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 """x1 = 0.01 m, x2 = 0.03 m, at rest."""

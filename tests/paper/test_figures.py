@@ -17,6 +17,7 @@ LETTERS = {
     "fig2": "ABCDEF",
     "fig2_caption": "ABCDEF",
     "fig3": "ABCD",
+    "fig3_caption": "ABCD",
     "fig5": "AB",
     "fig6": "ABCDEF",
     "fig7": "",
@@ -82,19 +83,29 @@ def test_nothing_is_clipped_and_no_text_is_smaller_than_in_print(name):
     assert min(text.get_fontsize() for text in texts) >= 7.5
 
 
-def test_both_readings_of_figure_2_are_drawn_with_their_masses():
-    for name, text in (("fig2", "0.04"), ("fig2_caption", "0.1")):
-        assert f"$m_1$ = {text} kg" in figure_of(name).get_suptitle()
+@pytest.mark.parametrize("figure", ["fig2", "fig3"])
+def test_both_readings_of_the_masses_are_drawn_and_stated(figure):
+    for suffix, masses in (("", (0.04, 0.1)), ("_caption", (0.1, 0.04))):
+        stated = "$m_1$ = {:g} kg, $m_2$ = {:g} kg".format(*masses)
+        assert stated in figure_of(figure + suffix).get_suptitle()
 
 
-def test_figure_3_shows_paths_of_carriage_and_sphere_without_and_with_interface():
-    assert panel("fig3", "B").get_title(loc="left").startswith("B: sphere, $c$ = 0")
-    assert panel("fig3", "D").get_title(loc="left").startswith("D: sphere, $c$ = 1")
+@pytest.mark.parametrize("name", ["fig2", "fig2_caption"])
+def test_figure_2_marks_the_one_damping_that_the_paper_leaves_open(name):
+    starred = [letter for letter in "ABCDEF" if "*" in panel(name, letter).get_title(loc="left")]
+    assert starred == ["F"]
+    assert "* assumed" in figure_of(name).get_suptitle()
+
+
+@pytest.mark.parametrize("name", ["fig3", "fig3_caption"])
+def test_figure_3_shows_paths_of_carriage_and_sphere_without_and_with_interface(name):
+    assert panel(name, "B").get_title(loc="left").startswith("B: sphere, $c$ = 0")
+    assert panel(name, "D").get_title(loc="left").startswith("D: sphere, $c$ = 1")
     for letter in "AC":
-        carriage = path("fig3", letter, 0)
+        carriage = path(name, letter, 0)
         assert carriage[0] == pytest.approx([10.0, 0.0])
         assert carriage[-1] == pytest.approx([0.0, 0.0], abs=0.01)
-    still, moved = path("fig3", "B", 1), path("fig3", "D", 1)
+    still, moved = path(name, "B", 1), path(name, "D", 1)
     assert np.ptp(still, axis=0) == pytest.approx([0.0, 0.0], abs=0.0)
     assert moved[[0, -1]] == pytest.approx(np.array([[30.0, 0.0], [20.0, 0.0]]), abs=0.01)
 
@@ -141,6 +152,7 @@ def test_the_bistable_carriage_ends_in_a_marked_well_and_is_said_to_be_none_of_t
 
 def test_figure_7_is_the_graph_of_the_friction_law():
     axes = figure_of("fig7").axes[0]
+    assert "open circle" in figure_of("fig7").get_suptitle()
     stick, slip = COLOURS[0].upper(), COLOURS[1].upper()
     found = curves(axes, least=2)
     assert found[stick][-1] == pytest.approx([0.2, 0.509 * 0.3924])
