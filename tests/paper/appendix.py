@@ -105,11 +105,17 @@ def eigenvalues_of_24(s, mend=("E2", "E3", "E4")):
     return found
 
 
+def norm_of_23(s, eta):
+    """Return M."""
+    m1, _, k1, _, c, d = s
+    inner = 2 * c**2 + 2 * c * (d + m1 * eta) + (d + m1 * eta) ** 2
+    return sqrt((1 + eta**2) * (k1**2 + 2 * k1 * eta * (c + d + m1 * eta) + eta**2 * inner))
+
+
 def eigenvectors_of_22(s, eta):
     """Return the eigenvector of eq. 22 divided by the M of eq. 23, and M."""
     m1, _, k1, _, c, d = s
-    inner = 2 * c**2 + 2 * c * (d + m1 * eta) + (d + m1 * eta) ** 2
-    norm = sqrt((1 + eta**2) * (k1**2 + 2 * k1 * eta * (c + d + m1 * eta) + eta**2 * inner))
+    norm = norm_of_23(s, eta)
     x1, x2 = c * eta, k1 + eta * (c + d + m1 * eta)
     return [part / norm for part in (x1, x2, eta * x1, eta * x2)], norm
 

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, simulate
+from mm_gym.analysis import asymptotic_offset, critical_reference_velocity
 from mm_gym.paper import scene
+from mm_gym.paper.friction_figures import linear_twin
 from mm_gym.paper.printed import friction_force, friction_of, normal_force, stick_slope
 
+VELOCITY = "interface.reference_velocity"
 SYSTEM = scene("fig8").replace(
     sensors={"channels": ["sphere_acceleration"]},
     actuation={"force": {"limit": 1.0}},
@@ -59,6 +62,49 @@ def test_a_start_at_the_reference_velocity_slips_only_if_the_carriage_pulls_away
         changes = {"initial.sphere_velocity": V_R, "initial.carriage_displacement": displacement}
         states = simulate(SYSTEM.replace(**changes), times=[1e-4, 2e-4]).state
         assert np.all((states[:, 3] - states[:, 2] > V_R) == slips)
+
+
+def test_where_the_slip_touches_the_reference_velocity_two_motions_obey_the_law():
+    # At the critical velocity w rises to v_r in stick, which is linear, and turns back there. At
+    # that instant the acceleration of slip points outwards: to slip from there obeys the law too.
+    system = scene("fig10")
+    critical = critical_reference_velocity(system)
+    system = system.replace(**{VELOCITY: critical, "control.time_step": 1e-5})
+    stick = linear_twin(system)
+    law, m1, m2 = friction_of(system), system.carriage.mass, system.sphere.mass
+    states = simulate(stick, duration=0.05).state
+    touching = states[np.argmax(np.abs(states[:, 3] - states[:, 2]))]
+    x1, x2, v1, v2 = touching
+    # The nearest of the instants misses the maximum by less than 1e-6 of it.
+    assert v2 - v1 == pytest.approx(critical, rel=1e-6)
+    carriage = -system.carriage.damping * v1 - system.carriage.stiffness * x1
+
+    def outwards(force):
+        return -force / m2 - (carriage + force) / m1
+
+    static, kinetic = (
+        one * normal_force(law) for one in (law.static_coefficient, law.kinetic_coefficient)
+    )
+    jump = (static - kinetic) * (m1 + m2) / (m1 * m2)
+    # w'' is some 1e3 m/s^3 and the instant half a step away: 5e-3 m/s^2.
+    assert outwards(static) == pytest.approx(0.0, abs=0.02)
+    assert outwards(kinetic) == pytest.approx(jump, abs=0.02)
+    assert jump > 1.0
+    # Which of the two goes on is decided by less than 1e-5 of v_r.
+    ends = [
+        asymptotic_offset(
+            system.replace(
+                initial={
+                    "carriage_displacement": x1,
+                    "sphere_offset": x2 - x1,
+                    "carriage_velocity": v1,
+                    "sphere_velocity": v1 + factor * critical,
+                }
+            )
+        )
+        for factor in (1.0 - 1e-5, 1.0 + 1e-5)
+    ]
+    assert ends == pytest.approx([0.020000, 0.020746], abs=2e-6)
 
 
 def test_the_printed_law_needs_a_stated_weight_and_dry_friction():

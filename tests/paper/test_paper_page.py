@@ -75,7 +75,7 @@ def leads_somewhere(name):
 
 
 def test_every_line_has_five_cells_and_they_are_numbered():
-    assert [line[0] for line in LINES] == [str(number) for number in range(1, 180)]
+    assert [line[0] for line in LINES] == [str(number + 1) for number in range(len(LINES))]
     assert {len(line) for line in LINES} == {5}
     assert all(all(line) for line in LINES)
 
@@ -113,12 +113,24 @@ def test_every_line_is_settled():
         assert kind, (number, verdict)
         kinds[kind[0].partition(":")[0].partition(",")[0]] += 1
     counts = f"{kinds['agrees']} agree, {kinds['paper wrong']} name"
-    assert counts in PAGE
+    assert f"Of {len(LINES)} lines {counts}" in PAGE
     assert f"and {kinds['not covered']} are not covered" in PAGE
 
 
 def test_every_erratum_is_a_line_of_the_page():
     assert set(re.findall(r"paper wrong: (E\d+)", PAGE)) == ERRATA
+
+
+def test_every_symbol_of_the_model_has_a_unit_and_a_field():
+    table = MODEL.partition("| symbol |")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines()[2:]]
+    symbols = {symbol for row in rows for symbol in row[0].split(", ")}
+    assert {"μ1", "μ2", "F_N", "v_r", "χ", "k0", "l0", "λ", "f(w)", "s(ξ)"} <= symbols
+    for *_, unit, fields in rows:
+        assert unit
+        names = re.findall(r"`([^`]+)`", fields)
+        assert names
+        assert all(is_field(name) or name in Scene.model_fields for name in names)
 
 
 def test_every_figure_and_every_system_is_named():
