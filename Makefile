@@ -8,7 +8,7 @@ BENCH := .venv-bench
 PINS ?= constraints.txt
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
-.PHONY: demo test test-slow test-clients $(CLIENTS) check bench tasks results clean
+.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) check bench tasks results clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -19,6 +19,10 @@ test: $(INSTALLED)
 
 test-slow: $(INSTALLED)
 	$(RUN) -m pytest -n auto --dist loadfile
+
+# As other processors would run them, and twice beside eight busy processes: an hour or two.
+test-processors: $(INSTALLED)
+	$(RUN) tests/processors.py
 
 # The pages on clients that the extras do not bring; one of them: make rllib.
 test-clients: $(CLIENTS)
@@ -74,4 +78,4 @@ $(CLIENTS:%=.venv-%/.installed): .venv-%/.installed: pyproject.toml constraints.
 	@touch $@
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) dist .processors .pytest_cache .ruff_cache .hypothesis

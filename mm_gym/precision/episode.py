@@ -36,10 +36,12 @@ MOST_CHECKED = 300
 """Sample intervals of all episodes that the oracle integrates."""
 
 LONGEST_RUN = 0.02
-"""Time [s] that `auto` may take for an episode; a longer one is cut short."""
+"""Processor time [s] that `auto` may take for an episode; a longer one is cut short."""
 
-PATIENCE = 4.0
-"""Time [s] after which the oracle starts no further sample interval."""
+EVALUATIONS = {"smooth": 200_000, "sampled": 10_000}
+"""Evaluations of the forces after which the oracle starts no further sample interval: some 4 s.
+Recorded excitation takes twenty times as long. They are counted, so that which scenes are refused,
+and how many intervals are checked, do not depend on the machine."""
 
 ORACLES = (("DOP853", 2.3e-14, 100_000), ("Radau", 1e-11, 30_000))
 """Methods of the oracle, their tolerances, and the evaluations of the forces that a sample interval
@@ -130,12 +132,12 @@ def record(plant: Plant, seed: int, *, at_limits: bool = False) -> Episode:
     if at_limits:
         commands = _to_limits(plant, commands)
     recording = blank(plant, lanes.values[:, 0].copy(), count)
-    began = time.perf_counter()
+    began = time.thread_time()
     for n in range(count):
         run(lanes, commands[n : n + 1], recording, n * many)
         if n == 0:
-            began = time.perf_counter()  # the first call may compile
-        elif time.perf_counter() - began > LONGEST_RUN:
+            began = time.thread_time()  # the first call may compile
+        elif time.thread_time() - began > LONGEST_RUN:
             count = n + 1
             break
     return Episode(seed, commands[:count], first(recording, count * many))
@@ -231,12 +233,16 @@ def _disturbance(recording: Recording) -> Callable[[float, str], float]:
 def _truth(pairs: Sequence[_Pair], episodes: Sequence[Episode]) -> Truth:
     places: list[tuple[int, int]] = []
     ends: list[Values] = []
-    resolution, until = float(np.finfo(np.float64).eps), time.perf_counter() + PATIENCE
+    resolution, spent = float(np.finfo(np.float64).eps), 0
+    most = EVALUATIONS["smooth" if pairs[0].fine.disturbance is None else "sampled"]
     for i, n in _spread([len(one.recording.starts) for one in episodes]):
-        if ends and time.perf_counter() > until:
+        if spent >= most:
             break
         pair, episode = pairs[i], episodes[i]
-        fine, coarse = (_end(oracle, episode, n) for oracle in (pair.fine, pair.coarse))
+        (fine, first_spent), (coarse, second_spent) = (
+            _end(oracle, episode, n) for oracle in (pair.fine, pair.coarse)
+        )
+        spent += first_spent + second_spent
         places.append((i, n))
         ends.append(fine)
         resolution = max(resolution, float((np.abs(fine - coarse) / episode.scale).max()))
@@ -264,21 +270,22 @@ def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
     return places[:MOST_CHECKED]
 
 
-def _end(oracle: Oracle, episode: Episode, n: int) -> Values:
-    """Return the state (4,) at the end of sample interval n, by the oracle."""
+def _end(oracle: Oracle, episode: Episode, n: int) -> tuple[Values, int]:
+    """Return the state (4,) at the end of sample interval n, and the evaluations of the oracle."""
     recording = episode.recording
     interval, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
     count = int(np.ceil((n + 1) * interval / oracle.scene.control.time_step)) + 1
     forces, stretches = np.full(count, force), np.full(count, stretch)
-    state, begin = recording.starts[n], n * interval
+    state, begin, spent = recording.starts[n], n * interval, 0
     for elapsed, jump in [*breaks(recording, n), (interval, np.zeros(2))]:
         end = n * interval + elapsed
         # A copy, because the budget of evaluations is for its life.
         piece = replace(oracle, disturbance=_within(oracle.disturbance, begin, end))
         state = piece.solve([end], forces=forces, stretches=stretches, start=state, begin=begin)[0]
+        spent += piece.spent
         state[2:] += jump
         begin = end
-    return state
+    return state, spent
 
 
 def _within(

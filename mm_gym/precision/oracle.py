@@ -64,6 +64,11 @@ class Oracle:
     most_evaluations: int = 100_000_000
     _spent: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
 
+    @property
+    def spent(self) -> int:
+        """Evaluations of the forces until now."""
+        return self._spent[0]
+
     def solve(
         self,
         times: ArrayLike,

@@ -63,11 +63,11 @@ def contents(folder):
 
 
 def wait_for(path):
-    for _ in range(600):
+    for _ in range(60_000):
         if path.exists():
             return
-        time.sleep(0.1)
-    message = f"{path} was not written within a minute"
+        time.sleep(0.01)
+    message = f"{path} was not written within ten minutes"
     raise TimeoutError(message)
 
 

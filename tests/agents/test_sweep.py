@@ -37,7 +37,7 @@ TWO = SweepSettings(
 
 
 def kill_first(folder, killed):
-    for _ in range(6000):
+    for _ in range(60_000):
         time.sleep(0.01)
         for checkpoint in folder.glob("*/checkpoint.npz"):
             number = int((checkpoint.parent / ".lock").read_text().split()[1])

@@ -244,7 +244,7 @@ def test_no_value_of_a_state_crashes_or_hangs_the_kernels():
     code = FUZZ.format(paths=[str(here), str(here.parent)])
     # In a process of its own, which a read outside the memory would end.
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=1800, check=False
     )
     assert done.returncode == 0, done.stderr
     refused, lost, moved = map(int, re.findall(r"\d+", done.stdout))

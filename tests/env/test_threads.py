@@ -16,7 +16,8 @@ from mm_gym.kernels import layout as at
 LANES = 3 * at.BLOCK - 100
 """Two or three ranges of lanes, the last one short and no multiple of a vector."""
 
-SECONDS = 60
+SECONDS = 600
+"""A deadlock lasts for ever; on a loaded machine the kernels compile for minutes."""
 
 TWO_AT_A_TIME = """
 import threading

@@ -295,40 +295,45 @@ def coulomb_offset(static, kinetic):
     the force that this takes is at most the static one.
     """
     m1, m2, k1, d, normal = 0.10, 0.04, 400.0, 1.0, 0.3924
+
+    def locking(y):
+        """Return the force on the carriage that locks the sphere [N]."""
+        return m2 * (d * y[2] + k1 * y[0]) / (m1 + m2)
+
+    def locked(_, y):
+        a = (-d * y[2] - k1 * y[0]) / (m1 + m2)
+        return [y[2], y[2], a, a]
+
+    def slipping(_, y):
+        force = sign * kinetic * normal
+        return [y[2], y[3], (-d * y[2] - k1 * y[0] + force) / m1, -force / m2]
+
+    def lock_breaks(_, y):
+        return abs(locking(y)) - static * normal
+
+    # With equal coefficients slip begins with w = w' = 0: round-off decides both signs, so w = 0
+    # ends it only where w decreases. (m1 + m2) / (m1 m2) w' is what locking exceeds friction by.
+    def slip_ends(_, y):
+        return max(sign * (y[3] - y[2]), sign * locking(y) - kinetic * normal)
+
+    lock_breaks.terminal, lock_breaks.direction = True, 1.0
+    slip_ends.terminal, slip_ends.direction = True, -1.0
+
+    def follow(motion, end):
+        found = solve_ivp(
+            motion, (time, 10.0), state, "DOP853", rtol=1e-12, atol=1e-15, events=end, max_step=1e-3
+        )
+        return found.y[:, -1], found.t[-1]
+
     state, time = np.array([0.01, 0.03, 0.0, 0.0]), 0.0
     for _ in range(100):
-        x1, _, v1, _ = state
-        needed = -m2 * (-d * v1 - k1 * x1) / (m1 + m2)  # force on the carriage to lock the sphere
-        sign = np.sign(needed) if abs(needed) > static * normal else 0.0
-        force = sign * kinetic * normal
-
-        def motion(_, y, sign=sign, force=force):
-            if sign == 0.0:
-                a = (-d * y[2] - k1 * y[0]) / (m1 + m2)
-                return [y[2], y[2], a, a]
-            return [y[2], y[3], (-d * y[2] - k1 * y[0] + force) / m1, -force / m2]
-
-        def ends(_, y, sign=sign):
-            if sign == 0.0:
-                return abs(m2 * (d * y[2] + k1 * y[0]) / (m1 + m2)) - static * normal
-            return sign * (y[3] - y[2])
-
-        ends.terminal, ends.direction = True, 1.0 if sign == 0.0 else -1.0
-        found = solve_ivp(
-            motion,
-            (time, 10.0),
-            state,
-            "DOP853",
-            rtol=1e-12,
-            atol=1e-15,
-            events=ends,
-            max_step=1e-3,
-        )
-        state, time = found.y[:, -1], found.t[-1]
+        if abs(locking(state)) <= static * normal:
+            state, time = follow(locked, lock_breaks)
         if time == 10.0:
             return state[1] - state[0]
-        if sign == 0.0:
-            continue
+        # A lock that broke slips, whatever round-off says of the force at which it broke.
+        sign = np.sign(locking(state))
+        state, time = follow(slipping, slip_ends)
         state[3] = state[2]
     return np.nan
 

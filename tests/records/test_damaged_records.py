@@ -63,7 +63,7 @@ def test_mutated_file_is_read_or_refused(monkeypatch, count):
         chance = random.Random(i)  # noqa: S311 - not cryptography
         name, content = chance.choice(SEEDS)
         content = mutated(chance, content)
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             record = read_record(name, unit="g")
         except SceneError as error:
@@ -73,7 +73,7 @@ def test_mutated_file_is_read_or_refused(monkeypatch, count):
             assert len(record.times) == len(record.values) >= 2, content
             assert np.all(np.isfinite(record.values)), content
             assert np.all(np.diff(record.times) > 0.0), content
-        slowest = max(slowest, time.perf_counter() - start)
+        slowest = max(slowest, time.process_time() - start)
     assert 0.1 * count < accepted < 0.9 * count, "the mutations are too tame or too wild"
     assert all(message and "\n" not in message for message in messages)
     assert slowest < 5.0
@@ -87,7 +87,7 @@ def test_mutated_file_is_read_or_refused(monkeypatch, count):
     ],
 )
 def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
-    start = time.perf_counter()
+    start = time.process_time()
     for number in range(6):
         lines = GOOD.encode().split(b"\n")
         lines[number] = line
@@ -95,7 +95,7 @@ def test_long_lines_take_no_more_time_than_short_ones(tmp_path, line):
             with contextlib.suppress(SceneError):
                 read(tmp_path, b"\n".join(lines), name)
     # A pattern that backtracks would take minutes; a good one takes a tenth of a second.
-    assert time.perf_counter() - start < 30.0
+    assert time.process_time() - start < 30.0
 
 
 def large(line, last, head=""):
@@ -127,8 +127,9 @@ def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     start = time.process_time()
     with pytest.raises(SceneError):
         read_record(name, unit="g", time_step=STEPS.get(kind))
-    # Most take half a second; eight million numbers take a second.
-    assert time.process_time() - start < 3.0
+    # Most take half a second, and eight million numbers a second; what is not linear in their
+    # number takes hours.
+    assert time.process_time() - start < 20.0
 
 
 @pytest.mark.slow
