@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 THRESHOLDS = np.linspace(-0.5, 1.1, 65)
 """Scores at which the performance profile is taken."""
 
-CHOSEN = "best classical law"
-"""Label of the law that did best on each task's validation episodes."""
+CHOSEN = "best classical controller"
+"""Label of the one that did best on each task's validation episodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,8 @@ class Overall:
     mean
         Interquartile mean of its scores.
     profile
-        (thresholds, 3): which part of its scores is greater than each of `THRESHOLDS`, with the
-        ends of the 95 % interval.
+        (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
+        the ends of the 95 % interval.
     improvement
         Label -> probability that it does better than another.
     """

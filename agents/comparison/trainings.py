@@ -1,4 +1,4 @@
-"""Finished trainings of a task in the same held-out episodes, beside its best law."""
+"""Finished trainings of a task in the same held-out episodes, next to a reference controller."""
 
 from __future__ import annotations
 
@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.evaluation.aggregates import (
-    LEVEL,
-    Estimate,
-    Sample,
-    estimate,
-    interquartile_mean,
-)
+from agents.evaluation.aggregates import interquartile_mean, proportion, shared_episodes
 from agents.sweeps.trials import LEARNERS
 from agents.training.config import short_name
 
@@ -23,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.comparison.robustness import Outcome
+    from agents.evaluation.aggregates import Estimate
     from agents.evaluation.episodes import Evaluation
     from agents.policies import Policy
 
@@ -102,7 +97,7 @@ class OnTask:
     task
         Its id.
     law
-        The best classical law, in the same episodes.
+        The reference controller in the same episodes: the best of `classical_laws` in them.
     law_validation
         Its cost in the validation episodes [-].
     trainings
@@ -158,35 +153,28 @@ def best_of(trainings: Sequence[Trainings]) -> Trainings:
 
 
 def middle_cost(trainings: Trainings) -> Estimate:
-    """Return the interquartile mean of the seeds' costs, with its interval over seeds."""
-    sample = Sample(trainings.penalties[None], np.ones(1, np.bool_))
-    drawn = np.sqrt(sample.resampled(np.random.default_rng(0))[0])[:, None]
-    costs = trainings.costs[None]
-    return estimate(
-        float(interquartile_mean(costs)),
-        interquartile_mean(drawn),
-        costs,
-        drawn,
-        trained=True,
-        episodes=sample.penalties.shape[2],
-    )
+    """Return the interquartile mean of the seeds' costs, with its interval, if there are several.
+
+    The interval is for other seeds and other episodes.
+    """
+    return shared_episodes(trainings.penalties)
+
+
+def cheaper(trainings: Trainings, law: Evaluation) -> int:
+    """Return how many seeds cost less than a controller in the same episodes."""
+    return int((trainings.costs < law.cost).sum())
 
 
 def improvement(trainings: Trainings, law: Evaluation) -> Estimate:
-    """Return the probability that a training's cost is below the law's, with its interval.
+    """Return the probability that a training's cost is below a controller's in these episodes.
 
-    Seeds and episodes are drawn anew, the episodes the same for all: they are paired.
+    The interval is for other seeds in the same episodes.
     """
-    own = trainings.penalties
-    both = np.stack([own, np.broadcast_to(law.penalties, own.shape)])
-    drawn = Sample(both, np.array([True, False])).resampled(np.random.default_rng(0))
-    found = (drawn[0] < drawn[1]).mean(axis=1)
-    value = (trainings.costs < law.cost).mean()
-    return Estimate(float(value), *(float(end) for end in np.percentile(found, LEVEL)))
+    return proportion(cheaper(trainings, law), len(trainings.costs))
 
 
 def episodes_won(trainings: Trainings, law: Evaluation) -> float:
-    """Return which part of all episodes of all seeds costs less than with the law."""
+    """Return which fraction of all episodes of all seeds costs less than with the controller."""
     return float((trainings.penalties < law.penalties).mean())
 
 

@@ -1,4 +1,7 @@
-"""Statistics of several runs, and their intervals by a bootstrap of two levels.
+"""Statistics of several runs, and intervals of two levels.
+
+Where each seed has episodes of its own, intervals are those of a bootstrap (`estimate`); where all
+seeds share their episodes, those of `shared_episodes`.
 
 Point estimates are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, *Deep
 reinforcement learning at the edge of the statistical precipice*, NeurIPS 2021, and of their package
@@ -12,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.stats import norm, t, trim_mean
+from scipy.stats import beta, norm, t, trim_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +32,7 @@ RESAMPLES = 2_000
 
 
 class Estimate(NamedTuple):
-    """A value with the ends of its 95 % interval."""
+    """A value with the ends of its 95 % interval; they are NaN where the data cannot tell them."""
 
     value: float
     low: float
@@ -148,6 +151,53 @@ def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate
         episodes=sample.penalties.shape[2],
     )
     return Estimate(*(float(np.sqrt(max(value, 0.0))) for value in found))
+
+
+def shared_episodes(penalties: Array) -> Estimate:
+    """Return the interquartile mean of the seeds' costs over all episodes and trainings.
+
+    The interval is for seeds and episodes drawn anew. It adds the squares of two margins: that of
+    the mean over seeds, from the spread of the winsorised costs (Tukey and McLaughlin, *Less
+    vulnerable confidence and significance procedures*, Sankhya A 25, 1963), and that of the mean
+    over episodes, from the cost's slope over each episode's penalty. Each margin has Student's
+    quantile for its own number of values, so few seeds do not borrow certainty from many episodes.
+    What is particular to a seed in an episode is in both, which errs on the wide side. Ends are
+    those of the logarithm: a cost is positive. A single seed says nothing of others: it has no
+    interval.
+
+    Parameters
+    ----------
+    penalties
+        (seeds, episodes) as in `Evaluation`, of the same episodes.
+    """
+    seeds, episodes = penalties.shape
+    costs = np.sqrt(penalties.mean(axis=1))
+    cut = seeds // 4
+    middle = np.argsort(costs)[cut : seeds - cut]
+    value, kept = float(costs[middle].mean()), len(middle)
+    if seeds == 1:
+        return Estimate(value, np.nan, np.nan)
+    winsorised = np.clip(costs, costs[middle].min(), costs[middle].max())
+    slopes = (penalties[middle] / (2.0 * costs[middle, None])).mean(axis=0)
+    margin = np.hypot(
+        _margin(winsorised.std(ddof=1) * seeds / kept / np.sqrt(seeds), kept),
+        _margin(slopes.std(ddof=1) / np.sqrt(episodes), episodes),
+    )
+    ratio = np.exp(margin / value)
+    return Estimate(value, float(value / ratio), float(value * ratio))
+
+
+def _margin(error: float, count: int) -> float:
+    """Return half the width of the interval of a mean of values with this standard error."""
+    return float(error * t.ppf(0.975, count - 1))
+
+
+def proportion(successes: int, trials: int) -> Estimate:
+    """Return a proportion with its interval, that of Clopper and Pearson (Biometrika 26, 1934)."""
+    failures = trials - successes
+    low = beta.ppf(0.025, successes, failures + 1) if successes else 0.0
+    high = beta.ppf(0.975, successes + 1, failures) if failures else 1.0
+    return Estimate(successes / trials, float(low), float(high))
 
 
 def tail_mean(values: Array, part: float = 0.1) -> float:

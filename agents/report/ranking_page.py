@@ -19,24 +19,31 @@ HEAD = """# Ranking
 
 <!-- Written by `python -m agents.ranking`; do not edit. -->
 
-Costs on the same 100 held-out episodes of each task, as `docs/tasks.md` defines them, with 95 %
-intervals. The **score** is s = (J_constant - J) / (J_constant - J_best known): 0 for the best
-constant action, 1 for the best known plan, which knows the episode.
+Costs on the same 100 held-out episodes of each task, as `docs/tasks.md` defines them. The 95 %
+intervals are for other episodes; a learned controller is one training, and other trainings of the
+same algorithm differ (`docs/results.md`). The **score** is s = (J_constant - J) / (J_constant -
+J_best found): 0 for the best constant action, 1 for the clairvoyant optimum (best found), which
+knows the episode. Tables call it "best known plan", and a control weight "price".
 
 - **zero**: no action. **Best constant**: the best in hindsight of what never moves.
 - **Passive optimum**: the damping of the interface, and the stretch, of the best passive damper
   (`mm_gym.tuning`). It is another plant: no actuator of the task changes the damping. Dry friction
   has none to tune.
-- **Best law**: the best of the classical laws. **Predictive**: predictive control. **Learned**: the
-  best of the trained agents, where one was scored: `python -m agents.ranking runs/NAME` adds it.
-- **Best known**: the least cost of all that runs on the task's own plant.
+- **Best controller**: the best of the classical controllers here, see
+  [what is known of others](controllers.md#known-but-not-in-the-tables). **Predictive**: predictive
+  control. **Learned**: the best of the trained agents here: `python -m agents.ranking runs/NAME`
+  adds one.
+- **Best found**: the least cost of all that runs on the task's own plant.
+
+Under a table stand the orders that a reader would not expect; the
+[reasons](controllers.md#unexpected-orders) are with the controllers.
 """
 
 COLUMNS = {
     "zero": "zero",
     "best constant": "constant",
     "passive optimum": "passive",
-    "best law": "law",
+    "best controller": "law",
     "predictive": "predictive",
     "learned": "learned",
 }
@@ -47,7 +54,7 @@ def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
     """Return the page with these scores, as of ``docs/task_scores.json``."""
     rows = {task: of_task["rows"] for task, of_task in scores.items()}
     summary = markdown(
-        ["task", *COLUMNS, "best known"],
+        ["task", *COLUMNS, "best found"],
         [_summary(task, of_task) for task, of_task in rows.items()],
     )
     sections = [part for task, of_task in rows.items() for part in _section(task, of_task)]
@@ -79,6 +86,6 @@ def _section(task: str, rows: Sequence[Row]) -> Iterator[str]:
             for row in sorted(rows, key=lambda row: float(row["cost"]))
         ],
     )
-    found = surprises(task, rows)
+    found = surprises(rows)
     if found:
-        yield "\n".join(f"- {told} {why or ''}".rstrip() for told, why in found)
+        yield "\n".join(f"- {sentence}" for sentence in found)

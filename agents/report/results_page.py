@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.comparison.trainings import algorithms_of, episodes_won, improvement, middle_cost
+from agents.comparison.trainings import (
+    algorithms_of,
+    cheaper,
+    episodes_won,
+    improvement,
+    middle_cost,
+)
 from agents.evaluation.aggregates import tail_mean
 from agents.report.tables import markdown, percent
 from mm_gym import compile_scene, load_scene
@@ -27,69 +33,64 @@ HEAD = """# Results
 
     python -m agents.results configs/results.toml
 
-trains on all tasks, goes on where it was stopped, and writes this page; `--no-train` writes it of
-what is trained already. `python -m agents.sweep configs/results.toml` trains alone, also on a Ray
-cluster. Generations or steps, and not time, end a training, so each cost can be repeated. This page
-was made on {machine}, one processor a training.
+trains on all tasks, continues where it was stopped, and writes this page; `--no-train` writes it
+from what is trained already. `python -m agents.sweep configs/results.toml` only trains, also on a
+Ray cluster. Generations, iterations or steps end a training, unless it first reaches its time
+budget. So each cost can be repeated on the same kind of processor; another kind can round
+differently, and a search then ends elsewhere. This page was made on {machine}, one
+processor a training.
 
-Costs are those of `docs/tasks.md` on the same 100 held-out episodes, which no training and no
-tuning has seen. Intervals of 95 % are a bootstrap over seeds and episodes. The best law is the best
-of the classical laws in these very episodes; predictive control and the best known plan, which
-knows the episode, are those of `docs/ranking.md`.
+Costs are those of `docs/tasks.md`, on the same 100 held-out episodes. No training runs on them
+([what they have served for](evaluation.md#the-held-out-episodes)). The **reference controller** is
+the best, in these very episodes, of the LQR, velocity feedback, the controllers of the stretch and
+their combinations; figures call it "best law". The best controller of all classical ones,
+predictive control and the clairvoyant optimum (best found), which knows the episode, are those of
+`docs/ranking.md`; [controllers](controllers.md#known-but-not-in-the-tables) has what is known of
+others.
 """
 
 KINDS = {
-    "evolution": "a small network around a law, by evolution: `agents.evolve`",
+    "evolution": "a small network around a controller, by evolution: `agents.evolve`",
     "gradient": "the same with a wider network and its memory, by exact gradients: "
     "`agents.descend`",
-    "value_iteration": "the best law without foresight, on a grid: `agents.iterate`",
+    "value_iteration": "the optimum without preview, on a grid: `agents.iterate`",
     "ppo": "a network that begins with nothing, by PPO",
-    "residual": "a network by PPO, added to the law that `configs/results.toml` names",
+    "residual": "a network by PPO, added to the controller that `configs/results.toml` names",
     "sac": "a network that begins with nothing, by SAC",
 }
 """What the algorithms of `configs/results.toml` are."""
 
 COSTS = """## Costs
 
-The interquartile mean over the seeds.
-"""
-
-READING = """Searches around a law are better than the law on every task: by evolution within
-minutes, by gradients through the physics where evolution stalls. PPO from nothing, with 5.12 M
-control steps, is better than the best law on CarriageForceFriction, PreStretchNoise and
-PreStretchShock. SAC, with a twentieth of the steps in the same time, is better on
-CarriageForceFriction alone. Added to a law, with a quarter of the steps, PPO gains 5 % on
-CarriageForceFriction, where it does not find what it finds from nothing, 3 % on PreStretchNoise and
-PreStretchShock and half a per cent on CarriageForceDuffing; on PreStretch it loses half a per cent,
-and on Hybrid and on CarriageForce, where the law is optimal, it gains nothing.
+The interquartile mean over the seeds. In brackets stands its 95 % interval for other seeds and
+other episodes of the task ([how](evaluation.md#cost-score-intervals)); a single seed has none.
 """
 
 DETAILS = """## Seeds
 
-Improvement is the probability that a training costs less than the best law, with its interval;
-episodes won is the part of single episodes that cost less. The time is the median of the trainings
-on one processor, on a machine that did other work besides.
+A seed is a training of its own. Cheaper are the seeds that cost less than the reference controller
+in these episodes. Improvement is the probability of that, with the 95 % interval of Clopper and
+Pearson: for other seeds in the same episodes. Episodes won is the fraction of single episodes that
+cost less. How long a search takes is measured in [benchmarks](benchmarks.md#evolution).
 """
 
-MISSING = """Where there are fewer than {most} seeds, the clock ended the work, not the costs that
-were found; an algorithm that is in no table was not run at all. The same command trains the rest.
-Seeds that there are:
+MISSING = """Trainings with fewer than {most} seeds, which the same command trains:
 """
 
 CURVES = """## Learning curves
 
-The least cost so far on the 100 validation episodes, on which the best law's cost is drawn too: the
-median of the seeds, and from the best to the worst of them. Costs above twice that of the law are
-left out. The time is that of the trainings as they were, on a machine that did other work besides,
-the median of the seeds.
+The lowest cost so far on the 100 validation episodes: the median of the seeds, and the range from
+the best to the worst of them. The line of the reference controller is its cost there. Costs above
+twice that are left out. The time is that of each training when it was made, the median of the
+seeds, on a machine that did other work too; a later version of the code can be faster.
 
 ![Cost over time of training]({curves})
 """
 
 PROFILE = """## Performance profile
 
-Which part of all trainings, over the tasks, has more than a score, of the algorithms that were run
-on all tasks, and of each task's best.
+The fraction of all trainings, over the tasks, above a score: of the algorithms that were run on all
+tasks, and of the best algorithm of each task.
 
 ![Part of all trainings above a score]({profile})
 """
@@ -97,62 +98,53 @@ on all tasks, and of each task's best.
 ENERGY = """## Energy that the stretch puts in
 
 The most that stretching has put in by any time, less what it has taken out: the mean over the
-episodes. On PreStretch agents by gradients put in ten times what the law does: they never stop
-moving the springs.
+episodes.
 """
 
 ROBUSTNESS = """## Robustness
 
-Law and agents as they are, on scenes that neither was made for; of the trainings, the one in the
-middle. Agents around a law bear other stiffnesses as well as laws or better, and Hybrid's law loses
-most there. A delay of one step takes away what agents gain on Friction and PreStretchNoise, and
-noise on all sensors what they gain on PreStretch and Duffing. PPO and SAC from nothing lose little
-under noise on the tasks with a stretch. On PreStretchNoise and Hybrid agents by gradients bear a
-delay of two steps, with which they were not trained, worst.
+The reference controller and the agents as they are, on scenes for which neither was made; of each
+algorithm, the training of median cost.
 
 ![Costs on changed scenes]({robustness})
 """
 
 STRETCHES = """The first held-out episode of each task with a stretch, around its largest
-displacement. The plan knows what is to come, but is improved for some seconds only, from what law
-and agent applied: it is not that of the tables, and where it lies on the agent's line the search
-found nothing better.
+displacement. The plan knows what is to come. It is improved for some seconds only, from what the
+reference controller and the agent applied, so it is not that of the tables; where it lies on the
+agent's line, the search found nothing better.
 
-![Displacement and stretch by law, agent and plan]({episodes})
+![Displacement and stretch by reference controller, agent and plan]({episodes})
 """
 
 SLOPES = """The slope of the force's action over each observed number, as the environment scales
-it: of the LQR, and of the agent in the middle of the seeds, at rest (from -0.01 to 0.01) and over
-half of the scale (from -0.5 to 0.5).
-"""
-
-GAINS = """Gains: on CarriageForce the agent is the LQR again, within 5 % of its large gains. On
-Duffing it has a higher gain at rest than the LQR of the linear spring, and saturates earlier. On
-Friction it feeds back the sphere's velocity and offset, to which the LQR is nearly blind: it
-makes the sphere slip to centre it.
-"""
-
-FARTHEST = """Hybrid and PreStretchNoise are the farthest from their plans, which know the noise
-to come. On Friction a few episodes cost several times the plan, where the sphere stays off its
-centre. PreStretch gains least on the law in its worst episodes.
+it: of the LQR, and of the agent of median cost, at rest (from -0.01 to 0.01) and over half of the
+scale (from -0.5 to 0.5).
 """
 
 FAILURES = """## Where agents fail
 
-The cost of each held-out episode over that of its best known plan, for the training in the middle;
-and the mean of the ten dearest episodes.
+The cost of each held-out episode over that of its clairvoyant optimum (best found), for the
+training of median cost; and the cost of the costliest tenth of the episodes.
 """
 
 
+COMPARED = {
+    "best controller": "law",
+    "predictive control": "predictive",
+    "clairvoyant optimum (best found)": "planner",
+}
+"""Row of the costs -> role in `docs/task_scores.json`."""
+
+
 def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
-    """Return the page, with figures that stand in a folder beside it."""
+    """Return the page, with figures that are in a folder next to it."""
     curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
     parts = [
         HEAD.format(machine=_machine()),
         _kinds(known),
         COSTS,
         _costs(known),
-        READING,
         DETAILS,
         _details(known),
         *_missing(known),
@@ -164,10 +156,8 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
         "## What was learned",
         *([STRETCHES.format(episodes=episodes)] if any(one.examples for one in known) else []),
         *([SLOPES, _slopes(known)] if any(one.slopes is not None for one in known) else []),
-        GAINS,
         FAILURES,
         _failures(known),
-        FARTHEST,
     ]
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
@@ -177,7 +167,9 @@ def _machine() -> str:
 
 
 def _span(found: Estimate, digits: int = 4) -> str:
-    return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+    value = f"{found.value:.{digits}f}"
+    ends = f" [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+    return value if np.isnan(found.low) else value + ends
 
 
 def _each(known: Sequence[OnTask]) -> Iterator[tuple[OnTask, Trainings]]:
@@ -193,19 +185,19 @@ def _kinds(known: Sequence[OnTask]) -> str:
 
 def _costs(known: Sequence[OnTask]) -> str:
     """Return the table of costs: a row for each algorithm and what it is compared with."""
-    rows: list[list[str]] = [["best law", *(f"{one.law.cost:.4f}" for one in known)]]
+    rows: list[list[str]] = [["reference controller", *(f"{one.law.cost:.4f}" for one in known)]]
     for name in algorithms_of(known):
         found = [next((t for t in one.trainings if t.algorithm == name), None) for one in known]
         rows.append([name, *("-" if t is None else _span(middle_cost(t)) for t in found)])
-    for label, role in (("predictive control", "predictive"), ("best known plan", "planner")):
+    for label, role in COMPARED.items():
         rows.append([label, *(f"{one.known[role]:.4f}" for one in known)])
     return markdown(["", *(one.name for one in known)], rows)
 
 
 def _details(known: Sequence[OnTask]) -> str:
     header = [
-        *("task", "best law", "algorithm", "seeds", "least and most", "improvement"),
-        *("episodes won", "time [s]"),
+        *("task", "reference controller", "algorithm", "seeds", "least and most", "cheaper"),
+        *("improvement", "episodes won"),
     ]
     rows = [
         [
@@ -214,9 +206,9 @@ def _details(known: Sequence[OnTask]) -> str:
             trainings.algorithm,
             str(len(trainings.costs)),
             f"{trainings.costs.min():.4f} to {trainings.costs.max():.4f}",
+            str(cheaper(trainings, one.law)),
             _span(improvement(trainings, one.law), 2),
             percent(episodes_won(trainings, one.law)),
-            f"{np.median([curve.seconds[-1] for curve in trainings.curves]):.0f}",
         ]
         for one, trainings in _each(known)
     ]
@@ -244,7 +236,9 @@ def _energy(known: Sequence[OnTask]) -> str:
         if one.law.injected is not None:
             values = np.median(of_seeds), one.law.injected.mean()
             rows.append([one.name, trainings.algorithm, *(f"{1e3 * v:.2f}" for v in values)])
-    return markdown(["task", "algorithm", "median of the seeds [mJ]", "best law [mJ]"], rows)
+    return markdown(
+        ["task", "algorithm", "median of the seeds [mJ]", "reference controller [mJ]"], rows
+    )
 
 
 def _slopes(known: Sequence[OnTask]) -> str:
@@ -275,7 +269,10 @@ def _failures(known: Sequence[OnTask]) -> str:
                 f"{_tail(one.law.penalties):.4f}",
             ]
         )
-    header = ["task", "median over plan", "most over plan", "worst tenth", "worst tenth of the law"]
+    header = [
+        *("task", "median over optimum", "most over optimum", "costliest tenth"),
+        "costliest tenth of the reference controller",
+    ]
     return markdown(header, rows)
 
 

@@ -33,19 +33,21 @@ HEAD = """# Tasks
 
 **Cost** is the root of the mean of -reward over all steps of 100 held-out episodes; where only the
 displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
-percentiles over episodes. The best constant is the best in hindsight, on these very episodes; laws
-are tuned on others. Controllers read what an agent observes, those marked otherwise also the true
-state, or all of the episode. The best passive damper has another damping in the interface, which no
-actuator can change (`docs/ranking.md`). Predictive control tries plans on a model that does not
-know the disturbance to come. The **best known plan** knows the whole episode, its disturbance
-included: see [how it is found](controllers.md#the-best-known-plan). A better plan may exist. Where
-there is no excitation, or only a harmonic that shows after a few steps, an agent can come close.
-Under noise, impulses and earthquakes a part of the distance is [the price of not knowing what
-comes](#what-foresight-is-worth). **Headroom** is 1 - cost / cost of the best constant.
+percentiles over episodes. The best constant is the best in hindsight, on these very episodes;
+classical controllers are tuned on others. Controllers read what an agent observes; those marked
+otherwise also read the true state, or all of the episode. The best passive damper has another
+damping in the interface, which no actuator can change (`docs/ranking.md`). Predictive control tries
+plans on a model that does not know the disturbance to come. The **clairvoyant optimum (best
+found)**, in tables "best known plan", knows the whole episode, its disturbance included: see [how
+it is found](controllers.md#the-clairvoyant-optimum). A better plan can exist. Where there is no
+excitation, or only a harmonic that shows after a few steps, an agent can come close. Under noise,
+impulses and earthquakes a share of the distance is [the cost of not knowing what
+comes](#what-preview-is-worth). **Headroom** is 1 - cost / cost of the best constant. A **price** is
+a control weight.
 
 **Energy injected**: the work of changing the stretch, added up from the start of an episode, at its
-highest, on average over the episodes. Where it is 0, the controller never had given more energy
-than it had taken.
+highest, on average over the episodes. Zero means that the controller never returned more energy
+than it had absorbed.
 
 An episode that terminates early, in a scene with `objective.displacement_limit` or
 `objective.rail_half_length`, pays a **terminal cost**. With N the steps of the horizon, n those
@@ -57,22 +59,22 @@ and evaluation use this one definition. No task below has a limit.
 """
 
 
-FORESIGHT = """## What foresight is worth
+FORESIGHT = """## What preview is worth
 
-An estimate of how much of the distance to the best known plan no agent can gain, because it does
-not know what is to come. One controller runs in two forms. In every step it plans 40 steps ahead,
-by the steps of Gauss and Newton that find the best known plans, from the true state and that of the
-filters that shape the noise. One form knows the disturbance of these steps, the other expects its
-mean: no impulse, and noise that dies out as its filters do. They differ in nothing else, so the
-difference of their costs is foresight; the last column is that over the distance of the second form
-to the best known plan. What is left is for longer plans and better local optima. It is no bound:
-where the problem is not linear and quadratic, to prepare for what may come is better than to plan
-for the mean.
+An estimate of how much of the distance to the clairvoyant optimum (best found) no agent can gain,
+because it does not know what is to come. One controller runs in two forms. In every step it plans
+40 steps ahead, by the steps of Gauss and Newton that find the clairvoyant optima, from the true
+state and that of the filters that shape the noise. One form knows the disturbance of these steps,
+the other expects its mean: no impulse, and noise that decays as its filters do. They differ in
+nothing else, so the difference of their costs is the worth of preview; the last column is that over
+the distance of the second form to the clairvoyant optimum. What is left is for longer plans and
+better local optima. It is no bound: where the problem is not linear and quadratic, to prepare for
+what can come is better than to plan for the mean.
 
-The other tasks have nothing random: on CarriageForce, which is linear and quadratic, the LQR is the
-best that there is without foresight, and costs what the best known plan does. On PreStretchShock
-the best that observes is found by [value iteration](training.md#value-iteration): but for its grid,
-all that is between it and the best known plan is foresight.
+The tasks of a force alone have nothing random after the start, and the harmonic of PreStretch shows
+after a few steps. On PreStretchShock [value iteration](training.md#value-iteration) finds the
+optimum without preview, but for its grid: what is between it and the clairvoyant optimum is
+preview.
 """
 
 
@@ -83,17 +85,17 @@ def page(scores: Mapping[str, Mapping[str, Any]]) -> str:
         [
             "task",
             "best constant",
-            "best law",
+            "best controller",
             "its headroom",
-            "best known",
+            "best found",
             "its headroom",
         ],
         [_summary(name, scores[name]["rows"]) for name in names],
     )
     foresight = markdown(
         [
-            *("task", "best known plan", "knows the next 40 steps", "expects their mean"),
-            *("best that observes", "part that is foresight"),
+            *("task", "best found", "knows the next 40 steps", "expects their mean"),
+            *("best that observes", "share of preview"),
         ],
         [_foresight(name, scores[name]) for name in names if "foresight" in scores[name]],
     )
