@@ -37,8 +37,7 @@ UNDISTURBED = f"""Two threads wait for the slower of two processors, and on a sh
 processes slow them down. Undisturbed: each step of an episode at its fastest of {ROUNDS} rounds.
 """
 EPISODES = f"""{PROCESSOR.strip()} Episodes of at most {LONGEST} control steps under random actions,
-the reset included. Under such actions most spheres slip; while they stick, a step of dry friction
-takes a sixth of that.
+the reset included.
 """
 ACTIONS = 8
 """Arrays of random actions, used in turns."""
@@ -56,8 +55,8 @@ PERIOD = 33
 
 ENDING = ("CarriageForce-v0", "PreStretch-v0")
 AUTORESET = {"NextStep": "next step", "SameStep": "same step"}
-ENDS = """While 3 % of the lanes, others in each step, end and begin episodes, a step takes longer
-than while none does:
+ENDS = """A step while 3 % of the lanes, others in each step, end and begin episodes, and while none
+does:
 """
 
 BARE = "bare 4 x 5 product over the lanes"

@@ -71,10 +71,9 @@ the distance of the second form to the clairvoyant optimum. What is left is for 
 better local optima. It is no bound: where the problem is not linear and quadratic, to prepare for
 what can come is better than to plan for the mean.
 
-The tasks of a force alone have nothing random after the start, and the harmonic of PreStretch shows
-after a few steps. On PreStretchShock [value iteration](training.md#value-iteration) finds the
-optimum without preview, but for its grid: what is between it and the clairvoyant optimum is
-preview.
+Tasks without random excitation are not listed. [Value iteration](training.md#value-iteration)
+finds the optimum without preview, but for its grid, where it applies: what is between it and the
+clairvoyant optimum is preview.
 """
 
 

@@ -187,10 +187,10 @@ def test_intervals_of_shared_episodes_cover_whatever_scatters_most(seeds):
         for of_episodes in (0.2, 1.0, 2.0)
         for of_both in (0.05, 1.0)
     ]
-    found = [coverage_of_shared_episodes(4000, *design) for design in spreads]
+    found = [coverage_of_shared_episodes(2000, *design) for design in spreads]
     # Least where penalties are most skewed (0.933), most where what is particular to a seed in an
-    # episode is most of the scatter and counts twice (0.998); 4,000 runs are uncertain by 0.7 %.
-    assert min(found) >= 0.925
+    # episode is most of the scatter and counts twice (0.998); 2,000 runs are uncertain by 1 %.
+    assert min(found) >= 0.92
     assert np.mean(found) >= 0.945
 
 
