@@ -85,7 +85,7 @@ def _episodes(comparison: Comparison) -> str:
     return (
         f"{episodes.seeds} x {episodes.each} episodes, of seeds {episodes.first} to {last}, the "
         "same for all controllers; cost: root of the mean of -reward per step; score: 0 for the "
-        "best constant action, 1 for the best known plan"
+        "best constant action, 1 for the clairvoyant optimum (best found)"
     )
 
 
