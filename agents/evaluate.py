@@ -35,13 +35,14 @@ from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.config import task_or_scene
 from agents.training.parts import recorded_parts
 from agents.training.runs import INTERRUPTED, Run, RunError
-from mm_gym import DesignError, Scene, SceneError, load_scene
+from mm_gym import DesignError, SceneError, load_scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from agents.controllers.controller import Controller
     from agents.evaluation.episodes import Rewards
+    from mm_gym import Scene
 
 SINGLE = 200
 """Held-out episodes of a single run."""
@@ -127,7 +128,7 @@ def report_run(
         msg = f"{run.folder}: training is not over; continue it: python -m agents.train"
         raise RunError(msg)
     folder = run.folder if policy is None else run.folder / name
-    scene = Scene(**record["scene"])
+    scene = run.scene()
     parts = recorded_parts(scene, record["settings"], trust=trust)
     learned = parts.controller(policy or load_policy(run.policy), name)
     return report([*beside, learned], scene, episodes, folder, parts.rewards_of)

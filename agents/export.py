@@ -28,7 +28,7 @@ from agents.policies import PolicyError, load_policy
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
 from agents.value_table.policy import TablePolicy
-from mm_gym import Scene, SceneError
+from mm_gym import SceneError
 from mm_gym.files import check_outputs, write_bytes
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def read_whole(path: Path, *, trust: bool) -> tuple[AnyPolicy, str]:
     name = record["settings"].get("base")
     if name is None:
         return policy, ""
-    scene = Scene(**record["scene"])
+    scene = run.scene()
     settings = {"base": name, "authority": record["settings"]["authority"]}
     parts = recorded_parts(scene, settings, trust=trust)
     assert parts.base is not None  # noqa: S101 - it has a name

@@ -11,7 +11,9 @@ best known plan of every episode, and names those that are better.
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -21,29 +23,37 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
+from agents.arrays import numbers, read_array
 from agents.comparison.contestants import agents_of
+from agents.controllers.controller import columns
 from agents.evaluation.headroom import (
     EPISODES,
     KEPT,
     LEARNED,
     ROUNDING,
-    SCORES,
     controllers_of,
     foresight,
     headroom,
     over_plans,
 )
+from agents.evaluation.scores import SCORES, read_scores
 from agents.policies import PolicyError
 from agents.training.runs import RunError
 from mm_gym import SceneError, compile_scene, load_scene
-from mm_gym.files import write_text
+from mm_gym.files import write_bytes, write_text
 from mm_gym.tasks import ids, path_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from agents.controllers.controller import Controller
     from mm_gym import Scene
 
     Row = dict[str, Any]
+
+
+MOST_BYTES = 2**28
+"""Largest file of plans."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +83,14 @@ def score(
     began, file = time.perf_counter(), None
     if plans is not None:
         file = plans / f"{path_of(name).stem}.npy"
-    kept = np.load(file) if file is not None and file.exists() else None
-    found = headroom(load_scene(path_of(name)), agents, kept, seed)
+    scene, kept = load_scene(path_of(name)), None
+    if file is not None and os.path.lexists(file):
+        kept = _kept_plans(file, (scene.control.steps, EPISODES, len(columns(scene))))
+    found = headroom(scene, agents, kept, seed)
     if file is not None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(file, found.plans)
+        content = io.BytesIO()
+        np.save(content, found.plans)
+        write_bytes(file, content.getvalue())
     rows = found.rows
     _restore_starts(rows[-1], earlier)
     rows += [row for row in earlier if row["role"] == LEARNED]
@@ -85,6 +98,17 @@ def score(
     for row in rows:
         print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")
     return rows
+
+
+def _kept_plans(file: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return the plans of an earlier search; raise `SceneError` if they are not of the scene."""
+    try:
+        return numbers({"plans": read_array(file, most=MOST_BYTES)}, "plans", shape)
+    except SceneError:
+        raise
+    except ValueError as error:
+        msg = f"{file}: {error}"
+        raise SceneError(msg) from None
 
 
 def _restore_starts(planner: Row, earlier: list[Row]) -> None:
@@ -119,9 +143,9 @@ def main() -> str | None:
     """Score or check from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
     out = arguments.out
-    scores = json.loads(out.read_text("utf-8")) if out.exists() else {}
     better: list[str] = []
     try:
+        scores = read_scores(out) if os.path.lexists(out) else {}
         agents = agents_of(arguments.runs)
         for name in arguments.tasks or list(agents) or ids():
             scene = load_scene(path_of(name))

@@ -12,17 +12,18 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
-import zlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Field, Strict
 
+from agents.arrays import arrays_in, described, numbers
 from agents.policy_file import LARGEST, PolicyError
 from agents.value_table.policy import TablePolicy, is_table, table_policy
 from mm_gym import SceneError
 from mm_gym.files import read_bytes, write_bytes
+from mm_gym.scene import Part
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,25 +31,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from agents.arrays import Arrays
+
     Values = NDArray[np.float64]
-
-FORMATS = (1, 2, 3)
-"""Numbers of the formats that can be read. Format 1 had layers alone, format 3 has a base or a
-linear memory besides; a policy without them is written in format 2."""
-
-DAMAGE = (
-    ValueError,
-    KeyError,
-    TypeError,
-    OSError,
-    EOFError,
-    MemoryError,
-    NotImplementedError,
-    RecursionError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What NumPy, zipfile and json raise for files that are not what they should be."""
 
 
 def _relu(values: Values) -> Values:
@@ -272,6 +257,26 @@ OPTIONAL = ("direct", "keep", "enter", "pairs", "units", "base")
 """Arrays of a policy that a file may leave out."""
 
 
+class Description(Part):
+    """What the file of a network says in JSON."""
+
+    format: Literal[1, 2, 3]
+    """1 had layers alone, 3 has a base or a linear memory also; a policy without them is
+    written in format 2"""
+    activation: Literal["tanh", "relu", "rational"]
+    """a name of `ACTIVATIONS`"""
+    sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Strict(False), Field(min_length=2)]
+    """see `Policy.sizes`"""
+    low: Annotated[tuple[float, ...], Strict(False)]
+    """bounds of the action [-]"""
+    high: Annotated[tuple[float, ...], Strict(False)]
+    """bounds of the action [-]"""
+    squashed: bool = False
+    """whether a tanh follows the last layer"""
+    authority: Annotated[float, Field(ge=0)] = 0.0
+    """most that is added to the action of the base"""
+
+
 def load_policy(path: str | Path) -> AnyPolicy:
     """Read a policy that `save` of either kind wrote; nothing in the file is run.
 
@@ -281,41 +286,30 @@ def load_policy(path: str | Path) -> AnyPolicy:
         If the file is missing, too large, damaged, or no policy.
     """
     try:
-        arrays = _arrays(read_bytes(path, most=LARGEST))
-        return table_policy(arrays) if is_table(arrays) else _policy(arrays)
+        content = read_bytes(path, most=LARGEST)
     except SceneError as error:
         raise PolicyError(str(error)) from None
-    except DAMAGE as error:
-        msg = f"{path}: not a policy that agents.train wrote: {error}"
+    try:
+        return policy_in(content)
+    except ValueError as error:
+        told = "; ".join(str(error).splitlines())
+        msg = f"{path}: not a policy that agents.train wrote: {told}"
         raise PolicyError(msg) from None
 
 
-def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        size = sum(member.file_size for member in archive.infolist())
-    if size > LARGEST:
-        msg = f"it unpacks to {size} bytes; allowed: at most {LARGEST}"
-        raise ValueError(msg)
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+def policy_in(content: bytes) -> AnyPolicy:
+    """Return the policy in the content of a file; raise `ValueError` if it is none."""
+    arrays = arrays_in(content, most=LARGEST)
+    return table_policy(arrays) if is_table(arrays) else _policy(arrays)
 
 
 def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
-    """Return the policy in arrays; raise an error of `DAMAGE` where they are wrong."""
-    description = json.loads(str(arrays["description"]))
-    if description["format"] not in FORMATS:
-        msg = f"format: got {description['format']!r}; allowed: {', '.join(map(str, FORMATS))}"
-        raise ValueError(msg)
-    if description["activation"] not in ACTIVATIONS:
-        msg = f"activation: got {description['activation']!r}; allowed: {', '.join(ACTIVATIONS)}"
-        raise ValueError(msg)
-    sizes = description["sizes"]
-    if not (isinstance(sizes, list) and len(sizes) > 1):
-        msg = f"sizes: got {sizes!r}; allowed: a list of two numbers or more"
-        raise ValueError(msg)
+    """Return the network in arrays; raise `ValueError` where they are wrong."""
+    described_as = Description.of(described(arrays))
+    sizes = described_as.sizes
     layers = range(len(sizes) - 1)
-    r, m = (len(arrays.get(name, ())) for name in ("units", "keep"))
-    memory = arrays["cell_1"].shape[-1] if "cell_1" in arrays else 0
+    r, m = (len(np.atleast_1d(arrays.get(name, ()))) for name in ("units", "keep"))
+    memory = np.atleast_1d(arrays["cell_1"]).shape[-1] if "cell_1" in arrays else 0
     read = sizes[0] + (sizes[-1] if "base" in arrays else 0)
     cell = [(4 * memory, read), (4 * memory, memory), (4 * memory,)] if memory else []
     inputs = [memory or read + m + r, *sizes[1:]]
@@ -329,22 +323,36 @@ def _policy(arrays: dict[str, NDArray[Any]]) -> Policy:
     }
     needed = {"pairs": r, "enter": m}
     given = [name for name in shapes if name in arrays or needed.get(name)]
-    return Policy(
-        weights=tuple(_array(arrays, f"weight_{i}", (sizes[i + 1], inputs[i])) for i in layers),
-        biases=tuple(_array(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),
-        activation=description["activation"],
-        low=_array(description, "low", (sizes[-1],)),
-        high=_array(description, "high", (sizes[-1],)),
-        squashed=bool(description.get("squashed")),
-        authority=float(_array(description, "authority", ())) if "base" in arrays else 0.0,
-        cell=tuple(_array(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
-        **{name: _array(arrays, name, shapes[name]) for name in given},
+    policy = Policy(
+        weights=tuple(_single(arrays, f"weight_{i}", (sizes[i + 1], inputs[i])) for i in layers),
+        biases=tuple(_single(arrays, f"bias_{i}", (sizes[i + 1],)) for i in layers),
+        activation=described_as.activation,
+        low=_single({"low": np.array(described_as.low)}, "low", (sizes[-1],)),
+        high=_single({"high": np.array(described_as.high)}, "high", (sizes[-1],)),
+        squashed=described_as.squashed,
+        authority=described_as.authority if "base" in arrays else 0.0,
+        cell=tuple(_single(arrays, f"cell_{i}", shape) for i, shape in enumerate(cell)),
+        **{name: _single(arrays, name, shapes[name]) for name in given},
     )
+    _check(policy, arrays)
+    return policy
 
 
-def _array(source: dict[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    array = np.asarray(source[name], np.float32)
-    if array.shape != shape or not np.isfinite(array).all():
-        msg = f"{name}: got shape {array.shape}; allowed: finite numbers of shape {shape}"
+def _check(policy: Policy, arrays: dict[str, NDArray[Any]]) -> None:
+    """Raise `ValueError` for bounds in the wrong order, and for arrays that have no place."""
+    if not (policy.low < policy.high).all():
+        msg = f"low, high: got {policy.low} and {policy.high}; allowed: low < high"
         raise ValueError(msg)
-    return array
+    if not (policy.units[:, UNIT.index("floor")] > 0.0).all():
+        msg = f"units: got floor {policy.units[:, UNIT.index('floor')]}; allowed: more than 0"
+        raise ValueError(msg)
+    layers = [f"{kind}_{i}" for i in range(len(policy.weights)) for kind in ("weight", "bias")]
+    known = ["description", *layers, *OPTIONAL, *(f"cell_{i}" for i in range(len(policy.cell)))]
+    unknown = sorted(set(arrays) - set(known))
+    if unknown:
+        msg = f"{unknown[0]}: unknown; allowed: {', '.join(known)}"
+        raise ValueError(msg)
+
+
+def _single(source: Arrays, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    return numbers(source, name, shape, np.float32)

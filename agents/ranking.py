@@ -14,7 +14,8 @@ from typing import Annotated
 import tyro
 
 from agents.comparison.contestants import agents_of
-from agents.evaluation.headroom import LEARNED, SCORES, scored
+from agents.evaluation.headroom import LEARNED, scored
+from agents.evaluation.scores import SCORES, read_scores
 from agents.policies import PolicyError
 from agents.report.ranking_page import PAGE, page
 from agents.training.runs import RunError
@@ -46,8 +47,8 @@ def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: s
 def main() -> str | None:
     """Rank from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    scores = json.loads(SCORES.read_text("utf-8"))
     try:
+        scores = read_scores(SCORES)
         for text in arguments.runs:
             add_runs(scores, text)
         write_text(SCORES, json.dumps(scores, indent=1) + "\n")

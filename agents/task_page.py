@@ -5,17 +5,22 @@ It describes the tasks' scenes; its scores come from ``python -m agents.headroom
 
 from __future__ import annotations
 
-import json
 import sys
 
-from agents.evaluation.headroom import SCORES
+from agents.evaluation.scores import read_scores
 from agents.report.task_page import PAGE, page
+from mm_gym import SceneError
 from mm_gym.files import write_text
+from mm_gym.tasks import ids
 
 
-def main() -> None:
-    """Write the page."""
-    write_text(PAGE, page(json.loads(SCORES.read_text("utf-8"))))
+def main() -> str | None:
+    """Write the page; return what is wrong, or None."""
+    try:
+        write_text(PAGE, page(read_scores(tasks=ids())))
+    except SceneError as error:
+        return f"error: {error}"
+    return None
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Reading files up to a limit of size, TOML among them, and writing them whole.
+"""Reading regular files up to a limit of size, TOML and JSON among them, and writing them whole.
 
 A killed run leaves the old file or the new one, never a part of one.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import csv
 import errno
 import io
+import json
+import math
 import os
 import re
 import secrets
@@ -16,7 +18,7 @@ import sys
 import tomllib
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
     from os import PathLike
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 
 MOST_BYTES = 2**16
@@ -34,6 +36,9 @@ MOST_BYTES = 2**16
 
 LONGEST_LINE = 2**11
 """Most characters of a line: the parser's time grows with the square of a dotted key's length."""
+
+DEEPEST = 64
+"""Levels of lists and tables in each other, so that whoever walks through them may recurse."""
 
 
 def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
@@ -45,12 +50,28 @@ def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
         If there is no such file, or it cannot be read, is too large, or is not a regular file but
         a directory, a device, a pipe, or a file that the system makes up when it is read.
     """
+    with _regular(path, most) as (stream, size):
+        content = stream.read(size + 1)
+    if content is None or len(content) > size:  # pyright: ignore[reportUnnecessaryComparison] - None: nothing to read yet
+        msg = f"{path}: cannot be read: not a regular file: it states {size} bytes and holds more"
+        raise SceneError(msg)
+    return content
+
+
+def read_beginning(path: str | PathLike[str], count: int) -> bytes:
+    """Return the first bytes of a regular file of any size; raise as `read_bytes` does."""
+    with _regular(path, sys.maxsize) as (stream, _):
+        return stream.read(count) or b""
+
+
+@contextmanager
+def _regular(path: str | PathLike[str], most: int) -> Generator[tuple[io.BufferedReader, int]]:
+    """Open a regular file of at most `most` bytes, and state its size [bytes]."""
     file = Path(path)
     try:
         _check_regular(file, file.stat(), most)
         with _opened(file) as stream:
-            size = _check_regular(file, os.fstat(stream.fileno()), most)
-            content = stream.read(size + 1)
+            yield stream, _check_regular(file, os.fstat(stream.fileno()), most)
     except SceneError:
         raise
     except FileNotFoundError:
@@ -60,10 +81,6 @@ def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
         msg = f"{file}: cannot be read: {error}"
         raise SceneError(msg) from error
-    if content is None or len(content) > size:  # pyright: ignore[reportUnnecessaryComparison] - None: nothing to read yet
-        msg = f"{file}: cannot be read: not a regular file: it states {size} bytes and holds more"
-        raise SceneError(msg)
-    return content
 
 
 def _opened(file: Path) -> io.BufferedReader:
@@ -106,7 +123,8 @@ def parse_toml(path: str | PathLike[str], text: str) -> dict[str, object]:
             msg = f"{path}:{number}: got {len(line)} characters; allowed: at most {LONGEST_LINE}"
             raise SceneError(msg)
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
+        _check_depth(data)
     except tomllib.TOMLDecodeError as error:
         words = str(error)
         place = re.search(r" \(at line (\d+), column (\d+)\)$", words)
@@ -117,8 +135,141 @@ def parse_toml(path: str | PathLike[str], text: str) -> dict[str, object]:
     except ValueError as error:  # an integer with more digits than Python reads
         msg = f"{path}: not valid TOML: {error}"
     except RecursionError:
-        msg = f"{path}: not valid TOML: nested too deeply"
+        msg = f"{path}: not valid TOML: {_TOO_DEEP}"
+    else:
+        return data
     raise SceneError(msg)
+
+
+_TOO_DEEP = f"nested too deeply; allowed: at most {DEEPEST} levels"
+
+
+def _check_depth(data: object) -> None:
+    """Raise `RecursionError` for data that is nested too deeply, without any recursion."""
+    level: list[object] = [data]
+    for _ in range(DEEPEST):
+        inner: list[object] = []
+        for value in level:
+            if isinstance(value, dict):
+                inner += cast("dict[str, object]", value).values()
+            elif isinstance(value, list):
+                inner += cast("list[object]", value)
+        if not inner:
+            return
+        level = inner
+    raise RecursionError
+
+
+def read_json(path: str | PathLike[str], *, most: int) -> object:
+    """Return the data of a JSON file of at most `most` bytes.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, see `read_bytes`, or is not JSON in UTF-8 of finite numbers and
+        of at most `DEEPEST` levels.
+    """
+    text = read_text(path, most=most)
+    try:
+        return parse_json(text)
+    except ValueError as error:
+        msg = f"{path}: not valid JSON: {error}"
+        raise SceneError(msg) from None
+
+
+def parse_json(text: str) -> object:
+    """Return the data of a JSON text; raise `ValueError` for what `read_json` refuses."""
+    try:
+        data = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
+        _check_depth(data)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    return data
+
+
+def _refuse_constant(text: str) -> NoReturn:
+    msg = f"got {text}; allowed: finite numbers"
+    raise ValueError(msg)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _refuse_constant(text[:40])
+
+
+def read_columns(
+    path: str | PathLike[str], header: Sequence[str], *, most: int = 2**24
+) -> NDArray[np.float64]:
+    """Return the columns (columns, rows) of finite numbers that `write_csv` wrote.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, see `read_bytes`, has another header or no row, or for the first
+        line that does not fit.
+    """
+    first, *lines = read_text(path, most=most).splitlines() or [""]
+    if first != ",".join(header):
+        msg = f"{path}:1: got {first[:80]!r}; allowed: {','.join(header)!r}"
+        raise SceneError(msg)
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, 2):
+        try:
+            row = [float(cell) for cell in line.split(",")]
+        except ValueError:
+            row = []
+        if len(row) != len(header) or not all(map(math.isfinite, row)):
+            msg = f"{path}:{number}: got {line[:80]!r}; allowed: {len(header)} finite numbers"
+            raise SceneError(msg)
+        rows.append(row)
+    if not rows:
+        msg = f"{path}: got no rows; allowed: one or more below the header"
+        raise SceneError(msg)
+    return np.array(rows).T
+
+
+def open_lock(path: str | PathLike[str]) -> int:
+    """Open a file that serves as a lock, and make it if need be; return its descriptor.
+
+    Nothing that a link leads to is opened or made: a holder writes its name into a lock.
+
+    Raises
+    ------
+    SceneError
+        If there is a link, or anything else that is no regular file.
+    OSError
+        If the file cannot be opened or made.
+    """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
+    file = Path(path)
+    if file.is_symlink() or (file.exists() and not file.is_file()):
+        msg = f"{path}: cannot be a lock: not a regular file; remove it"
+        raise SceneError(msg)
+    descriptor = os.open(file, flags, 0o666)  # O_NOFOLLOW: a link may have been made meanwhile
+    try:
+        _check_regular(file, os.fstat(descriptor), MOST_BYTES)
+    except SceneError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def delete_partial(path: str | PathLike[str]) -> None:
+    """Delete what a process left that was killed while `write_bytes` wrote a file, if it did."""
+    file = Path(path)
+    pattern = re.compile(re.escape(_partial(file)) + rf"[0-9a-f]{{{2 * _RANDOM_BYTES}}}")
+    for other in file.parent.iterdir():
+        if pattern.fullmatch(other.name) and stat.S_ISREG(other.lstat().st_mode):
+            other.unlink()
+
+
+def _partial(file: Path) -> str:
+    """Return how the names of a file's temporary ones begin."""
+    return f".{file.name[:50]}."
+
+
+_RANDOM_BYTES = 8
+"""In the name of a temporary file."""
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
@@ -263,7 +414,7 @@ def _replace(target: Path, content: bytes) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     old = _status(target)
     mode = stat.S_IMODE(old.st_mode) if old else 0o666  # less the umask
-    temporary = target.with_name(f".{target.name[:50]}.{secrets.token_hex(8)}")
+    temporary = target.with_name(_partial(target) + secrets.token_hex(_RANDOM_BYTES))
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, mode & 0o777)
     try:
         with os.fdopen(handle, "wb") as stream:

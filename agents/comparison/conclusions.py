@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,8 @@ from agents.evaluation.aggregates import (
     stacked,
     tail_mean,
 )
-from agents.evaluation.headroom import SCORES, least_cost
+from agents.evaluation.headroom import least_cost
+from agents.evaluation.scores import read_scores
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -117,7 +117,7 @@ def best_known(task: str, scene: Scene) -> float | None:
 
     It is None for a scene that has none.
     """
-    scores = json.loads(SCORES.read_text("utf-8")).get(task)
+    scores = read_scores().get(task)
     if scores is None or scores["scene_digest"] != scene.digest:
         return None
     rows = scores["rows"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -134,7 +135,7 @@ def finished_runs(text: str) -> dict[str, list[Run]]:
     """
     path = Path(text)
     folders = sorted(path.parent.glob(path.name)) if "*" in text else [path]
-    folders = [folder for folder in folders if (folder / "run.json").exists()]
+    folders = [folder for folder in folders if os.path.lexists(folder / "run.json")]
     if not folders:
         near = suggest(path.name, [file.name for file in path.parent.glob("*") if file.is_dir()])
         msg = f"{text}: no finished run here{near}; train first: python -m agents.train"
@@ -145,9 +146,7 @@ def finished_runs(text: str) -> dict[str, list[Run]]:
         if not run.finished:
             msg = f"{folder}: training is not over; continue it: python -m agents.train"
             raise RunError(msg)
-        settings = run.read()["settings"]
-        assert isinstance(settings, dict)  # noqa: S101 - as the run wrote it
-        found.setdefault(str(settings["task"]), []).append(run)
+        found.setdefault(run.read()["settings"]["task"], []).append(run)
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,8 +13,9 @@ from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
 from agents.evaluation.baselines import classical_laws
 from agents.evaluation.episodes import evaluate
-from agents.evaluation.headroom import EPISODES, SCORES
+from agents.evaluation.headroom import EPISODES
 from agents.evaluation.planner import Effort, Planner
+from agents.evaluation.scores import SCORES, read_scores
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.search.starts import start_of
@@ -46,11 +46,13 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
 
     Raises
     ------
+    SceneError
+        If the scores cannot be read, or the task has none.
     RunError
         If the scores are of another scene.
     """
     scene = trials[0].load_scene()
-    scores = json.loads(SCORES.read_text("utf-8"))[task]
+    scores = read_scores(tasks=[task])[task]
     if scores["scene_digest"] != scene.digest:
         msg = f"{task}: {SCORES.name} is of another scene; run: python -m agents.headroom {task}"
         raise RunError(msg)

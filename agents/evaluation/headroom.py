@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
     Row = dict[str, Any]
 
-SCORES = Path(__file__).parents[2] / "docs" / "task_scores.json"
 EPISODES = 100
 LEARNED = "learned"
 """Role of a trained agent, which `agents.ranking` adds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     if path.suffix == ".npz":
         return Learned(load_policy(path), name)
     run = Run(path.name, path.parent)
-    if not run.record.exists():
+    if not os.path.lexists(run.record):
         others = "the folder of a run, or a policy's .npz file"
         raise not_a_law(name, scene, "controller", others)
     if not run.finished:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from agents.evaluation.headroom import SCORES, least_cost
+from agents.evaluation.headroom import least_cost
+from agents.evaluation.scores import SCORES
 from agents.report.surprises import surprises
 from agents.report.tables import markdown
 

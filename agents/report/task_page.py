@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from agents.evaluation.headroom import SCORES
+from agents.evaluation.scores import SCORES
 from agents.report.description import describe
 from agents.report.tables import markdown, percent
 from mm_gym import load_scene

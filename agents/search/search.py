@@ -10,7 +10,12 @@ from tqdm import tqdm
 
 from agents.controllers.learned import Learned
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
-from agents.training.arrays import load_checkpoint, save_checkpoint
+from agents.training.arrays import (
+    check_like,
+    damage_named,
+    load_checkpoint,
+    save_checkpoint,
+)
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
@@ -92,10 +97,21 @@ class Search(ABC):
             run.open(self.settings)
             if not run.finished:
                 if run.checkpoint.exists():
-                    arrays = load_checkpoint(run.checkpoint)
-                    self.progress = Progress.of(arrays)
-                    self._restore(arrays)
+                    self._continue(run)
                 self._to_the_end(run, bar=bar)
+
+    def _continue(self, run: Run) -> None:
+        """Go on from a run's checkpoint; raise `RunError` if it is not of this search."""
+        arrays = load_checkpoint(run.checkpoint)
+        with damage_named(run.checkpoint):
+            self.progress = Progress.of(arrays)
+            check_like(arrays, self._state())
+            if self.progress.best:
+                check_like(self.progress.best, self._present())
+            self._restore(arrays)
+            if not 0 <= self.rounds <= self.total:
+                msg = f"got {self.rounds} rounds; allowed: 0 to {self.total}"
+                raise ValueError(msg)
 
     def _to_the_end(self, run: Run, *, bar: bool) -> None:
         """Search on, validate, and write the best policy; draw a progress bar if asked to."""
@@ -123,6 +139,7 @@ class Search(ABC):
             except KeyboardInterrupt:
                 self._save(run)
                 raise
+        progress.write_metrics(run)  # a process may have been killed before it did
         self.policy().save(run.policy)
 
     def _validate(self) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
+import reprlib
 from copy import deepcopy
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, cast, get_args
 
 from pydantic import Field, JsonValue, Strict
 
@@ -25,12 +26,12 @@ from agents.training.config import (
     short_name,
 )
 from agents.training.parts import make_parts
-from agents.training.runs import Run
+from agents.training.runs import Run, RunError
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
 from mm_gym import SceneError
 from mm_gym.errors import suggest
-from mm_gym.files import write_csv, write_text
+from mm_gym.files import MOST_BYTES, read_json, write_csv, write_text
 from mm_gym.scene import Part
 from mm_gym.tasks import ids
 
@@ -221,6 +222,20 @@ def result_file(run: Run) -> Path:
     return run.folder / "result.json"
 
 
+def read_cost(run: Run) -> float:
+    """Return a training's score [-]; raise `RunError` if its file has none."""
+    file = result_file(run)
+    try:
+        data = read_json(file, most=MOST_BYTES)
+    except SceneError as error:
+        raise RunError(str(error)) from None
+    cost = cast("dict[str, object]", data).get("cost") if isinstance(data, dict) else None
+    if isinstance(cost, bool) or not isinstance(cost, int | float):
+        msg = f"{file}: cost: got {reprlib.repr(cost)}; allowed: a number"
+        raise RunError(msg)
+    return cost
+
+
 def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
     """Write ``results.csv``, a row for each training that is done, in the order of the sweep."""
     rows: list[tuple[object, ...]] = []
@@ -229,7 +244,7 @@ def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
         if not result_file(run).exists():
             continue
         steps, costs, _ = run.validations()
-        cost = json.loads(result_file(run).read_text("utf-8"))["cost"]
+        cost = read_cost(run)
         variant = trial.name.split("-", 2)[2].rpartition("-")[0]
         rows.append(
             (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
+from agents.arrays import check_archive
 from agents.policies import Policy, PolicyError
+from mm_gym import SceneError
+from mm_gym.files import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,6 +23,10 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     Values = NDArray[np.float64]
+
+LARGEST = 2**30
+"""Of an archive [bytes], and of what it unpacks to: with its optimiser it has three times the
+numbers of a policy."""
 
 ACTIVATIONS = {nn.Tanh: "tanh", nn.ReLU: "relu"}
 
@@ -116,10 +124,20 @@ def open_trusted(path: Path) -> Policy:
     """Return the policy of an archive that `PPO.save` wrote.
 
     **Opening an archive can run code that it carries.**
+
+    Raises
+    ------
+    PolicyError
+        If the file is missing, too large, damaged, or no such archive.
     """
     try:
-        return policy_of(PPO.load(path, device="cpu"))
-    except (ValueError, KeyError, OSError, AttributeError, TypeError, AssertionError) as error:
+        content = io.BytesIO(read_bytes(path, most=LARGEST))
+    except SceneError as error:
+        raise PolicyError(str(error)) from None
+    try:
+        check_archive(content.getvalue(), most=LARGEST)
+        return policy_of(PPO.load(content, device="cpu"))
+    except Exception as error:  # what is unpickled raises what it likes
         msg = f"{path}: not an archive of Stable-Baselines3's PPO: {error}"
         raise PolicyError(msg) from error
 

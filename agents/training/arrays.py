@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import io
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.policies import DAMAGE
+from agents.arrays import arrays_in
 from agents.training.runs import RunError
-from mm_gym.files import write_bytes
+from mm_gym import SceneError
+from mm_gym.files import read_bytes, write_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     Arrays = dict[str, NDArray[np.generic]]
+
+LARGEST = 4 * 2**30
+"""Of a checkpoint [bytes]: a replay buffer of some ten million steps."""
+
+DAMAGE = (
+    *(ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError),
+    RuntimeError,  # of torch
+)
+"""What is raised by arrays that are not what they should be."""
 
 
 def save_checkpoint(path: Path, arrays: Arrays) -> None:
@@ -29,13 +41,44 @@ def save_checkpoint(path: Path, arrays: Arrays) -> None:
 def load_checkpoint(path: Path) -> Arrays:
     """Read a checkpoint; raise `RunError` if the file is not one."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive)
+        content = read_bytes(path, most=LARGEST)
+    except SceneError as error:
+        raise RunError(str(error)) from None
+    with damage_named(path):
+        arrays = arrays_in(content, most=LARGEST)
+        for name, array in arrays.items():
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                msg = f"{name}: got numbers that are not finite; allowed: finite numbers"
+                raise ValueError(msg)
         arrays["progress/rows"]  # other archives of arrays have none
-    except DAMAGE as error:
-        msg = f"{path}: not a checkpoint of a training: {error}; choose another name"
-        raise RunError(msg) from error
     return arrays
+
+
+@contextmanager
+def damage_named(path: Path) -> Iterator[None]:
+    """Let errors in what a checkpoint holds name its file, as a `RunError`."""
+    try:
+        yield
+    except DAMAGE as error:
+        told = f"{error} is missing" if isinstance(error, KeyError) else error
+        msg = f"{path}: not a checkpoint of a training with these settings: {told}; "
+        raise RunError(msg + "choose another name") from error
+
+
+def check_like(arrays: Arrays, wanted: Arrays) -> None:
+    """Raise `ValueError` or `KeyError` unless arrays are like all that are wanted.
+
+    They have the same type and shape, but any length where that of the wanted one is 0.
+    """
+    for name, array in wanted.items():
+        got = arrays[name]
+        shape = tuple(m if n == 0 else n for n, m in zip(array.shape, got.shape, strict=False))
+        if got.dtype != array.dtype or got.shape != shape or got.ndim != array.ndim:
+            msg = (
+                f"{name}: got {got.dtype} of shape {got.shape}; "
+                f"allowed: {array.dtype} of shape {array.shape}"
+            )
+            raise ValueError(msg)
 
 
 def part_of(arrays: Arrays, part: str) -> Arrays:

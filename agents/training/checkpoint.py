@@ -17,6 +17,7 @@ import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 
+from agents.arrays import check_shapes
 from agents.training.arrays import part_of
 
 if TYPE_CHECKING:
@@ -47,20 +48,43 @@ def state_of(model: BaseAlgorithm) -> Arrays:
 
 
 def restore(model: BaseAlgorithm, arrays: Arrays) -> None:
-    """Restore what `state_of` returned."""
+    """Restore what `state_of` returned.
+
+    Raises
+    ------
+    KeyError, IndexError, TypeError, ValueError, RuntimeError
+        If arrays are missing or have other types or shapes; the model is of no more use then.
+    """
     _restore_networks(model, arrays)
     _lanes(model).set_state(part_of(arrays, "lanes"))
     own = part_of(arrays, "model")
-    model.num_timesteps = int(own["steps"])
-    model._n_updates = int(own["updates"])  # noqa: SLF001 - SB3 keeps them to itself
+    model.num_timesteps = _count(own, "steps")
+    model._n_updates = _count(own, "updates")  # noqa: SLF001 - SB3 keeps them to itself
     for name in KEPT:
         if name in own:
+            ends = name == "_last_episode_starts"
+            check_shapes(own, {name: _seen(model)[:1] if ends else _seen(model)})
             setattr(model, name, own[name])
     if "memory" in own:
         _restore_memory(model, own["memory"])
     _restore_generators(model, part_of(arrays, "random"))
     _restore_normalisation(model, part_of(arrays, "normalisation"))
     _restore_replayed(model, part_of(arrays, "replay"))
+
+
+def _count(arrays: Arrays, name: str) -> int:
+    """Return one of several numbers; raise `ValueError` if it is not 0 or more."""
+    check_shapes(arrays, {name: ()})
+    number = int(arrays[name])  # pyright: ignore[reportArgumentType] - a number, as checked
+    if number < 0:
+        msg = f"{name}: got {number}; allowed: 0 or more"
+        raise ValueError(msg)
+    return number
+
+
+def _seen(model: BaseAlgorithm) -> tuple[int, ...]:
+    """Return the shape of an observation of all lanes."""
+    return _lanes(model).num_envs, *model.observation_space.shape
 
 
 def _lanes(model: BaseAlgorithm) -> TrainingLanes:
@@ -99,11 +123,24 @@ def _restore_networks(model: BaseAlgorithm, arrays: Arrays) -> None:
             for key, tensor in state.items():
                 number, moment = key.split("/")
                 moments.setdefault(int(number), {})[moment] = tensor
+            _check_moments(target, moments)
             target.load_state_dict(target.state_dict() | {"state": moments})
         else:
             target.load_state_dict(state)
     for name in tensors:
         recursive_getattr(model, name).data = _tensor(arrays[f"tensors/{name}"])
+
+
+def _check_moments(
+    optimiser: torch.optim.Optimizer, moments: dict[int, dict[str, torch.Tensor]]
+) -> None:
+    """Raise `ValueError` unless the moments are numbers, or have the shapes of the parameters."""
+    parameters = [one for group in optimiser.param_groups for one in group["params"]]
+    for number, own in moments.items():
+        for name, moment in own.items():
+            if moment.ndim and moment.shape != parameters[number].shape:
+                msg = f"{name} of parameter {number}: got shape {tuple(moment.shape)}; "
+                raise ValueError(msg + f"allowed: {tuple(parameters[number].shape)}")
 
 
 def _tensor(array: Any) -> torch.Tensor:  # noqa: ANN401 - an array
@@ -126,9 +163,11 @@ def _has(model: BaseAlgorithm, name: str) -> bool:
 
 
 def _restore_memory(model: BaseAlgorithm, memory: Any) -> None:  # noqa: ANN401 - an array
-    cells = type(model._last_lstm_states)  # noqa: SLF001
+    now = model._last_lstm_states  # noqa: SLF001
+    shape = 4, *now[0][0].shape
+    check_shapes({"memory": memory}, {"memory": shape})
     state, output, *others = (_tensor(array) for array in memory)
-    model._last_lstm_states = cells((state, output), tuple(others))  # noqa: SLF001
+    model._last_lstm_states = type(now)((state, output), tuple(others))  # noqa: SLF001
 
 
 def _generators(model: BaseAlgorithm) -> Arrays:
@@ -146,6 +185,10 @@ def _generators(model: BaseAlgorithm) -> Arrays:
 
 
 def _restore_generators(model: BaseAlgorithm, arrays: Arrays) -> None:
+    own = np.random.get_state(legacy=False)["state"]  # noqa: NPY002 - the generator that SB3 uses
+    check_shapes(
+        arrays, {"numpy": own["key"].shape, "position": (), "has_normal": (), "normal": ()}
+    )
     torch.set_rng_state(torch.from_numpy(arrays["torch"].copy()))
     np.random.set_state(  # noqa: NPY002
         {
@@ -178,11 +221,14 @@ def _restore_normalisation(model: BaseAlgorithm, arrays: Arrays) -> None:
     statistics = model.get_vec_normalize_env()
     if statistics is None:
         return
+    check_shapes(arrays, {"returns": _seen(model)[:1], "seen": _seen(model)})
     statistics.returns, statistics.old_obs = arrays["returns"], arrays["seen"]
     for key, array in arrays.items():
         name, _, part = key.partition(".")
         if part:
-            setattr(getattr(statistics, name), part, array if array.ndim else array.item())
+            moments = getattr(statistics, name)
+            check_shapes(arrays, {key: np.shape(getattr(moments, part))})
+            setattr(moments, part, array if array.ndim else array.item())
 
 
 def _replay_buffer(model: BaseAlgorithm) -> ReplayBuffer | None:
@@ -201,6 +247,12 @@ def _replayed(model: BaseAlgorithm) -> Arrays:
 def _restore_replayed(model: BaseAlgorithm, arrays: Arrays) -> None:
     buffer = _replay_buffer(model)
     if buffer is not None:
-        buffer.pos, buffer.full = int(arrays["position"]), bool(arrays["full"])
+        buffer.pos, buffer.full = _count(arrays, "position"), bool(arrays["full"])
+        filled = buffer.buffer_size if buffer.full else buffer.pos
+        if not buffer.pos <= filled <= buffer.buffer_size:
+            msg = f"position: got {buffer.pos}; allowed: at most {buffer.buffer_size}"
+            raise ValueError(msg)
         for name in REPLAYED:
-            getattr(buffer, name)[: len(arrays[name])] = arrays[name]
+            own = getattr(buffer, name)
+            check_shapes(arrays, {name: (filled, *own.shape[1:])})
+            own[:filled] = arrays[name]

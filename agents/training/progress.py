@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.training.arrays import part_of
+from agents.training.arrays import check_like, part_of
+from agents.training.runs import METRICS, TIMES
 from mm_gym.files import write_csv
 
 if TYPE_CHECKING:
@@ -38,10 +39,18 @@ class Progress:
 
     @classmethod
     def of(cls, arrays: Arrays) -> Progress:
-        """Restore what `arrays` returned."""
-        progress, own = cls(), part_of(arrays, "progress")
+        """Restore what `arrays` returned; raise `ValueError` or `KeyError` if it is damaged."""
+        progress = cls()
+        check_like(arrays, progress.arrays())
+        own = part_of(arrays, "progress")
         progress.rows, progress.seconds = own["rows"], float(own["seconds"])
         progress.best = part_of(arrays, "best")
+        if progress.seconds < 0.0 or bool(progress.best) != bool(len(progress.rows)):
+            msg = (
+                f"progress: got {len(progress.rows)} validations, {progress.seconds:g} s and "
+                f"{len(progress.best)} arrays of the best policy; allowed: some or none of all"
+            )
+            raise ValueError(msg)
         return progress
 
     def arrays(self) -> Arrays:
@@ -61,5 +70,5 @@ class Progress:
     def write_metrics(self, run: Run) -> None:
         """Write ``metrics.csv``, the same for the same run, and ``times.csv``, each whole."""
         steps, seconds, costs = self.rows.T
-        write_csv(run.metrics, ("steps [-]", "cost [-]"), [steps, costs])
-        write_csv(run.times, ("steps [-]", "time [s]"), [steps, seconds])
+        write_csv(run.metrics, METRICS, [steps, costs])
+        write_csv(run.times, TIMES, [steps, seconds])

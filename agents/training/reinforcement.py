@@ -17,14 +17,14 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import TqdmExperimentalWarning
 
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.policies import policy_in
 from agents.training.algorithms import algorithm_class, make_model
 from agents.training.archive import policy_of
-from agents.training.arrays import load_checkpoint, save_checkpoint
+from agents.training.arrays import damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
 from agents.training.lanes import make_lanes
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
-from agents.training.runs import RunError
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
@@ -101,12 +101,11 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
     model = make_model(settings, run.folder / "tensorboard", lanes)
     if run.checkpoint.exists():
         arrays = load_checkpoint(run.checkpoint)
-        try:
+        with damage_named(run.checkpoint):
             restore(model, arrays)
-        except (KeyError, ValueError, RuntimeError) as error:
-            msg = f"{run.checkpoint}: does not fit these settings: {error}; choose another name"
-            raise RunError(msg) from error
-        validation.progress = Progress.of(arrays)
+            validation.progress = Progress.of(arrays)
+            if validation.progress.best:
+                policy_in(validation.progress.best["policy"].tobytes())
     progress = validation.progress
     if model.num_timesteps < settings.steps and progress.seconds < settings.time_budget:
         learn(model, settings.steps - model.num_timesteps, validation, bar=bar)

@@ -7,19 +7,29 @@ import itertools
 import json
 import os
 import platform
+import reprlib
 import sys
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
-import numpy as np
+from pydantic import BaseModel, Field, JsonValue, ValidationError
 
-from mm_gym.files import write_text
+from mm_gym import Scene, SceneError
+from mm_gym.files import (
+    delete_partial,
+    open_lock,
+    read_columns,
+    read_json,
+    read_text,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from agents.training.config import RunSettings
@@ -56,9 +66,38 @@ WORDS = {"scene_digest": "the scene is another", "code": "your own files have ch
 MOST_TOLD = 5
 """Differences in a message."""
 
+METRICS, TIMES = ("steps [-]", "cost [-]"), ("steps [-]", "time [s]")
+"""Headers of the files of validations."""
+
+HOLDER = "process "
+"""What a lock begins with that some process has held."""
+
+MOST_BYTES = 2**24
+"""Largest record of a run; the texts of the user's files are in it."""
+
 
 class RunError(RuntimeError):
     """A run's folder does not hold what is needed, or another process is using it."""
+
+
+class RecordedSettings(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """Settings in a run's record that are read by others than the training that wrote them."""
+
+    task: str
+    base: str | None = None
+    reward: str | None = None
+    authority: Annotated[float, Field(gt=0, le=2)] = 0.5
+
+
+class Record(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
+    """What ``run.json`` holds, with what describes the machine."""
+
+    settings: RecordedSettings
+    scene: dict[str, JsonValue] | None = None
+    scene_digest: str
+    code: dict[str, str] = {}
+    command: str = ""
+    earlier: list[dict[str, JsonValue]] = []
 
 
 class Run:
@@ -84,11 +123,21 @@ class Run:
         return self.policy.exists()
 
     def validations(self) -> tuple[Values, Values, Values]:
-        """Return the control steps, cost and time [s] of each validation, (validations,)."""
-        (steps, costs), (_, seconds) = (
-            np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).T
-            for path in (self.metrics, self.times)
-        )
+        """Return the control steps, cost and time [s] of each validation, (validations,).
+
+        Raises
+        ------
+        RunError
+            If their files are missing, damaged, or of different lengths.
+        """
+        try:
+            steps, costs = read_columns(self.metrics, METRICS)
+            also, seconds = read_columns(self.times, TIMES)
+        except SceneError as error:
+            raise RunError(str(error)) from None
+        if steps.tolist() != also.tolist():
+            msg = f"{self.times}: got other steps than {self.metrics.name}; allowed: the same"
+            raise RunError(msg)
         return steps, costs, seconds
 
     @property
@@ -108,29 +157,41 @@ class Run:
         Raises
         ------
         RunError
-            If another process holds the lock, or the folder cannot be written to.
+            If another process holds the lock, the folder cannot be written to, or something else
+            is in the lock's place.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            stream = (self.folder / ".lock").open("a+", encoding="utf-8")
-        except OSError as error:
+            descriptor = open_lock(self._lock)
+            stream = os.fdopen(descriptor, "r+", encoding="utf-8", errors="replace")
+        except (OSError, SceneError) as error:
             msg = f"{self.folder}: cannot be the folder of a run: {error}"
             raise RunError(msg) from error
         with stream:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
-                raise RunError(self._refusal(stream.name, error)) from None
-            stream.truncate(0)
-            stream.write(f"process {os.getpid()} on {platform.node()}")
+                raise RunError(self._refusal(error)) from None
+            if stream.read(len(HOLDER)) not in {"", HOLDER}:
+                msg = f"{self._lock}: cannot be a lock: another file is in its place; move it away"
+                raise RunError(msg)
+            stream.seek(0)
+            stream.truncate()
+            stream.write(f"{HOLDER}{os.getpid()} on {platform.node()}")
             stream.flush()
             self._delete_partial_files()
             yield
 
-    def _refusal(self, lock: str, error: OSError) -> str:
+    @property
+    def _lock(self) -> Path:
+        return self.folder / ".lock"
+
+    def _refusal(self, error: OSError) -> str:
         if not isinstance(error, BlockingIOError):
             return f"{self.folder}: cannot be locked: {error}"
-        holder = Path(lock).read_text(encoding="utf-8") or "another process"
+        holder = "another process"
+        with suppress(SceneError):  # who holds it is told where it can be read
+            holder = read_text(self._lock) or holder
         return (
             f"{self.folder}: {holder} is training this run; "
             "wait for its end, or choose another name with --name"
@@ -139,8 +200,7 @@ class Run:
     def _delete_partial_files(self) -> None:
         """Delete the temporary files of a process that was killed while it wrote."""
         for file in (self.record, self.checkpoint, self.metrics, self.times, self.policy):
-            for partial in self.folder.glob(f".{file.name}.*"):
-                partial.unlink()
+            delete_partial(file)
 
     def open(self, settings: RunSettings) -> None:
         """Begin the run, or continue one of the same settings.
@@ -158,12 +218,12 @@ class Run:
             )
             raise RunError(msg)
         earlier: list[object] = []
-        if self.record.exists():
+        if os.path.lexists(self.record):
             record = self.read()
             if record["settings"] == _identity(settings)["settings"]:
                 return
             stage = {name: record["settings"][name] for name in settings.growing}
-            earlier = [*record.get("earlier", []), {**stage, "command": record["command"]}]
+            earlier = [*record.get("earlier", []), {**stage, "command": record.get("command", "")}]
             if self.policy.exists():
                 size = record["settings"][settings.growing[0]]
                 self.policy.rename(self.folder / f"policy-{size}.npz")
@@ -184,12 +244,12 @@ class Run:
 
     def _differences(self, settings: RunSettings) -> list[str]:
         """Return what keeps the run that is here, if there is one, from going on with settings."""
-        if not self.record.exists():
+        if not os.path.lexists(self.record):
             return []
         record, identity = self.read(), _identity(settings)
         before = _by_dotted_name(record.get("settings", {}))
         now = _by_dotted_name(identity.pop("settings"))
-        more = {name for name in settings.growing if name in before and before[name] <= now[name]}
+        more = {name for name in settings.growing if _has_grown(before.get(name), now[name])}
         found = [
             f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
             for name in dict.fromkeys((*now, *before))
@@ -202,11 +262,46 @@ class Run:
         return not self.finished and self.fits(settings)
 
     def read(self) -> dict[str, Any]:
-        """Return the record; raise `RunError` if there is none."""
-        if not self.record.exists():
+        """Return the record, as `Record` says.
+
+        Raises
+        ------
+        RunError
+            If there is none, or it is damaged.
+        """
+        if not os.path.lexists(self.record):
             msg = f"{self.folder}: no run.json here; train first: python -m agents.train"
             raise RunError(msg)
-        return json.loads(self.record.read_text(encoding="utf-8"))
+        try:
+            data = read_json(self.record, most=MOST_BYTES)
+            Record.model_validate(data)
+        except SceneError as error:
+            raise RunError(str(error)) from None
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"])) or "its content"
+            got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
+            msg = f"{self.record}: not a run's record: {where}: {got}{first['msg']}"
+            raise RunError(msg) from None
+        return cast("dict[str, Any]", data)
+
+    def scene(self) -> Scene:
+        """Return the scene of the run; raise `RunError` if its record has none that is valid."""
+        scene = self.read().get("scene")
+        if scene is None:
+            msg = f"{self.record}: not a run's record: scene: missing"
+            raise RunError(msg)
+        try:
+            return Scene.of(scene)
+        except SceneError as error:
+            told = "; ".join(str(error).splitlines())
+            msg = f"{self.record}: scene: {told}"
+            raise RunError(msg) from None
+
+
+def _has_grown(before: object, now: float) -> bool:
+    """Tell whether a setting of a run is at least what it was."""
+    return isinstance(before, int | float) and before <= now
 
 
 def _versions() -> dict[str, str]:

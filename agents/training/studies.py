@@ -9,15 +9,20 @@ from __future__ import annotations
 
 import os
 import platform
+import sqlite3
 import warnings
 import zlib
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import optuna
 from optuna.samplers import BaseSampler, TPESampler
 from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
 from optuna.trial import TrialState
+
+from agents.training.runs import RunError
+from mm_gym import SceneError
+from mm_gym.files import read_beginning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,12 +38,25 @@ HEARTBEAT, GRACE = 15, 60
 MOST_REPETITIONS = 100
 """Of one trial, so that one which no machine has room for is given up at last."""
 
+MAGIC = b"SQLite format 3\0"
+"""First bytes of a database."""
+
+ASIDE = ("-journal", "-wal", "-shm")
+"""Endings of the files that SQLite reads with a database."""
+
 PROCESS = "process"
 """Attribute of a trial: the machine and the number of the process that is busy with it."""
 
 
 def open_study(name: str, folder: Path, seed: int) -> Study:
-    """Open the study in a folder, or begin it; repeat trials whose process is dead."""
+    """Open the study in a folder, or begin it; repeat trials whose process is dead.
+
+    Raises
+    ------
+    RunError
+        If there is something else in the place of its file, or it is damaged.
+    """
+    _check_database(folder / "study.db")
     repeat = _repetition()
     with _without_warnings():
         storage = RDBStorage(
@@ -59,6 +77,30 @@ def open_study(name: str, folder: Path, seed: int) -> Study:
             study.tell(trial.number, state=TrialState.FAIL)
             repeat(study, trial)
     return study
+
+
+def _check_database(file: Path) -> None:
+    """Raise `RunError` unless there is no file, or a whole one of SQLite's."""
+    if not os.path.lexists(file):
+        return
+    try:
+        if read_beginning(file, len(MAGIC)) not in {b"", MAGIC}:  # empty: begun, then killed
+            msg = f"{file}: not a study: not a file of SQLite"
+            raise RunError(msg)
+        for ending in ASIDE:
+            if os.path.lexists(f"{file}{ending}"):
+                read_beginning(f"{file}{ending}", 0)
+        with closing(sqlite3.connect(file, timeout=GRACE)) as database:
+            (found,) = database.execute("PRAGMA quick_check(1)").fetchone()
+            (page,) = database.execute("PRAGMA page_size").fetchone()
+    except (SceneError, sqlite3.Error) as error:
+        msg = str(error) if isinstance(error, SceneError) else f"{file}: not a study: {error}"
+        raise RunError(msg) from None
+    if found == "ok" and file.stat().st_size % page:
+        found = "its end is missing"  # SQLite takes zeros for it
+    if found != "ok":
+        msg = f"{file}: not a study: damaged: {found.splitlines()[0]}"
+        raise RunError(msg)
 
 
 def begin(trial: Trial) -> int:

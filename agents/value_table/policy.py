@@ -5,25 +5,25 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from agents.arrays import described, numbers
 from agents.policy_file import PolicyError
 from agents.value_table.kernel import NODES, choose
 from mm_gym.files import write_bytes
+from mm_gym.scene import Part
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    Values = NDArray[np.float64]
-    Arrays = Mapping[str, NDArray[Any]]
+    from agents.arrays import Arrays
 
-FORMATS = (1,)
-"""Numbers of the formats that can be read."""
+    Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,40 +107,38 @@ def is_table(arrays: Arrays) -> bool:
     return "after" in arrays
 
 
-def table_policy(arrays: Arrays) -> TablePolicy:
-    """Return the policy in the arrays of a file.
+class Description(Part):
+    """What the file of a table says in JSON."""
 
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        If they are wrong.
-    """
-    description = json.loads(str(arrays["description"]))
-    if description["format"] not in FORMATS:
-        msg = f"format: got {description['format']!r}; allowed: {', '.join(map(str, FORMATS))}"
-        raise ValueError(msg)
-    after = np.ascontiguousarray(arrays["after"], np.float32)
-    own = {name: np.ascontiguousarray(arrays[name], np.float64) for name in ARRAYS}
-    stretches, sizes = (max(len(own[name]), 2) for name in ("stretches", "squares"))
-    n = max(after.shape[2:3], default=NODES)
+    format: Literal[1]
+    """its only format"""
+    travel: Annotated[float, Field(gt=0)]
+    """as of the problem"""
+    is_rate: bool
+    """as of the problem"""
+
+
+def table_policy(arrays: Arrays) -> TablePolicy:
+    """Return the policy in the arrays of a file; raise `ValueError` if they are wrong."""
+    described_as = Description.of(described(arrays))
+    lengths = {name: np.atleast_1d(arrays.get(name, ())).shape for name in ("after", *ARRAYS)}
+    stretches, sizes = (max(lengths[name][0], 2) for name in ("stretches", "squares"))
+    n = max(*lengths["after"][2:3], NODES)
     shapes = {
-        "after": (stretches, 4, n, n, n, sizes),
         "stretches": (stretches,),
         "squares": (sizes,),
         "moves": (stretches, 4, 4),
         "cost": (4,),
-        "reads": (5, own["reads"].shape[-1]),
+        "reads": (5, max(lengths["reads"][-1], 2)),
     }
-    for name, array in {"after": after, **own}.items():
-        if array.shape != shapes[name] or not np.isfinite(array).all():
-            msg = f"{name}: got {array.shape}; allowed: finite numbers of shape {shapes[name]}"
-            raise ValueError(msg)
-    travel = float(description["travel"])
+    own = {name: numbers(arrays, name, shapes[name]) for name in ARRAYS}
+    after = numbers(arrays, "after", (stretches, 4, n, n, n, sizes), np.float32)
     rise = [np.diff(own[name]).min() for name in ("stretches", "squares")]
-    if n < NODES or min(*rise, travel) <= 0.0 or own["squares"][0] != 0.0:
-        msg = (
-            f"after: got {n} points; allowed: {NODES} or more; stretches, squares, travel: "
-            "allowed: numbers that rise, squares from 0, and a positive one"
-        )
+    if min(rise) <= 0.0 or own["squares"][0] != 0.0:
+        msg = "stretches, squares: got numbers that fall; allowed: ones that rise, squares from 0"
         raise ValueError(msg)
-    return TablePolicy(after=after, travel=travel, is_rate=bool(description["is_rate"]), **own)
+    unknown = sorted(set(arrays) - {"description", "after", *ARRAYS})
+    if unknown:
+        msg = f"{unknown[0]}: unknown; allowed: description, after, {', '.join(ARRAYS)}"
+        raise ValueError(msg)
+    return TablePolicy(after, **own, travel=described_as.travel, is_rate=described_as.is_rate)

@@ -7,10 +7,11 @@ Such a file is all that a new task needs.
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
+from typing import cast
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.files import read_toml
 
 FOLDER = Path(__file__).parent
 
@@ -47,16 +48,13 @@ def steps_of(task: str) -> int | None:
     Without the checks of a scene, which would take longer than all else that registers the tasks.
     """
     try:
-        data = tomllib.loads(path_of(task).read_text("utf-8"))
-    except (OSError, ValueError):
+        control = read_toml(path_of(task)).get("control", {})
+    except SceneError:
         return None
-    match data.get("control", {}):
-        case {"steps": int(steps)} if steps > 0:
-            return steps
-        case {"steps": _}:
-            return None
-        case _:
-            return DEFAULT_STEPS
+    if not isinstance(control, dict):
+        return None
+    steps = cast("dict[str, object]", control).get("steps", DEFAULT_STEPS)
+    return steps if isinstance(steps, int) and steps > 0 else None
 
 
 def _files() -> dict[str, Path]:

@@ -14,13 +14,13 @@ from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.headroom import (
     LEARNED,
     ROUNDING,
-    SCORES,
     controllers_of,
     headroom,
     least_cost,
     over_plans,
 )
 from agents.evaluation.planner import Effort, Planner
+from agents.evaluation.scores import SCORES
 from agents.evaluation.statistics import interval
 from agents.policies import Policy
 from mm_gym import MovingMassVectorEnv, compile_scene

@@ -9,7 +9,8 @@ import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
 from agents import ranking
-from agents.evaluation.headroom import EPISODES, SCORES, least_cost, passive_rows
+from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
+from agents.evaluation.scores import SCORES
 from agents.policies import Policy
 from agents.report.ranking_page import COLUMNS, PAGE, page
 from agents.report.surprises import NO_BETTER, surprises

@@ -6,7 +6,7 @@ import gymnasium
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID
 
-from agents.evaluation.headroom import SCORES
+from agents.evaluation.scores import SCORES
 from agents.report.description import describe
 from agents.report.task_page import PAGE, page
 
