@@ -216,8 +216,8 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         Raises
         ------
         SceneError
-            If the field is unknown, or part of the initial state, which a step changes. The info of
-            `reset` has the initial state.
+            If the field is unknown, no episode has begun, or the initial state is asked for after
+            `set_state`, which does not tell it.
         """
         return float(self._lanes.drawn(name)[0])
 

@@ -11,7 +11,7 @@ from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.impulses import apply_first_impulses
 from mm_gym.kernels.jit import borrowing_kernel, plain
-from mm_gym.kernels.outputs import derive, observe
+from mm_gym.kernels.outputs import derive, observe, pass_frame
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
 
 if TYPE_CHECKING:
@@ -228,6 +228,7 @@ def _entries(
                 for row in range(4):
                     states[k, row] = lanes[row, 0]
             lanes[at.NOW, 0] += 1.0
+            pass_frame(task, streams, 0, 1)
         return at.OK
 
     return _advance(in_turn(cross, disturb)), run

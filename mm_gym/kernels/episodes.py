@@ -15,7 +15,15 @@ from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.listed import copy_within, place_of, run_of, set_row
 from mm_gym.kernels.memory import span
-from mm_gym.kernels.outputs import blur, derive, rows_of, scaling, shown, write_channels
+from mm_gym.kernels.outputs import (
+    blur,
+    derive,
+    pass_frame,
+    rows_of,
+    scaling,
+    shown,
+    write_channels,
+)
 from mm_gym.kernels.random import next_episode, uniform
 from mm_gym.kernels.task import finite
 
@@ -178,7 +186,7 @@ def show_first(model, task, lanes, frames, ends, streams, which, paused, rewards
     ends
         (3, count) bool, written for paused lanes.
     streams
-        (2, count) uint64, read and written: the sensors' noise.
+        (2, count) uint64, read and written: random numbers.
     which
         (b,) int64, read: the lanes, in ascending order.
     paused
@@ -226,6 +234,9 @@ def fill_history(task, lanes, frames, streams, which):
         blur(task, frames, newest, streams, first, last)
         for i in which[: 0 if last > first else which.shape[0]]:
             blur(task, frames, newest, streams, i, i + 1)
+    pass_frame(task, streams, first, last)
+    for i in which[: 0 if last > first else which.shape[0]]:
+        pass_frame(task, streams, i, i + 1)
     for row in range(newest - 1, -1, -1):
         copy_within(frames, row + channels, row, which)
 

@@ -104,8 +104,11 @@ WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13,
 DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
 # Whether a channel shows what follows from the state; an acceleration or the spring force; noise.
 IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
-CHANNEL_COUNT = 21
-CHANNELS = 22  # then, per channel, CHANNEL_SIZE slots
+# Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
+# not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.
+RESERVED, HAS_RESERVED_NOISE = 21, 22
+CHANNEL_COUNT = 23
+CHANNELS = 24  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

@@ -11,7 +11,7 @@ from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
 from mm_gym.kernels.listed import place_of
 from mm_gym.kernels.memory import copy_row, copy_rows, fill, span
-from mm_gym.kernels.random import normals
+from mm_gym.kernels.random import count_draws, normals_ahead, normals_of_sensors
 from mm_gym.kernels.transposition import copy_as_columns
 
 
@@ -116,7 +116,7 @@ def observe(task, lanes, frames, streams, first, last):
     frames
         (frames * channels, lanes) float32, oldest frame first, written.
     streams
-        (2, lanes) uint64, advanced if there is noise.
+        (2, lanes) uint64, advanced by what is reserved for a frame.
     first, last
         The lanes first .. last - 1.
     """
@@ -131,6 +131,16 @@ def observe(task, lanes, frames, streams, first, last):
     write_channels(task, lanes, frames, newest, first, last)
     if task[at.IS_NOISY] > 0.0:
         blur(task, frames, newest, streams, first, last)
+    pass_frame(task, streams, first, last)
+
+
+@borrowing_kernel
+def pass_frame(task, streams, first, last):
+    """Pass over the numbers that are reserved for a frame's noise, also where it is not drawn."""
+    reserved = int(task[at.RESERVED])
+    if reserved > 0:
+        for i in span(first, last):
+            count_draws(streams, reserved, i)
 
 
 @borrowing_kernel
@@ -177,11 +187,12 @@ def blur(task, frames, newest, streams, first, last):
     newest
         First row of the newest frame.
     streams
-        (2, lanes) uint64, advanced.
+        (2, lanes) uint64, read.
     first, last
         The lanes first .. last - 1.
     """
     prefer_widest_vectors()
+    is_reserved, ahead = task[at.HAS_RESERVED_NOISE] > 0.0, 0
     channels, k = int(task[at.CHANNEL_COUNT]), next_noisy(task, 0)
     while k < channels:
         other = next_noisy(task, k + 1)
@@ -189,17 +200,23 @@ def blur(task, frames, newest, streams, first, last):
         # Of an odd number the last takes the second normal number too, times zero.
         rows = newest + k, newest + (other if other < channels else k)
         if last - first == 1:  # a lone lane does without what a loop prepares
-            blur_pair(frames, rows, spreads, streams, first)
+            blur_pair(frames, rows, spreads, streams, is_reserved, ahead, first)
+        elif is_reserved:
+            for i in span(first, last):
+                blur_pair(frames, rows, spreads, streams, True, ahead, i)
         else:
             for i in span(first, last):
-                blur_pair(frames, rows, spreads, streams, i)
-        k = next_noisy(task, other + 1)
+                blur_pair(frames, rows, spreads, streams, False, ahead, i)
+        k, ahead = next_noisy(task, other + 1), ahead + 2
 
 
 @inlined_kernel
-def blur_pair(frames, rows, spreads, streams, i):
-    """Add noise of two standard deviations to two rows of a lane."""
-    pair = normals(streams, i)
+def blur_pair(frames, rows, spreads, streams, is_reserved, ahead, i):
+    """Add noise of two standard deviations to two rows of a lane, from numbers after `ahead`."""
+    if is_reserved:
+        pair = normals_ahead(streams, ahead, i)
+    else:
+        pair = normals_of_sensors(streams, ahead, i)
     for side in range(2):
         noisy = np.float32(frames[rows[side], i] + spreads[side] * pair[side])
         frames[rows[side], i] = bounded(noisy)

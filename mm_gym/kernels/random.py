@@ -20,6 +20,9 @@ EPISODE = 32
 """Bits of the counter that count the draws of one episode; those above count the episodes. So an
 episode's numbers do not depend on how long the last one was."""
 
+_SENSORS = np.uint64(0xD1B54A32D192ED03)
+"""Added to the draw that the sensors' own numbers are hashed from; any odd number will do."""
+
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
@@ -90,6 +93,18 @@ def count_draws(streams, draws, i):
 def normals_ahead(streams, ahead, i):
     """Return two normal numbers from the draws of lane i after the next `ahead`, not counted."""
     draw = streams[KEY, i] + (streams[COUNT, i] + np.uint64(ahead + 1)) * _GOLDEN
+    return normal_pair(mix(draw), mix(draw + _GOLDEN))
+
+
+@inlined_kernel
+def normals_of_sensors(streams, ahead, i):
+    """Return two of the sensors' own normal numbers in lane i, those after the first `ahead`.
+
+    They are a hash of the lane's place in its stream, and take nothing out of it: what is drawn
+    from the stream does not depend on the sensors. Frames with the same place have the same.
+    """
+    key = mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN + _SENSORS)
+    draw = key + np.uint64(ahead + 1) * _GOLDEN
     return normal_pair(mix(draw), mix(draw + _GOLDEN))
 
 

@@ -55,7 +55,7 @@ def _compiled(scene: Scene) -> Plant:
         reasons=(*idle, *reasons),
         support=support,
         model=method.constants(support, settings),
-        task=task_array(scene),
+        task=task_array(scene, support.excitation),
         template=template,
         draws=draws,
         actuators=tuple(

@@ -9,6 +9,8 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.channels import CHANNELS
+from mm_gym.kernels.excitation import FILTER, FIRST, KIND, OWN, SIZE
+from mm_gym.kernels.noise import PLACE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,8 +60,11 @@ def _observed(scene: Scene, name: str) -> Observed:
     return Observed(name, channel.unit, 1.0 / scale, zero, noise)
 
 
-def task_array(scene: Scene) -> NDArray[np.float64]:
-    """Return actuators, objective and channels in the slots of `mm_gym.kernels.layout`."""
+def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return actuators, objective and channels in the slots of `mm_gym.kernels.layout`.
+
+    The excitation is its description, see `mm_gym.kernels.excitation`.
+    """
     channels = observed(scene)
     task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))
     _actuators(scene, task)
@@ -74,8 +79,28 @@ def task_array(scene: Scene) -> NDArray[np.float64]:
     rows = {CHANNELS[channel.name].row for channel in channels}
     task[at.IS_DERIVED] = not rows.isdisjoint(at.DERIVED)
     task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS)
-    task[at.IS_NOISY] = any(channel.noise > 0.0 for channel in channels)
+    noisy = sum(channel.noise > 0.0 for channel in channels)
+    drawn = noisy + noisy % 2  # normal numbers come in pairs
+    reserved = _reserved(excitation, drawn)
+    task[at.IS_NOISY] = noisy > 0
+    task[at.RESERVED], task[at.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
     return task
+
+
+def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
+    """Return how many numbers of a lane's stream are reserved for the noise of a frame.
+
+    The stream is that of the initial state, the parameters and the excitation. Without filtered
+    noise nothing draws from it after the start, so the sensors take what they need. With filtered
+    noise the number must not depend on the sensors. It is 2 where a filter's parameters are drawn,
+    and 0 otherwise: so Hybrid-v0, with two noisy channels, and PreStretchNoise-v0 have the episodes
+    that their published results are of.
+    """
+    parts = excitation[FIRST : FIRST + SIZE * int(excitation[0])].reshape(-1, SIZE)
+    filters = parts[parts[:, KIND] == FILTER]
+    if not len(filters):
+        return drawn
+    return 2 if np.any(filters[:, OWN + PLACE] == 0.0) else 0
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:

@@ -10,8 +10,7 @@ from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
-from mm_gym.kernels.outputs import next_noisy
-from mm_gym.kernels.random import count_draws
+from mm_gym.kernels.outputs import pass_frame
 from mm_gym.kernels.task import command
 from mm_gym.sensitivity import cubic_kernel, linear_kernel
 from mm_gym.sensitivity.held_kernel import write_held
@@ -78,20 +77,10 @@ def step_by(
             rotate(model, lanes, interval, first, last)
         finish(model, lanes, first, last)
         lanes[at.NOW, first] += 1.0
-        _pass_sensor_noise(task, streams, first, last)
+        pass_frame(task, streams, first, last)
         return status
 
     return step
-
-
-@borrowing_kernel
-def _pass_sensor_noise(task, streams, first, last):
-    """Count what the sensors' noise draws: the next excitation comes from the same streams."""
-    noisy, k = 0, next_noisy(task, 0)
-    while k < int(task[at.CHANNEL_COUNT]):
-        noisy, k = noisy + 1, next_noisy(task, k + 1)
-    for i in range(first, last):
-        count_draws(streams, noisy + noisy % 2, i)  # two at a time
 
 
 @borrowing_kernel

@@ -14,12 +14,12 @@ from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
-from mm_gym.kernels.jit import entry_point
+from mm_gym.kernels.jit import entry_point, plain
 from mm_gym.kernels.lane_memory import rows_of
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
-from mm_gym.kernels.random import seed_streams
+from mm_gym.kernels.random import COUNT, EPISODE, KEY, seed_streams, uniform
 from mm_gym.kernels.restarts import restart_gathered, rows_of_start
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
@@ -91,9 +91,12 @@ class Lanes:
         self._threads = Threads(count, threads)
         self.are_threaded = self._threads.are_several
         self._nothing_fixed = self._rows_and_values({})
+        # Rows of the initial state that were given: NaN where drawn, infinite where not known.
+        self._given: dict[int, Values] = {}
+        self._as_drawn = np.full(count, np.nan)
         # Looked up once: with few lanes to restart, that takes longer than they do.
         self._products, self._is_excited = plant.support.products, plant.support.sampled
-        self._is_noisy = bool(plant.task[at.IS_NOISY])
+        self._reserves = bool(plant.task[at.RESERVED])
         self._can_gather = not (
             self._products or self._is_excited or bool(plant.task[at.IS_DERIVED])
         )
@@ -251,14 +254,15 @@ class Lanes:
         fixed
             Rows to set instead of what is drawn, from `checked`.
         seen
-            Whether the first frames are needed. If not, they are written only where the sensors'
-            noise is drawn, so that later draws do not depend on this option.
+            Whether the first frames are needed. If not, they are written only where random numbers
+            are reserved for them, so that later draws do not depend on this option.
         paused
             Whether the lanes restart instead of making a control step: its reward is zero, and it
             ends no episode. Requires `seen`.
         """
         if which is None:
             which = np.arange(self.count)
+        self._note_given(which, fixed or {})
         if self._can_gather and seen and not fixed and _are_apart(which):
             self._restart_gathered(which, paused, self.rewards)
             return
@@ -268,7 +272,7 @@ class Lanes:
             self._multiply(which)
         if self._is_excited:
             self._begin_excitation(which)
-        if seen or self._is_noisy:
+        if seen or self._reserves:
             self._show(which, paused, self.rewards)
 
     def _multiply(self, which: NDArray[np.int64]) -> None:
@@ -289,12 +293,42 @@ class Lanes:
         return checked_fields(fixed, self.plant.support, self.count)
 
     def drawn(self, name: str) -> Values:
-        """Return the row of a field by dotted name; raise `SceneError` if it changes in a step."""
-        row = self.plant.support.row_of(name)
-        if row <= at.STRETCH:
-            msg = f"{name}: changes in every step; allowed: fields that an episode keeps"
+        """Return the values (count,) of a field by dotted name, in the present episodes.
+
+        Those of the initial state are drawn once more, so that no step has to keep them.
+
+        Raises
+        ------
+        SceneError
+            If the field is unknown, no episode has begun, or the start of a set state is asked for.
+        """
+        row, support = self.plant.support.row_of(name), self.plant.support
+        if row > at.STRETCH or (row == at.STRETCH and "stretch" not in self.plant.actuators):
+            return self.values[row]
+        episodes = self.streams[COUNT] >> np.uint64(EPISODE)
+        if not episodes.all():
+            msg = f"{name}: no episode has begun; call reset first"
             raise SceneError(msg)
-        return self.values[row]
+        given = self._given.get(row, self._as_drawn)
+        if np.isinf(given).any():
+            msg = f"{name}: a state was set, and does not tell how its episode began"
+            raise SceneError(msg)
+        places = np.flatnonzero(self.plant.draws[:, 0] == row)
+        low, high = float(support.start_low[row]), float(support.start_high[row])
+        began = np.full(self.count, low)
+        if places.size:
+            streams = np.array([self.streams[KEY], episodes << np.uint64(EPISODE)])
+            streams[COUNT] += np.uint64(places[0])
+            numbers = plain(uniform)(streams, slice(None))
+            began = np.clip(low + (high - low) * numbers, low, high)
+        return np.where(np.isnan(given), began, given)
+
+    def _note_given(self, which: NDArray[np.int64], fixed: Mapping[int, Values]) -> None:
+        """Note what is given in place of what an episode would draw of its initial state."""
+        for row in (row for row in fixed if row <= at.STRETCH):
+            self._given.setdefault(row, self._as_drawn.copy())
+        for row, values in self._given.items():
+            values[which] = np.broadcast_to(fixed.get(row, np.nan), self.count)[which]
 
     def snapshot(self) -> dict[str, object]:
         """Return the state of all lanes, as copies, for `restore`.
@@ -336,6 +370,7 @@ class Lanes:
         self.values[at.BEGAN] = self._blocks(self.values[at.NOW]) - age
         self.values[at.DUE] = 0.0  # the next step finds it
         self._ends[at.MARKED] = True
+        self._given = {row: np.full(self.count, np.inf) for row in range(at.STRETCH + 1)}
 
     def _blocks(self, clock: Values) -> Values:
         """Return each lane's clock, from the first lanes of the blocks."""

@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 from rollouts import random_actions, rollout
-from tasks import PRE_STRETCH
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
-from mm_gym import MovingMassVectorEnv, Scene, SceneError
-
-
-@pytest.mark.parametrize("name", ["initial.stretch", "initial.sphere_offset"])
-def test_what_a_step_changes_is_not_called_drawn(make, name):
-    with pytest.raises(SceneError, match=rf"{name}: changes in every step"):
-        make(PRE_STRETCH).drawn(name)
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, SceneError
+from mm_gym.kernels import layout as at
 
 
 def test_options_fix_what_would_be_drawn(make):
@@ -101,3 +96,78 @@ def test_scene_may_be_a_file(make, tmp_path):
     file.write_text("[actuation.force]\nlimit = 2.0\n", "utf-8")
     for path in (file, str(file)):
         assert make(path).scene.actuation.force.limit == 2.0
+
+
+STATES = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
+WIDE = CARRIAGE_FORCE.replace(
+    initial={
+        "carriage_displacement": [-0.01, 0.01],
+        "sphere_offset": [-0.02, 0.02],
+        "carriage_velocity": 0.1,
+        "sphere_velocity": [0.1, 0.3],
+    },
+    randomization={"sphere.mass": [0.03, 0.05]},
+)
+
+
+def start_of(env):
+    x1, offset, v1, v2 = (env.drawn(f"initial.{name}") for name in STATES)
+    return np.array([x1, offset + x1, v1, v2])
+
+
+def test_drawn_initial_state_is_that_of_each_episode_and_stays_known():
+    env = MovingMassVectorEnv(WIDE, 40, max_episode_steps=7, autoreset_mode="SameStep")
+    with pytest.raises(SceneError, match=r"initial\.sphere_offset: no episode has begun"):
+        env.drawn("initial.sphere_offset")
+    _, info = env.reset(seed=3)
+    start = info["state"].T.copy()
+    lone = MovingMassEnv(WIDE)
+    lone.reset(seed=4)
+    np.testing.assert_array_equal(start_of(lone), start[:, 1])
+    for step in range(1, 20):
+        np.testing.assert_array_equal(start_of(env), start)
+        env.step(np.zeros((40, 1), np.float32))
+        if step % 7 == 0:
+            assert (env.state.T[0] != start[0]).all()
+            start = env.state.T.copy()
+
+
+def test_given_initial_state_is_what_was_given_until_the_next_episode():
+    env = MovingMassVectorEnv(WIDE, 3, autoreset_mode="Disabled")
+    given = {"initial.sphere_offset": [0.001, 0.002, 0.003], "initial.carriage_velocity": 0.5}
+    env.reset(seed=0, options=given)
+    env.step(np.zeros((3, 1), np.float32))
+    np.testing.assert_array_equal(env.drawn("initial.sphere_offset"), [0.001, 0.002, 0.003])
+    np.testing.assert_array_equal(env.drawn("initial.carriage_velocity"), 0.5)
+    _, info = env.reset(options={"reset_mask": np.array([True, False, False])})
+    first, *others = env.drawn("initial.sphere_offset")
+    assert info["state"][0, 0] + first == info["state"][0, 1]
+    assert others == [0.002, 0.003]
+    assert env.drawn("initial.carriage_velocity").tolist() == [0.1, 0.5, 0.5]
+
+
+def test_initial_state_behind_a_state_that_was_set_is_not_told():
+    env = MovingMassEnv(WIDE)
+    env.reset(seed=0, options={"initial.sphere_offset": 0.004})
+    env.set_state(env.get_state())
+    with pytest.raises(SceneError, match=r"initial\.sphere_offset: a state was set"):
+        env.drawn("initial.sphere_offset")
+    assert 0.03 <= env.drawn("sphere.mass") <= 0.05
+    env.reset()
+    assert -0.02 <= env.drawn("initial.sphere_offset") <= 0.02
+
+
+def test_stretch_is_that_at_the_start_where_it_is_actuated_and_the_episodes_where_not():
+    env = MovingMassEnv("mm_gym/PreStretchShock-v0")
+    _, info = env.reset(seed=5)
+    first = info["applied"][0]
+    env.step([1.0])
+    assert env.drawn("initial.stretch") == first
+    held = MovingMassEnv(
+        WIDE.replace(
+            springs={"kind": "small_on_large", "stretch": 1.5},
+            randomization={"springs.stretch": [1.0, 3.0]},
+        )
+    )
+    held.reset(seed=5)
+    assert held.drawn("springs.stretch") == held.get_state()["values"][at.STRETCH, 0]
