@@ -60,6 +60,9 @@ class Support:
         Rows that stay between `low` and `high`: all but the state and what follows from other rows.
     products
         (row, row of the ratio, row of the other field) of each field that follows from a ratio.
+    idle_velocity
+        Reference velocity [m/s] of dry friction that is left out because no motion of the scene
+        slips; infinite without it.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.kernels.excitation`.
@@ -78,6 +81,7 @@ class Support:
     jets: int
     terms: int
     excitation: NDArray[np.float64]
+    idle_velocity: float = math.inf
 
     @property
     def frequencies(self) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.errors import SceneError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
     from mm_gym.methods.support import Support
     from mm_gym.scene.scene import Scene
+
+    Array = NDArray[np.float64]
 
 FRICTION = (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
 """Rows of the parameters of dry friction."""
@@ -44,7 +47,59 @@ def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tupl
         f"dry friction never slips: by its energy |w| <= {fastest:.3g} m/s, below "
         f"interface.reference_velocity = {vr:g} m/s, so it is viscous with {damping:.6g} N s/m"
     )
-    return replace(support, **arrays), (reason,)
+    return replace(support, idle_velocity=float(vr), **arrays), (reason,)
+
+
+REMEDY = (
+    "because no motion of this scene slips, and its plant has no friction in slip. Widen the "
+    "ranges of initial to such states, or set solver.method = 'switched'"
+)
+"""What follows where a state in slip is refused."""
+
+ROUND_OFF = 1e-9
+"""Part of the reference velocity that the round-off of energies may come to."""
+
+
+def require_stick(support: Support, values: Array, where: str) -> None:
+    """Raise `SceneError` for states from which friction might slip that is left out of the plant.
+
+    By its energy, which cannot grow, each state of the scene itself stays below the reference
+    velocity.
+
+    Parameters
+    ----------
+    support
+        That of the plant.
+    values
+        (rows, lanes), with states x1, x2, v1, v2.
+    where
+        What is refused, as the message names it.
+    """
+    limit = support.idle_velocity
+    if limit == np.inf:
+        return
+    rows = (at.M1, at.M2, at.K1, at.ALPHA, at.BETA, at.K0, at.STRETCH)
+    m1, m2, k1, alpha, beta, k0, stretch = (values[row] for row in rows)
+    x1, x2, v1, v2 = values[:4]
+    with np.errstate(over="ignore"):
+        twice = m1 * v1**2 + m2 * v2**2 + plain(laws.stiffness)(k0, stretch) * (x2 - x1) ** 2
+        twice += k1 * (alpha * x1**2 + 0.5 * beta * x1**4)
+        wells = (alpha < 0.0) & (beta > 0.0)
+        depth = np.divide(alpha**2, beta, out=np.zeros_like(beta), where=wells)
+        fastest = _slip_of(twice + 0.5 * k1 * depth, m1, m2)
+    wrong = np.flatnonzero(~(fastest <= limit * (1.0 + ROUND_OFF)))
+    if wrong.size:
+        msg = (
+            f"{where}: got a state whose energy lets the sphere slip at up to "
+            f"{fastest[wrong[0]]:.3g} m/s; allowed: below interface.reference_velocity = "
+            f"{limit:g} m/s, {REMEDY}"
+        )
+        raise SceneError(msg)
+
+
+def _slip_of(twice: Array, m1: Array, m2: Array) -> Array:
+    """Return the largest |w| [m/s] of masses that have twice an energy [J]."""
+    return np.sqrt(np.maximum(twice, 0.0) * (1.0 / m1 + 1.0 / m2))
 
 
 def _fastest_slip(support: Support) -> float:
@@ -63,4 +118,4 @@ def _fastest_slip(support: Support) -> float:
         return np.inf
     if alpha < 0.0:
         twice += 0.5 * high[at.K1] * alpha**2 / beta  # the depth of the wells, below the middle
-    return float(np.sqrt(twice * (1.0 / low[at.M1] + 1.0 / low[at.M2])))
+    return float(_slip_of(twice, low[at.M1], low[at.M2]))

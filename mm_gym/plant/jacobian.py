@@ -11,7 +11,8 @@ from mm_gym.kernels import layout as at
 from mm_gym.kernels.episodes import complete
 from mm_gym.kernels.excitation import begin_excitation
 from mm_gym.methods.support import MASSLESS
-from mm_gym.plant.point import lane_at
+from mm_gym.plant.idle_friction import require_stick
+from mm_gym.plant.point import lane_at, require_parameters
 from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
 from mm_gym.sensitivity.layout import CAUSED
 
@@ -62,6 +63,7 @@ def jacobian_of(
     values = np.array(np.broadcast_to(values, (len(values), count)))
     if given is not None:
         values[:4] = given.T if given.ndim > 1 else given[:, None]
+    require_stick(support, values, "state" if given is not None else "at")
     streams = np.array(np.broadcast_to(streams, (2, count)))
     lanes = Sensitivities(support, constants, (values, streams), rows)
     status, found = lanes.jacobian(np.broadcast_to(actions, (count, columns)).T)
@@ -103,6 +105,7 @@ def _lanes(
         if values.ndim != 2 or len(values) != len(support.low):  # noqa: PLR2004 - rows and lanes
             msg = f"at: got values of shape {values.shape}; allowed: ({len(support.low)}, lanes)"
             raise SceneError(msg)
+        require_parameters(support, values)
         return values, np.asarray(place["streams"], np.uint64), True  # pyright: ignore[reportIndexIssue, reportOptionalSubscript, reportCallIssue, reportArgumentType, reportUnknownArgumentType]
     row = lane_at(support, place, None)  # pyright: ignore[reportArgumentType]
     lanes = row[:, None]

@@ -10,6 +10,7 @@ from mm_gym.errors import SceneError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
+from mm_gym.plant.idle_friction import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -41,6 +42,7 @@ def lane_at(
             row[follower] = row[ratio] * row[other]
     else:
         row = _numbers("at", values, len(support.start_low))
+        require_parameters(support, row[:, None])
     row[:4] = 0.0 if about is None else _numbers("about", about, 4)
     row[at.FORCE] = 0.0
     if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
@@ -48,7 +50,32 @@ def lane_at(
         msg = f"about: got an offset of {row[at.X2] - row[at.X1]:g} m; allowed: below {furthest:g}"
         raise SceneError(msg)
     plain(laws.write_regimes)(row[:, None], 0, 1)
+    slip = abs(row[at.V2] - row[at.V1])
+    if slip > support.idle_velocity:
+        msg = (
+            f"about: got a slip velocity of {slip:g} m/s; allowed: at most "
+            f"interface.reference_velocity = {support.idle_velocity:g} m/s, {REMEDY}"
+        )
+        raise SceneError(msg)
     return row
+
+
+def require_parameters(support: Support, values: Array) -> None:
+    """Raise `SceneError` for parameters (rows, lanes) that the plant was not compiled for."""
+    rows = np.array(support.parameters)
+    low, high = support.low[rows, None], support.high[rows, None]
+    wrong = np.argwhere(~((values[rows] >= low) & (values[rows] <= high)))
+    if not len(wrong):
+        return
+    k, lane = wrong[0]
+    row = rows[k]
+    names = [name for name, own in support.names.items() if own == row]
+    where = names[-1] if names else f"row {row}"
+    msg = (
+        f"at: {where}: got {values[row, lane]:g}; "
+        f"allowed: {support.low[row]:g} to {support.high[row]:g}"
+    )
+    raise SceneError(msg)
 
 
 def _value(support: Support, name: str, value: object) -> float:
