@@ -1,5 +1,8 @@
 """Texts of what ends a simulation: what happened, in which lanes, where and when."""
 
+# pyright: reportUnknownVariableType=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+# SciPy ships no types
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -8,7 +11,7 @@ import numpy as np
 
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.jit import plain
-from mm_gym.kernels.laws import escape_distance
+from mm_gym.kernels.laws import escape_distance, stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,6 +19,9 @@ if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
 
     Values = NDArray[np.float64]
+
+GROWN = (at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.DIVERGED)
+"""How a motion that grows forever may end."""
 
 MOST_NAMED = 5
 """Lanes named in a message, at most."""
@@ -41,11 +47,11 @@ def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Val
     text = at.MESSAGES[status]
     if status == at.ESCAPED and lanes.size:
         text = _escape(values[:, lanes[0]], float(age[lanes[0]]) * plant.time_step)
-    elif status == at.DIVERGED and lanes.size and _grows_forever(values[:, lanes[0]]):
-        text += (
-            "; with carriage.linear_coefficient < 0 and no cubic_coefficient > 0 motions grow "
-            "forever, which objective.displacement_limit can end"
-        )
+    elif status in GROWN:
+        lane = _runaway(values, lanes)
+        if lane is not None:
+            text += f"; {growth_of(values[:, lane])}{_place(values[:, lane], age[lane], plant)}"
+            lanes = lanes if lanes.size else np.array([lane])
     return f"{plant.method.name}{_named(lanes, values.shape[1])}: {text}"
 
 
@@ -88,5 +94,47 @@ def _escape(lane: Values, time: float) -> str:
     )
 
 
-def _grows_forever(lane: Values) -> bool:
-    return bool(lane[at.ALPHA] < 0.0 and lane[at.BETA] <= 0.0)
+def growth_of(lane: Values) -> str:
+    """Return at which rate motions of a lane (rows,) grow forever, and how to change that.
+
+    The text is empty where they do not. The rate is that about x1 = 0, with friction in stick.
+    """
+    if not _grows_forever(lane):
+        return ""
+    from scipy.linalg import eigvals  # noqa: PLC0415 - nothing else here needs it
+
+    k2 = float(plain(stiffness)(lane[at.K0], lane[at.STRETCH])) if lane[at.K0] > 0.0 else 0.0
+    k, c, d = lane[at.K1] * lane[at.ALPHA], lane[at.C], lane[at.D]
+    generator = np.array(
+        [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [-k - k2, k2, -c - d, c], [k2, -k2, c, -c]]
+    )
+    masses = np.diag([1.0, 1.0, lane[at.M1], lane[at.M2]])
+    rates = np.asarray(eigvals(generator, masses), np.complex128)
+    rate = float(rates.real[np.isfinite(rates)].max())
+    return (
+        f"carriage.linear_coefficient = {lane[at.ALPHA]:g} without a cubic_coefficient > 0 lets "
+        f"motions grow as exp({rate:.4g} t) forever, t in s: set a cubic_coefficient > 0, or end "
+        "episodes by objective.displacement_limit"
+    )
+
+
+def _place(lane: Values, age: np.float64, plant: Plant) -> str:
+    """Return where the carriage of a lane (rows,) is, if that is known."""
+    time = f" in the control step until t = {float(age) * plant.time_step:.9g} s"
+    if not np.isfinite(lane[at.X1]):
+        return f". The carriage was lost{time}"
+    return f". The carriage is at x1 = {lane[at.X1]:.6g} m{time}"
+
+
+def _runaway(values: Values, lost: NDArray[np.intp]) -> int | None:
+    """Return the first lost lane whose motion grows forever, or else the farthest of such lanes."""
+    grows = _grows_forever(values)
+    if grows[lost].any():
+        return int(lost[grows[lost]][0])
+    if lost.size or not grows.any():
+        return None
+    return int(np.argmax(np.where(grows, np.abs(values[at.X1]), -1.0)))
+
+
+def _grows_forever(lanes: Values) -> NDArray[np.bool_]:
+    return np.asarray((lanes[at.ALPHA] < 0.0) & (lanes[at.BETA] == 0.0))

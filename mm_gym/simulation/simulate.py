@@ -11,6 +11,7 @@ from mm_gym.errors import ActionError, SimulationError
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
+from mm_gym.simulation.failures import growth_of
 from mm_gym.simulation.ground_motion import shaken
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, locate, run, states_at
@@ -91,7 +92,7 @@ def simulate(
         run(lanes, _commands(plant, action, steps, start), recording, 0)
     place = locate(recording, instants)
     state = states_at(recording, place)
-    _check_finite(instants, state)
+    _check_finite(instants, state, start)
     held = recording.applied[np.minimum(place.row, recording.last)]
     return Trajectory(
         time=instants,
@@ -186,11 +187,14 @@ def _columns(plant: Plant) -> list[int]:
     return [("force", "stretch").index(name) for name in plant.actuators]
 
 
-def _check_finite(instants: NDArray[np.float64], state: NDArray[np.float64]) -> None:
+def _check_finite(
+    instants: NDArray[np.float64], state: NDArray[np.float64], lane: NDArray[np.float64]
+) -> None:
     lost = np.flatnonzero(~np.all(np.isfinite(state), axis=1))
     if lost.size:
+        growth = growth_of(lane)
         msg = f"the state exceeds the largest double from t = {instants[lost[0]]:g} s on"
-        raise SimulationError(msg)
+        raise SimulationError(f"{msg}; {growth}" if growth else msg)
 
 
 def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from oracle import error
@@ -132,7 +134,7 @@ def test_a_bistable_carriage_meets_scipy_in_both_wells_and_across_the_hill(
 def test_a_nudge_of_a_picometre_chooses_the_well(side: float) -> None:
     start = {"initial.carriage_displacement": side * 1e-12, "carriage.damping": 0.0}
     scene = _tight(BISTABLE, **start, interface={"kind": "none"})
-    motion = simulate(scene, duration=0.3)
+    motion = simulate(scene, duration=0.2)
     # While it is small the motion is linear, x1 = start cosh(rate t), but for a cubic part of
     # (x1 / PLACE)^2 of it.
     want = side * 1e-12 * np.cosh(RATE * motion.time)
@@ -276,11 +278,12 @@ def test_plain_instability_grows_as_the_matrix_exponential_says() -> None:
     weights = np.linalg.solve([[1.0, 1.0], s], [0.002, 0.0])
     want = (weights * np.exp(np.outer(motion.time, s))).sum(axis=1)
     assert motion.state[:, 0] == pytest.approx(want, rel=1e-12)
-    with pytest.raises(SimulationError, match="largest double from t = "):
+    with pytest.raises(SimulationError, match="largest double from t = ") as caught:
         simulate(UNSTABLE, duration=20.0)
+    assert "lets motions grow as exp(" in str(caught.value)
     env = MovingMassEnv(UNSTABLE.replace(**FORCED, **{"control.steps": 10_000}))
     env.reset(seed=0)
-    with pytest.raises(SimulationError, match="motions grow forever"):
+    with pytest.raises(SimulationError, match=r"lets motions grow as exp\("):
         _drift(env, 10_000)
 
 
@@ -342,3 +345,42 @@ def test_a_step_that_climbs_the_hill_and_leaves_it_keeps_its_tolerance(
     want, scale = ControlStep(scene, 0.0, 0.0, 1.0).end(start)
     got = simulate(scene, duration=0.14).state[-1]
     assert error(got, want, scale) <= 0.1 * scene.solver.tolerance
+
+
+RUNAWAYS = {
+    "series of finite springs": {"springs": {"kind": "finite_stretch", "rest_length": 1.0}},
+    "events of friction": {"interface": FRICTION},
+    "series of friction and finite springs": {
+        "interface": FRICTION,
+        "springs": {"kind": "finite_stretch", "rest_length": 1.0},
+    },
+    "rk4": {"solver.method": "rk4", "solver.substeps": 4},
+}
+
+
+@pytest.mark.parametrize("changes", RUNAWAYS.values(), ids=list(RUNAWAYS))
+def test_runaway_is_told_with_its_rate_its_place_and_the_remedy(changes) -> None:
+    scene = UNSTABLE.replace(**changes, **{"carriage.damping": 0.5})
+    growths = re.compile(
+        r"linear_coefficient = -1 .* grow as exp\((.*) t\) forever.*: set a cub.* "
+        r"objective.displacement_limit. The carriage is at x1 = .* until t = "
+    )
+    with pytest.raises(SimulationError, match=growths) as caught:
+        simulate(scene, duration=60.0)
+    told = float(growths.search(str(caught.value))[1])
+    # The rate is what a short motion shows once the slower modes are gone.
+    near = simulate(scene.replace(initial={"carriage_displacement": 1e-9}), duration=0.2)
+    shown = np.gradient(np.log(np.abs(near.state[:, 0])), near.time)[-2]
+    assert told == pytest.approx(shown, rel=2e-2)
+
+
+def test_growth_of_one_lane_among_many_is_named() -> None:
+    scene = UNSTABLE.replace(
+        springs={"kind": "finite_stretch", "rest_length": 1.0},
+        randomization={"carriage.linear_coefficient": (-1.0, 1.0)},
+        **FORCED,
+    )
+    env = MovingMassVectorEnv(scene.replace(**{"control.steps": 10_000}), 3)
+    env.reset(seed=0, options={"carriage.linear_coefficient": [0.9, -0.9, 0.8]})
+    with pytest.raises(SimulationError, match=r"lane 1: .*linear_coefficient = -0\.9 .* exp\("):
+        _drift(env, 10_000)
