@@ -33,7 +33,8 @@ class Response:
     peak_acceleration, rms_acceleration
         Of the carriage [m/s^2], absolute: that of the ground is in it. Impulses are not.
     peak_base_force, rms_base_force
-        Of the carriage's spring and damper on the base [N]: k1 (alpha + beta x1^2) x1 + d v1.
+        On the base, the base shear [N]: k1 (alpha + beta x1^2) x1 + d v1 - u, of the carriage's
+        spring and damper, and the reaction to the control force.
     peak_stroke, rms_stroke
         Offset of the sphere, x2 - x1 [m].
     peak_force, rms_force

@@ -72,7 +72,9 @@ class Totals:
         """
         displacement, velocity, stroke, base_force = (
             cubic(first, last, duration)
-            for first, last in zip(self._smooth(start), self._smooth(end), strict=True)
+            for first, last in zip(
+                self._smooth(start, force), self._smooth(end, force), strict=True
+            )
         )
         counts, fastest = duration > 0.0, velocity.peak()
         first, last = start.acceleration, end.acceleration
@@ -122,12 +124,15 @@ class Totals:
             **energies,
         )
 
-    def _smooth(self, end: End) -> list[tuple[Array, Array]]:
-        """Return value and rate of displacement, velocity, stroke and force on the base."""
+    def _smooth(self, end: End, control: Array) -> list[tuple[Array, Array]]:
+        """Return value and rate of displacement, velocity, stroke and force on the base.
+
+        The reaction to the control force (lanes, n) [N] is part of the last one.
+        """
         k1, alpha, beta, d = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA, at.D))
         x1, x2, v1, v2 = end.state
         relative = end.acceleration - end.ground
-        force = plain(laws.carriage_force)(k1, alpha, beta, x1) + d * v1
+        force = plain(laws.carriage_force)(k1, alpha, beta, x1) + d * v1 - control
         rate = k1 * (alpha + 3.0 * beta * x1 * x1) * v1 + d * relative
         return [(x1, v1), (v1, relative), (x2 - x1, v2 - v1), (force, rate)]
 

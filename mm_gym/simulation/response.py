@@ -46,10 +46,15 @@ def interface_force(p: Array, slip: Array) -> Array:
     return force
 
 
-def base_force(p: Array, state: Array) -> Array:
-    """Return the force (n,) [N] of the carriage's spring and damper on the base."""
+def base_force(p: Array, state: Array, force: Array) -> Array:
+    """Return the force (n,) [N] on the base.
+
+    It is that of the carriage's spring and damper, and the reaction to the control force (n,) [N],
+    whose actuator stands on the base.
+    """
     x1, v1 = state[:, 0], state[:, 2]
-    return plain(laws.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1) + p[at.D] * v1
+    spring = plain(laws.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    return spring + p[at.D] * v1 - force
 
 
 def acceleration(p: Array, state: Array, applied: Array, disturbance: Array) -> Array:
@@ -75,7 +80,7 @@ def acceleration(p: Array, state: Array, applied: Array, disturbance: Array) -> 
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
     inner = interface_force(p, state[:, 3] - state[:, 2]) + spring_force(p, state, applied[:, 1])
-    outer = disturbance + applied[:, 0] - base_force(p, state)
+    outer = disturbance - base_force(p, state, applied[:, 0])
     return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])
 
 

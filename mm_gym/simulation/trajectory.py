@@ -84,8 +84,11 @@ class Trajectory:
 
     @cached_property
     def base_force(self) -> NDArray[np.float64]:
-        """Force (n,) [N] of the carriage's spring and damper on the base, positive as x1 is."""
-        return base_force(self.parameters, self.state)
+        """Force (n,) [N] on the base, positive as x1 is: the base shear.
+
+        It is that of the carriage's spring and damper, and the reaction to the control force.
+        """
+        return base_force(self.parameters, self.state, self.applied[:, 0])
 
     def channel(self, name: str) -> NDArray[np.float64]:
         """Return a channel (n,) by its name, in SI units, without noise and delay.

@@ -73,7 +73,8 @@ def test_peaks_and_root_mean_squares_are_those_of_the_motion_looked_at_closely(n
     quantities = {
         "displacement": motion.state[rows, 0],
         "stroke": (motion.state[:, 1] - motion.state[:, 0])[rows],
-        "base_force": motion.base_force[rows],
+        # An instant shows the force that is held from then on; an interval's end has its own.
+        "base_force": (motion.base_force + motion.applied[:, 0])[rows] - force[:, None],
     }
     for quantity, values in quantities.items():
         mean = simpson(values**2, dx=step / FINE).sum() / (len(rows) * step)
@@ -166,6 +167,30 @@ def test_steady_motion_has_the_amplitudes_of_the_frequency_response():
         assert getattr(found, f"rms_{name}")[0] == pytest.approx(value / 2**0.5, rel=tolerance)
     assert found.peak_velocity[0] == pytest.approx(w * x1, rel=1e-6)
     assert found.duration[0] == pytest.approx(periods * 2.0 * np.pi / w, rel=1e-12)
+
+
+def test_reaction_of_the_actuator_is_part_of_the_base_shear():
+    """A force that holds the carriage against its spring leaves the base without a force."""
+    scene = Scene(
+        interface={"kind": "none"},
+        actuation={"force": {"limit": 8.0}},
+        initial={"carriage_displacement": 0.01},
+        control={"time_step": 0.01, "steps": 20},
+    )
+    held, released = (simulate(scene, action=force) for force in (4.0, 0.0))
+    assert metrics.response(held).peak_base_force[0] <= 1e-12
+    assert np.abs(held.base_force).max() <= 1e-12
+    assert metrics.response(released).peak_base_force[0] == pytest.approx(4.0, rel=1e-6)
+    env = MovingMassVectorEnv(scene, 2, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    lanes = metrics.LaneResponse(env)
+    for _ in range(20):
+        env.step(np.array([[0.5], [0.0]]))
+        lanes.add()
+    found = lanes.response()
+    assert found.peak_base_force[0] <= 1e-12
+    assert found.peak_base_force[1] == pytest.approx(4.0, rel=1e-2)
+    assert found.rms_base_force[0] <= 1e-12 < found.rms_base_force[1]
 
 
 def test_a_held_force_on_a_spring_gives_and_takes_in_closed_form():

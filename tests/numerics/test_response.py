@@ -58,8 +58,13 @@ def test_base_force_balances_the_momentum(kind):
     scene = driven(kind)
     found = simulate(scene, action=0.7)
     inertia = found.acceleration @ [scene.carriage.mass, scene.sphere.mass]
-    outer = found.applied[:, 0] + found.channel("disturbance_force") - found.base_force
+    outer = found.channel("disturbance_force") - found.base_force
     np.testing.assert_allclose(inertia, outer, atol=1e-12 * np.abs(outer).max())
+    own = found.base_force + found.applied[:, 0]
+    carriage, (x1, _, v1, _) = scene.carriage, found.state.T
+    spring = (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2) * x1
+    expected = carriage.stiffness * spring + carriage.damping * v1
+    np.testing.assert_allclose(own, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", KINDS)
