@@ -8,6 +8,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from mm_gym.analysis.springs import spring_stiffness
 from mm_gym.analysis.values import linear_values
 from mm_gym.errors import DesignError, suggest
 from mm_gym.scene.mechanics import GRAVITY
@@ -72,7 +73,8 @@ def friction_absorber(
     start = problem.first(None if reach is None else problem.any_springs)
     if reach is not None:
         reason = obstacle(reach, start[1])
-        limits = reach.low, reach.high
+        # Springs without a limit approach the least stiffness, and never have it.
+        limits = max(reach.low, float(spring_stiffness(reach.longest, reach.k0))), reach.high
         best = problem.improved(start if reason is None else problem.first(limits), limits)
         stretch = stretch_within(reach, best[1])
     else:

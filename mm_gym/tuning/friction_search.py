@@ -131,8 +131,8 @@ class FrictionProblem:
     def _steady(self, normal: float, k2: float, frequencies: Array) -> Array:
         scene = self.scene.replace(**{"interface.normal_force": normal})
         if scene.springs.kind != "none":
-            stretch = stretch_for_stiffness(k2, scene.springs.stiffness)
-            scene = scene.replace(**{"springs.stretch": float(stretch)})
+            stretch = max(1.0, float(stretch_for_stiffness(k2, scene.springs.stiffness)))
+            scene = scene.replace(**{"springs.stretch": stretch})  # 6 k0, rounded, needs 1
         starts = self._states(normal, k2, frequencies).imag.T  # of a sine
         pairs = zip(frequencies, starts, strict=True)
         return np.array([steady_amplitude(scene, self.channel, w, start) for w, start in pairs])

@@ -170,3 +170,21 @@ def test_unreachable_stiffness_is_told_with_the_best_in_reach(monkeypatch):
     assert found.out_of_reach in found.table()
     assert found.after.stiffness == pytest.approx(120.0, rel=1e-3)
     assert found.tuned.springs.stretch == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("actuation", [{}, {"stretch": {"minimum": 1.0, "maximum": 2.0}}])
+def test_springs_too_stiff_for_the_optimum_have_their_longest_stretch(actuation, monkeypatch):
+    # Springs of k0 have more than 2 k0; the first harmonic stands for the simulated search.
+    def improved(own, start, limits):
+        return own._minimum(own._rough, np.log(start), limits, 0.05)
+
+    monkeypatch.setattr(FrictionProblem, "improved", improved)
+    scene = SPRUNG.replace(**{"springs.stiffness": 600.0, "actuation": actuation})
+    found = friction_absorber(scene, amplitude=1.0)
+    assert "with springs.stiffness = 600 N/m" in found.out_of_reach
+    assert found.out_of_reach in found.table()
+    least = 1500.0 if actuation else 1200.0
+    assert found.after.stiffness == pytest.approx(least, rel=1e-9)
+    assert np.isfinite(found.stretch)
+    assert np.isfinite(found.after.peak)
+    assert found.tuned.range_of("springs.stretch", found.stretch) == found.stretch
