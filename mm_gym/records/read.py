@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from os import PathLike
 
 
-def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None = None) -> Record:
+def read_record(
+    path: str | PathLike[str], *, unit: str | None = None, time_step: float | None = None
+) -> Record:
     """Read a recorded motion.
 
     A file named ``.AT2``, or with the word NPTS in its first four lines, has the format of the PEER
@@ -31,17 +33,18 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     path
         The file.
     unit
-        Unit of the samples, one of `UNITS`.
+        Unit of the samples, one of `UNITS`; by default g for PEER's format. Other files need it.
     time_step
         Spacing of the samples [s], for a file with one column; other files state their times.
 
     Raises
     ------
     SceneError
-        If the file is missing or too large, or for the first line that does not fit.
+        If the unit is missing, the file is missing or too large, or for the first line that does
+        not fit.
     """
     file = Path(path)
-    if unit not in UNITS:
+    if unit is not None and unit not in UNITS:
         msg = f"unit: got {unit!r}{suggest(str(unit), UNITS)}; allowed: {', '.join(UNITS)}"
         raise SceneError(msg)
     if time_step is not None and not SHORTEST <= time_step <= LARGEST:
@@ -51,8 +54,12 @@ def read_record(path: str | PathLike[str], *, unit: str, time_step: float | None
     head = text.split("\n", HEADER_LINES)[:HEADER_LINES]
     if file.suffix.lower() == ".at2" or any(map(states_counts, head)):
         check_no_time_step(file, time_step, "NPTS and DT")
+        unit = unit or "g"
         times, values, spacing = read_peer(file, text, unit)
     else:
+        if unit is None:
+            msg = f"unit: missing; {file} is not of PEER's format. Allowed: {', '.join(UNITS)}"
+            raise SceneError(msg)
         times, values, spacing = read_columns(file, text, unit, time_step)
     if len(values) < 2:  # noqa: PLR2004 - the ends of a line
         refuse(file, None, "got one sample; allowed: at least two")

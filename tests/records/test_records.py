@@ -387,3 +387,14 @@ def test_line_is_named_in_any_block_of_a_long_file(tmp_path):
     lines[count // 2] = "1_0"
     with pytest.raises(SceneError, match=rf"at2:{count // 2 + 1}: got '1_0'"):
         read(tmp_path, "\n".join(lines))
+
+
+def test_unit_is_g_by_default_in_peers_format_and_needed_elsewhere(tmp_path):
+    for name in ("RSN953.AT2", "motion.txt"):
+        record = read(tmp_path, peer(SAMPLES), name, unit=None)
+        assert np.array_equal(record.values, np.array(SAMPLES) * G)
+    with pytest.raises(SceneError, match=r"unit: missing; .*m/s\^2"):
+        read(tmp_path, "0.0 1.5\n0.01 2.0\n", "motion.csv", unit=None)
+    contradicted = peer(SAMPLES).replace("UNITS OF G", "UNITS OF CM/S2")
+    with pytest.raises(SceneError, match="unit"):
+        read(tmp_path, contradicted, unit=None)
