@@ -32,10 +32,10 @@ from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
-from agents.training.config import task_or_scene
 from agents.training.parts import recorded_parts
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import DesignError, SceneError, load_scene
+from mm_gym.tasks import task_or_scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

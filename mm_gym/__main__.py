@@ -26,7 +26,7 @@ from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
 from mm_gym.simulation.simulate import simulate
-from mm_gym.tasks import ids, is_id, path_of
+from mm_gym.tasks import ids, is_id, path_of, task_or_scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; an error is one message on standard error."""
     options = _parser().parse_args(arguments)
     try:
+        if "scene" in options:
+            options.scene = _named(options.scene)
         options.run(options)
     except (
         SceneError,
@@ -54,6 +56,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
     return 0
+
+
+def _named(given: str | list[str]) -> str | list[str]:
+    """Return scene files as they are, and the ids of tasks, whose names may be short."""
+    if isinstance(given, list):
+        return [text if Path(text).exists() else task_or_scene(text) for text in given]
+    return given if Path(given).exists() else task_or_scene(given)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -71,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     ):
         command = commands.add_parser(name, help=text, description=text)
         many = "+" if name == "validate" else None
-        command.add_argument("scene", metavar="SCENE.toml", nargs=many)
+        command.add_argument("scene", metavar="TASK or SCENE.toml", nargs=many)
         command.set_defaults(run=run)
         if name == "simulate":
             _add_options(command)

@@ -13,12 +13,11 @@ from agents.controllers.user_defined import user_defined
 from agents.evaluation.laws import laws
 from agents.policies import load_policy
 from agents.recording.laws import law_of
-from agents.training.config import task_or_scene
 from agents.training.runs import Run, RunError
 from agents.user_code import is_path
 from mm_gym import SceneError, load_scene
 from mm_gym.errors import suggest
-from mm_gym.tasks import ids
+from mm_gym.tasks import ids, task_or_scene
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -25,10 +25,9 @@ from agents.training.algorithm_settings import (
 )
 from agents.user_code import is_path, source, split
 from mm_gym import Scene, SceneError, load_scene
-from mm_gym.errors import suggest
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
-from mm_gym.tasks import ids, path_of
+from mm_gym.tasks import path_of, short_name, task_called
 
 Changes = Annotated[
     dict[str, JsonValue],
@@ -216,7 +215,7 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
     if arguments and arguments[0].endswith(".toml"):
         default = read_settings(arguments.pop(0), kind)
     elif arguments and not arguments[0].startswith("-"):
-        task = _task_called(arguments.pop(0), "settings file", ", before the flags")
+        task = task_called(arguments.pop(0), "settings file", ", before the flags")
         default = kind.of({"task": task, "name": short_name(task)})
         if issubclass(kind, RunSettings):
             good = good_settings(task, kind)
@@ -224,31 +223,3 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
             if all(getattr(found, name) == getattr(good, name) for name in kind.fitted):
                 return found
     return cli(kind, default=default, args=arguments, description=description)
-
-
-def short_name(task: str) -> str:
-    """Return a task's id without what all have in common."""
-    return task.removeprefix("mm_gym/").removesuffix("-v0")
-
-
-def task_or_scene(text: str) -> str:
-    """Return the id of a task, whose name may be short, or the path of a scene file as it is.
-
-    Raises
-    ------
-    SceneError
-        If a name without a path's ending is that of no task.
-    """
-    return text if "/" in text or Path(text).suffix else _task_called(text, "scene file")
-
-
-def _task_called(name: str, file: str, where: str = "") -> str:
-    """Return the id of a task by its whole name or a short one, in whose place a file can be."""
-    tasks = {short_name(task): task for task in ids()}
-    if short_name(name) not in tasks:
-        msg = (
-            f"task or {file}: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
-            f"{', '.join(tasks)}, or a path that ends in .toml{where}"
-        )
-        raise SceneError(msg)
-    return tasks[short_name(name)]

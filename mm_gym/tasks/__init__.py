@@ -32,6 +32,50 @@ def is_id(text: str) -> bool:
     return _ID.fullmatch(text) is not None
 
 
+def short_name(task: str) -> str:
+    """Return a task's id without what all have in common."""
+    return task.removeprefix("mm_gym/").removesuffix("-v0")
+
+
+def task_called(name: str, file: str, where: str = "") -> str:
+    """Return the id of a task by its whole name or a short one, in whose place a file can be.
+
+    Parameters
+    ----------
+    name
+        The name.
+    file, where
+        What the file is, and where it is looked for, for the message.
+
+    Raises
+    ------
+    SceneError
+        If there is no such task; the message has the nearest name.
+    """
+    tasks = {short_name(task): task for task in ids()}
+    if short_name(name) not in tasks:
+        msg = (
+            f"task or {file}: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
+            f"{', '.join(tasks)}, or a path that ends in .toml{where}"
+        )
+        raise SceneError(msg)
+    return tasks[short_name(name)]
+
+
+def task_or_scene(text: str) -> str:
+    """Return the id of a task, whose name may be short, or the path of a scene file as it is.
+
+    Raises
+    ------
+    SceneError
+        If a name without a path's ending is that of no task.
+    """
+    if "/" in text or Path(text).suffix:
+        whole = f"{text}-v0"
+        return whole if whole in ids() else text
+    return task_called(text, "scene file")
+
+
 def path_of(task: str) -> Path:
     """Return the scene file of a task, or raise `SceneError` with the nearest id."""
     files = _files()

@@ -218,3 +218,29 @@ def test_help_says_what_a_command_does(capsys, command):
         main([command, "--help"])
     assert caught.value.code == 0
     assert len(capsys.readouterr().out.splitlines()) > 3
+
+
+@pytest.mark.parametrize("command", ["validate", "explain", "simulate", "render", "warm"])
+def test_commands_take_short_names_of_tasks(command, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("mm_gym.simulation.warm.warm", lambda _: 0.0)
+    monkeypatch.setattr("mm_gym.rendering.episode.draw_episode", lambda *_, **__: None)
+    options = ["--out", str(tmp_path / "a.png")] if command == "render" else []
+    printed = []
+    for name in ("PreStretch", "mm_gym/PreStretch", "mm_gym/PreStretch-v0", "PreStretch-v0"):
+        assert main([command, name, *options]) == 0
+        printed.append(capsys.readouterr().out)
+    assert len(set(printed)) == 1
+
+
+@pytest.mark.parametrize(
+    "command", ["validate", "explain", "simulate", "tune", "render", "work-precision", "warm"]
+)
+def test_misspelt_task_is_refused_with_the_nearest_by_every_command(command, capsys, tmp_path):
+    options = ["--out", str(tmp_path / "a.png")] if command == "render" else []
+    assert main([command, "PreStrech", *options]) == 2
+    assert "got 'PreStrech'; did you mean 'PreStretch'" in capsys.readouterr().err
+
+
+def test_file_without_an_ending_is_a_scene(write, capsys):
+    assert main(["explain", write("PreStrech", SCENE)]) == 0
+    assert "exact" in capsys.readouterr().out
