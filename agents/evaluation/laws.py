@@ -9,6 +9,7 @@ from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqg import LQG
+from agents.controllers.lqr import force_price
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
@@ -28,7 +29,7 @@ from agents.evaluation.baselines import (
     regulators,
     resetting_laws,
 )
-from mm_gym import SceneError
+from mm_gym import DesignError, SceneError
 from mm_gym.errors import suggest
 
 if TYPE_CHECKING:
@@ -108,6 +109,27 @@ def _tracker(number: int, scene: Scene) -> Controller:
     return frequency_trackers(scene)[number]
 
 
+def _obstacle(name: str, scene: Scene) -> str | None:
+    """Return why a law does not apply to a scene, or None for a name that is no law's."""
+    groups = {kinds: {*LAWS[kinds], *FURTHER[kinds]} for kinds in LAWS}
+    groups["stretch",] |= {*TRACKERS, MATCHING}
+    suited = [" and ".join(kinds) for kinds, names in groups.items() if name in names]
+    if not suited:
+        return None
+    if name not in groups[columns(scene)]:
+        return f"which is for other actuators: {' or '.join(suited)}"
+    if name in TRACKERS:
+        return "which looks for the frequency of a harmonic, and the excitation is another one"
+    if name == MATCHING:
+        return f"which reads {FREQUENCY}, and randomization does not draw it"
+    if name in PRICED:
+        try:
+            force_price(scene)
+        except DesignError as error:
+            return f"which cannot be designed: {error}"
+    return f"which expects the next values of {', '.join(NOISES)}, and the excitation has none"
+
+
 def not_a_law(text: str, scene: Scene, what: str, others: str) -> SceneError:
     """Return the error about a name that is no law of a scene, with the nearest that is.
 
@@ -119,10 +141,9 @@ def not_a_law(text: str, scene: Scene, what: str, others: str) -> SceneError:
         What else is allowed.
     """
     applicable = laws(scene)
-    groups = (*LAWS.values(), *FURTHER.values())
-    known = {*ALWAYS, *TRACKERS, MATCHING, *(name for group in groups for name in group)}
-    reason = ", which is for other actuators, excitations or weights" if text in known else ""
+    reason = _obstacle(text, scene)
+    why = "" if reason is None else f", {reason}"
     return SceneError(
-        f"{what}: got {text!r}{reason}{suggest(text, applicable)}; allowed for this scene: "
+        f"{what}: got {text!r}{why}{suggest(text, applicable)}; allowed for this scene: "
         f"{', '.join(applicable)}, {others}"
     )

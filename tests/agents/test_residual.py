@@ -9,7 +9,7 @@ from tasks import CARRIAGE_FORCE
 from agents.evaluation.laws import laws
 from agents.training.bases import base_controller
 from agents.training.residual_lanes import ResidualLanes
-from mm_gym import SceneError
+from mm_gym import SceneError, load_scene
 
 SHORT = CARRIAGE_FORCE.replace(
     **{
@@ -81,3 +81,37 @@ def test_unknown_base_is_named_with_the_nearest():
 def test_base_that_does_not_suit_the_scene_says_why():
     with pytest.raises(SceneError, match="base: got 'phase-law', which is for other actuators"):
         base_controller(SHORT, "phase-law")
+
+
+REASONS = [
+    ({"objective.effort_weight": 0.0}, "lqr", "effort_weight: got 0; allowed: greater than 0"),
+    (
+        {"actuation.force": {"limit": 4.0, "rate_limit": 9.0, "command": "rate"}},
+        "lqg",
+        "actuation.force.command: got 'rate'; allowed: 'position'",
+    ),
+    ({}, "clipped-lqr", "which is for other actuators: stretch"),
+    ({}, "lqr-and-clipped-lqr", "which is for other actuators: force and stretch"),
+]
+
+
+@pytest.mark.parametrize(("changes", "name", "reason"), REASONS)
+def test_law_that_a_scene_refuses_is_told_why(changes, name, reason):
+    scene = SHORT.replace(**changes)
+    with pytest.raises(SceneError) as caught:
+        base_controller(scene, name)
+    assert f"base: got '{name}', " in str(caught.value)
+    assert reason in str(caught.value)
+
+
+def test_law_of_another_excitation_is_told_why():
+    scene = load_scene("mm_gym/PreStretchShock-v0")
+    for name, reason in (
+        ("frequency-locked-loop", "harmonic"),
+        ("matching-stretch", "randomization does not draw it"),
+    ):
+        with pytest.raises(SceneError, match=rf"got '{name}', which .*{reason}"):
+            base_controller(scene, name)
+    hybrid = load_scene("mm_gym/Hybrid-v0").replace(excitation=[], randomization={})
+    with pytest.raises(SceneError, match="which expects the next values of noise"):
+        base_controller(hybrid, "feedforward-lqr-and-clipped-lqr")
