@@ -21,7 +21,16 @@ import math
 
 from mm_gym.kernels import impulse_process, noise, record
 from mm_gym.kernels import layout as at
+from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.elementary import cosine_and_sine
+from mm_gym.kernels.extended import (
+    exponential_less_one,
+    logarithm_of_ratio,
+    on_circle,
+    over,
+    plus,
+    times,
+)
 from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.listed import place_of, set_row
 from mm_gym.kernels.memory import fill
@@ -43,8 +52,12 @@ IS_LOGARITHMIC = OWN
 # cosines stand as many sines: scratch of its series.
 SWEEP_AMPLITUDE, START_FREQUENCY, END_FREQUENCY, DURATION, SWEEP_PHASE, COSINES = range(6)
 
+LONGEST_TURN = 0.5
+"""Longest sample interval of a sweep, times its highest frequency [rad]; no sweep is shorter."""
+
 SWEEP_TERMS = 14
-"""Terms of a sweep's series; a sample interval spans half a radian: 0.5**14 / 14! is 7e-16."""
+"""Terms of a sweep's series; a sample interval spans half a radian at most, 0.5**14 / 14! is 7e-16,
+and is shorter where the frequency changes fast."""
 
 SWEEP_ROWS = COSINES + 2 * SWEEP_TERMS
 
@@ -180,37 +193,69 @@ def _add_sweep(model, slot, lanes, clock, first, last):
     logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[at.SAMPLE_INTERVAL]
     for i in range(first, last):
         count = intervals_since(clock, lanes[at.BEGAN, i])
-        w0, w1 = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
-        whole = max(1.0, math.ceil(lanes[row + DURATION, i] / step - 1e-9))  # sample intervals
-        length, time = whole * step, min(count, whole) * step
-        rest = max(count - whole, 0.0) * step
-        growth = math.log(w1 / w0) / length if logarithmic else 0.0
-        slope = (w1 - w0) / length
-        if logarithmic and growth != 0.0:
-            frequency = w0 * math.exp(growth * time)  # (E2)
-            phase = (frequency - w0) / growth
-        else:
-            frequency = w0 + slope * time  # (E1)
-            phase = (w0 + 0.5 * slope * time) * time
-        phase += lanes[row + SWEEP_PHASE, i] + w1 * rest
-        if count >= whole:
-            frequency, slope, growth = w1, 0.0, 0.0
+        angle, turn, bend, growth = _sweep_at(logarithmic, lanes, row, step, count, i)
         amplitude = lanes[row + SWEEP_AMPLITUDE, i]
         sines = row + COSINES + SWEEP_TERMS
-        lanes[row + COSINES, i], lanes[sines, i] = cosine_and_sine(phase)
+        lanes[row + COSINES, i], lanes[sines, i] = on_circle(angle)
         lanes[jet, i] += amplitude * lanes[sines, i]
         for n in range(1, SWEEP_TERMS):
             cosine = sine = 0.0
-            part = frequency * step  # k times the k-th term of the phase
+            part = turn  # k times the k-th term of the phase
             for k in range(1, n + 1):
                 cosine -= part * lanes[sines + n - k, i]
                 sine += part * lanes[row + COSINES + n - k, i]
                 if logarithmic:
-                    part *= growth * step / k
+                    part *= growth / k
                 else:
-                    part = slope * step * step if k == 1 else 0.0
+                    part = bend if k == 1 else 0.0
             lanes[row + COSINES + n, i], lanes[sines + n, i] = cosine / n, sine / n
             lanes[jet + n, i] += amplitude * lanes[sines + n, i]
+
+
+@borrowing_kernel
+def _sweep_at(logarithmic, lanes, row, step, count, i):
+    """Return where a sweep is, in all digits: its phase grows to many radians.
+
+    Parameters
+    ----------
+    logarithmic
+        Whether its frequency grows by equal ratios.
+    lanes
+        (rows, lanes) float64, read.
+    row
+        First row of the part.
+    step
+        Sample interval [s].
+    count
+        Number of the sample intervals since the start of the episode.
+    i
+        The lane.
+
+    Returns
+    -------
+    The phase [rad], in twice a double's digits; frequency * step [rad]; and by what that grows in a
+    sample interval: by a sum [rad], if not logarithmic, and relatively, if so.
+    """
+    w0, w1 = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
+    duration = max(lanes[row + DURATION, i], LONGEST_TURN / max(w0, w1))
+    whole = max(1.0, math.ceil(duration / step - 1e-9))  # sample intervals
+    made, rest = min(count, whole), max(count - whole, 0.0)
+    share = over((made, 0.0), (whole, 0.0))
+    if logarithmic and w0 != w1:
+        growth = logarithm_of_ratio(w1, w0)
+        grown = exponential_less_one(times(growth, share))
+        swept = times((w0 * step, fma(w0, step, -(w0 * step))), over(grown, growth))  # (E2)
+        swept = times((whole, 0.0), swept)
+        turn, bend, relative = w0 * (1.0 + grown[0]) * step, 0.0, growth[0] / whole
+    else:
+        at_last = times((0.5 * made, 0.0), share)  # intervals at w1, the others at w0: (E1)
+        mean = times((w0, 0.0), plus((made, 0.0), (-at_last[0], -at_last[1])))
+        swept = times((step, 0.0), plus(mean, times((w1, 0.0), at_last)))
+        turn, bend, relative = (w0 + (w1 - w0) * share[0]) * step, (w1 - w0) * step / whole, 0.0
+    if rest > 0.0 or made == whole:
+        swept = plus(swept, times((w1 * step, fma(w1, step, -(w1 * step))), (rest, 0.0)))
+        turn, bend, relative = w1 * step, 0.0, 0.0
+    return plus(swept, (lanes[row + SWEEP_PHASE, i], 0.0)), turn, bend, relative
 
 
 @borrowing_kernel

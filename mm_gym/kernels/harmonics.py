@@ -11,6 +11,7 @@ import numpy as np
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.elementary import cosine_and_sine
+from mm_gym.kernels.extended import on_circle
 from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import span
 
@@ -91,9 +92,7 @@ def _write_phase(lanes, harmonic, step, count, i):
     rest += (turned - (angle - added)) + (phase - added)  # what the sum lost (Knuth, 1969)
     if not abs(rest) < np.inf:
         return  # beyond the doubles
-    (c, s), (small_c, small_s) = cosine_and_sine(angle), cosine_and_sine(rest)
-    lanes[harmonic + at.COSINE, i] = c * small_c - s * small_s
-    lanes[harmonic + at.SINE, i] = s * small_c + c * small_s
+    lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i] = on_circle((angle, rest))
 
 
 @borrowing_kernel

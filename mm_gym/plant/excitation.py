@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
-from math import inf, sqrt
+from math import expm1, inf, log, sqrt
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -33,8 +33,11 @@ HARMONIC = -1
 
 P = TypeVar("P", bound="Part")
 
-SWEEP_PHASE = 0.5
-"""Longest sample interval of a sweep, times its highest frequency."""
+SWEEP_REMAINDER = 2e-14
+"""Bound of what a sweep's series may leave out, relative to its amplitude; in truth some tenth."""
+
+MOST_PER_TURN = 64
+"""Sample intervals to `kernels.LONGEST_TURN`, at most, that a fast sweep asks for."""
 
 NOISE_PHASE = 0.25
 """Longest default sample time of filtered noise, times its highest frequency."""
@@ -136,9 +139,37 @@ class Placed(Generic[P]):
         return {self.first + row: value for row, value in (own | self.kind.constants).items()}
 
 
-def _fraction_of(phase: float, *frequencies: str) -> Callable[[Placed[Any]], float]:
-    """Return `Kind.interval`: the time in which the highest frequency turns by a phase."""
-    return lambda placed: phase / max(placed.highest(name) for name in frequencies)
+def _sweep_interval(placed: Placed[Sweep]) -> float:
+    """Return the longest sample interval [s] over which the series of a sweep is right."""
+    lowest = [placed.lowest(name) for name in ("start_frequency", "end_frequency")]
+    highest = [placed.highest(name) for name in ("start_frequency", "end_frequency")]
+    longest = kernels.LONGEST_TURN / max(highest)
+    duration = max(placed.lowest("duration"), longest)
+    spread = log(max(highest[0] / lowest[1], highest[1] / lowest[0]))
+    is_logarithmic = placed.part.spacing == "logarithmic"
+    change = spread if is_logarithmic else -expm1(-spread)
+    for parts in range(1, MOST_PER_TURN + 1):
+        interval, turn = longest / parts, kernels.LONGEST_TURN / parts
+        growth = change * interval / duration
+        if _sweep_remainder(turn, growth, is_logarithmic=is_logarithmic) <= SWEEP_REMAINDER:
+            return interval
+    return longest / MOST_PER_TURN
+
+
+def _sweep_remainder(turn: float, growth: float, *, is_logarithmic: bool) -> float:
+    """Return a bound of what the series of sin(phase) leaves out over a sample interval.
+
+    The phase turns by at most `turn` [rad]; by `growth` changes the frequency, relative to its
+    highest, or its logarithm. On a circle of radius r about the start |sin(phase)| is at most
+    exp(phase(r)), and so is each coefficient times r^n (Cauchy).
+    """
+    r = np.linspace(2.0, 40.0, 77)
+    if is_logarithmic and growth > 0.0:
+        phase = turn * np.expm1(growth * r) / growth
+    else:
+        phase = turn * (r + 0.5 * growth * r**2)
+    n = kernels.SWEEP_TERMS
+    return float(np.exp(np.min(phase - n * np.log(r) - np.log1p(-1.0 / r))))
 
 
 def _sweep_slots(placed: Placed[Sweep]) -> Slots:
@@ -290,7 +321,7 @@ KINDS: dict[str, Kind[Any]] = {
         rows=kernels.SWEEP_ROWS,
         code=kernels.SWEEP,
         terms=kernels.SWEEP_TERMS,
-        interval=_fraction_of(SWEEP_PHASE, "start_frequency", "end_frequency"),
+        interval=_sweep_interval,
         slots=_sweep_slots,
     ),
     "noise": _filtered(

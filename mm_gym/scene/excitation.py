@@ -48,8 +48,9 @@ class Sweep(Part):
     end_frequency: Positive
     """[rad/s]; kept once it is reached"""
     duration: Positive
-    """[s] from the start frequency to the end frequency, rounded up to whole sample intervals; a
-    sample interval is at most 0.5 / the highest frequency"""
+    """[s] from the start frequency to the end frequency, at least 0.5 / the highest frequency, and
+    rounded up to whole sample intervals; a sample interval is at most 0.5 / the highest frequency,
+    and shorter in fast sweeps"""
     spacing: Literal["linear", "logarithmic"] = "linear"
     """linear: equal differences of frequency in equal times; logarithmic: equal ratios"""
     phase: float = 0.0

@@ -15,7 +15,7 @@ VECTORISED = {"sin", "cos", "tan", "exp", "log", "log2", "log10", "pow", "hypot"
 """Functions of which Intel's library has a version for vectors."""
 
 ONE_AT_A_TIME = {
-    "excitation._add_sweep": {"log", "exp"},  # beside a call that no loop is vectorised over
+    "extended.logarithm_of_ratio": {"log"},  # beside a call that no loop is vectorised over
     "filters._halvings_of": {"log2"},  # never inlined into a loop
     "impulse_process._wait": {"log"},  # within a loop that ends early
     "laws.largest_eigenvalue": {"hypot"},  # for a bound of the rates

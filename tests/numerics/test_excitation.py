@@ -1,14 +1,17 @@
 """Excitation: what each kind is, and how every plant responds to it."""
 
+import mpmath
 import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
+from mm_gym.kernels import layout as at
 from mm_gym.plant.excitation import KINDS
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.excitation import FIXED_FIELDS, Excitation
 from mm_gym.scene.part import parts_of
 from mm_gym.scene.schema import _numbers
+from mm_gym.simulation.lanes import Lanes
 
 from .excited import BASE, NOISE
 
@@ -168,13 +171,47 @@ def test_impulse_of_the_ground_moves_both_masses():
     assert np.abs(moved.state[1:] - free.state[1:]).max() < 1e-15
 
 
-def test_sweep_without_duration_has_its_last_frequency_at_once():
+def test_sweep_without_duration_takes_half_a_radian():
     part = SWEEP | {"duration": 5e-324, "phase": 0.0}
     trajectory = simulate(BASE.replace(excitation=[part]))
     step = trajectory.recording.plant.support.sample_interval
-    first = 0.5 * (20.0 + 70.0) * step  # the phase that the first sample interval adds
-    expected = np.sin(first + 70.0 * (trajectory.time[1:] - step))
-    assert np.abs(trajectory.excitation[1:, 0] - expected).max() < 1e-12
+    lasts = np.ceil(0.5 / 70.0 / step) * step  # whole sample intervals
+    after = trajectory.time >= lasts
+    expected = np.sin(0.5 * (20.0 + 70.0) * lasts + 70.0 * (trajectory.time[after] - lasts))
+    assert np.abs(trajectory.excitation[after, 0] - expected).max() < 1e-12
+
+
+@pytest.mark.parametrize("spacing", ["linear", "logarithmic"])
+@pytest.mark.parametrize("duration", [1e-9, 0.02, 0.1])
+def test_a_fast_sweep_follows_its_formula_within_sample_intervals(spacing, duration):
+    part = SWEEP | {"spacing": spacing, "start_frequency": 0.1, "duration": duration}
+    recording = simulate(BASE.replace(excitation=[part])).recording
+    step = recording.plant.support.sample_interval
+    shown = part | {"duration": np.ceil(max(duration, 0.5 / 70.0) / step - 1e-9) * step}
+    parts = np.linspace(0.0, 1.0, 21)
+    for k, jet in enumerate(recording.jets[:20]):
+        terms = jet[: len(jet) // 2]
+        expected = np.sin(phase((k + parts) * step, shown))
+        # What the series leaves out and the rounding of some 10 rad.
+        assert np.abs(np.polynomial.polynomial.polyval(parts, terms) - expected).max() < 1e-14
+
+
+def test_a_slow_sweep_keeps_its_phase_to_the_last_digits():
+    part = SWEEP | {"spacing": "logarithmic", "duration": 1e4, "end_frequency": 20.0 + 1e-6}
+    lanes = Lanes(compile_scene(BASE.replace(excitation=[part])), 1)
+    lanes.restart()
+    lanes.values[at.BEGAN] = -500_000.0  # control steps of 10 ms
+    lanes.advance(np.zeros(0))
+    plant = lanes.plant
+    with mpmath.workdps(40):
+        count = 500_000 * plant.support.intervals_per_step + plant.support.intervals_per_step - 1
+        step, duration = mpmath.mpf(plant.support.sample_interval), mpmath.mpf(1e4)
+        duration = mpmath.ceil(duration / step - mpmath.mpf(1e-9)) * step
+        growth = mpmath.log(mpmath.mpf(part["end_frequency"]) / 20) / duration
+        angle = 20 * mpmath.expm1(growth * count * step) / growth + mpmath.mpf(part["phase"])
+        expected = float(mpmath.sin(angle))
+    # 1e5 rad: their rounding alone would be 1e-11.
+    assert abs(lanes.values[plant.support.jets, 0] - expected) < 4e-16
 
 
 def test_a_shaken_plant_is_the_same_however_its_steps_are_divided():

@@ -93,11 +93,12 @@ def _advance_by_one(model, lanes, b, first, last):
     constants, furthest = _constants(model, 0), model[of.FURTHEST]
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, i)
-        x1, x2, v1, v2, reached = _column(constants, push, x1, x2, v1, v2)
-        if not all_hold(reached <= furthest):
-            b[0], b[1], b[2], b[3] = x1, x2, v1, v2
+        y1, y2, w1, w2, reached = _column(constants, push, x1, x2, v1, v2)
+        near = (reached <= furthest) & _is_little_pushed(model, push, reached, x1, x2, y1, y2)
+        if not all_hold(near):
+            b[0], b[1], b[2], b[3] = y1, y2, w1, w2
             return i
-        write_states(lanes, i, x1, x2, v1, v2)
+        write_states(lanes, i, y1, y2, w1, w2)
     return last - (last - first) % LANES
 
 
@@ -144,6 +145,8 @@ def _finish(model, lanes, b, done, i, count):
         near = reached <= model[of.FURTHEST + k]
         if k > 0:
             near = near & _is_within(model, slot, b, k, x1, x2, v1, v2, s1, s2, s3, s4)
+        else:
+            near = near & _is_little_pushed(model, push, reached, x1, x2, s1, s2)
         fresh = near & (kept == 0.0)
         y1, y2 = where(fresh, s1, y1), where(fresh, s2, y2)
         w1, w2 = where(fresh, s3, w1), where(fresh, s4, w2)
@@ -192,6 +195,27 @@ def _is_within(model, slot, b, last, x1, x2, v1, v2, y1, y2, w1, w2):
     near = near & (_estimate(model, slot, b, last, 2) <= speed)
     near = near & (_estimate(model, slot, b, last, 1) <= size)
     return near & (_estimate(model, slot, b, last, 3) <= speed)
+
+
+@inlined_kernel
+def _is_little_pushed(model, push, reached, x1, x2, y1, y2):
+    """Tell whether the error of a single column is within the limit although a force is held.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    push
+        Acceleration by the force [m/s^2].
+    reached
+        The largest displacement on the way [m], squared.
+    x1, x2, y1, y2
+        The positions at the start and at the end [m].
+    """
+    size = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
+    shift = model[of.SQUARE] * abs(push)
+    slope = fma(-3.0 * model[of.CUBIC], reached, model[of.STEEPNESS])
+    return model[of.PUSHED] * slope * shift * larger(shift, size) <= size * size
 
 
 @inlined_kernel
