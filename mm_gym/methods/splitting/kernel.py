@@ -79,7 +79,9 @@ def _advance(model, lanes, b, columns, first, last):
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         y1, y2, w1, w2 = _weighed(model, slot, b, columns - 1)
         near = _is_within(model, slot, b, columns - 1, x1, x2, v1, v2, y1, y2, w1, w2)
-        if not all_hold(near & (reached <= furthest)):
+        near = near & (reached <= furthest)
+        near = near & _is_little_pushed(model, columns - 1, push, reached, x1, x2, y1, y2)
+        if not all_hold(near):
             return i
         write_states(lanes, i, y1, y2, w1, w2)
     return last - (last - first) % LANES
@@ -94,7 +96,7 @@ def _advance_by_one(model, lanes, b, first, last):
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, i)
         y1, y2, w1, w2, reached = _column(constants, push, x1, x2, v1, v2)
-        near = (reached <= furthest) & _is_little_pushed(model, push, reached, x1, x2, y1, y2)
+        near = (reached <= furthest) & _is_little_pushed(model, 0, push, reached, x1, x2, y1, y2)
         if not all_hold(near):
             b[0], b[1], b[2], b[3] = y1, y2, w1, w2
             return i
@@ -143,10 +145,9 @@ def _finish(model, lanes, b, done, i, count):
         slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
         s1, s2, s3, s4 = _weighed(model, slot, b, k)
         near = reached <= model[of.FURTHEST + k]
+        near = near & _is_little_pushed(model, k, push, reached, x1, x2, s1, s2)
         if k > 0:
             near = near & _is_within(model, slot, b, k, x1, x2, v1, v2, s1, s2, s3, s4)
-        else:
-            near = near & _is_little_pushed(model, push, reached, x1, x2, s1, s2)
         fresh = near & (kept == 0.0)
         y1, y2 = where(fresh, s1, y1), where(fresh, s2, y2)
         w1, w2 = where(fresh, s3, w1), where(fresh, s4, w2)
@@ -198,13 +199,15 @@ def _is_within(model, slot, b, last, x1, x2, v1, v2, y1, y2, w1, w2):
 
 
 @inlined_kernel
-def _is_little_pushed(model, push, reached, x1, x2, y1, y2):
-    """Tell whether the error of a single column is within the limit although a force is held.
+def _is_little_pushed(model, last, push, reached, x1, x2, y1, y2):
+    """Tell whether the bound of the error under a held force is within the limit.
 
     Parameters
     ----------
     model
         (m,) read.
+    last
+        The last column.
     push
         Acceleration by the force [m/s^2].
     reached
@@ -214,8 +217,13 @@ def _is_little_pushed(model, push, reached, x1, x2, y1, y2):
     """
     size = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
     shift = model[of.SQUARE] * abs(push)
-    slope = fma(-3.0 * model[of.CUBIC], reached, model[of.STEEPNESS])
-    return model[of.PUSHED] * slope * shift * larger(shift, size) <= size * size
+    turn = model[of.SQUARE] * fma(-3.0 * model[of.CUBIC], reached, model[of.STEEPNESS])
+    # Multiplied by the square of the size, and for each further column by the size once more.
+    error, allowed = model[of.PUSHED + last] * turn * shift * larger(shift, size), size * size
+    larger_one = larger(turn * size, shift)
+    for _ in range(last):
+        error, allowed = error * larger_one, allowed * size
+    return error <= allowed
 
 
 @inlined_kernel

@@ -47,9 +47,9 @@ FINEST = 24
 # ERROR (r / n)^4 max(1, r): in a short interval at a turning point the velocity, which it is
 # relative to, is as small as r. Measured on CarriageForceDuffing, and doubled.
 _ESTIMATE, _ERROR_OF_SEVERAL, _ERROR = 1.5e-4, 1e-4, 1e-3
-# A held force that would shift the mass by s from rest bends the path, and the error of one column
-# is below ERROR_OF_PUSH r^2 max(q, q^2) / n^4, with q = s over the largest position. Measured on
-# random scenes, and doubled.
+# A held force that would shift the carriage by q times the largest position, from rest, bends its
+# path: the error of one column is below ERROR_OF_PUSH r^2 max(q, q^2) / n^4, and for each further
+# column of m substeps by max(r^2, q) / (2 m)^2 less. Measured on random scenes, and doubled.
 _ERROR_OF_PUSH = 2e-3
 _OVERHEAD = 0.7  # of a column, in substeps
 _ROUND_OFF = 2e-15  # of a column; the weights multiply it
@@ -144,9 +144,11 @@ class Splitting(Method):
         linear = model[of.LINEAR] = -high[at.K1] * high[at.ALPHA] / high[at.M1]
         cubic = model[of.CUBIC] = -high[at.K1] * high[at.BETA] / high[at.M1]
         model[of.K0] = high[at.K0]
-        square = model[of.SQUARE] = support.sample_interval**2
+        model[of.SQUARE] = support.sample_interval**2
         model[of.STEEPNESS] = _sprung(support) / high[at.M1] - linear
-        model[of.PUSHED] = _ERROR_OF_PUSH * square / (plan.first**4 * limit)
+        further = np.arange(plan.first + 1, plan.first + of.MOST)
+        pushed = np.cumprod([_ERROR_OF_PUSH / plan.first**4, *(0.25 / further**2)]) / limit
+        model[of.PUSHED : of.PUSHED + of.MOST] = pushed
         lengths = support.sample_interval / np.arange(plan.first, plan.first + of.MOST)
         drifts = drifts_of(high, 0.5 * lengths)
         model[of.FURTHEST : of.FURTHEST + of.MOST] = furthest(support, settings, plan.first)
