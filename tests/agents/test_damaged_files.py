@@ -494,7 +494,7 @@ def test_grid_that_falls_is_refused(reverse, tmp_path):
     arrays = arrays_of(path)
     arrays[reverse] = arrays[reverse][::-1]
     np.savez(path, **arrays)
-    with pytest.raises(PolicyError, match="allowed: ones that rise"):
+    with pytest.raises(PolicyError, match="allowed: numbers that rise"):
         load_policy(path)
 
 
