@@ -123,7 +123,7 @@ def table_policy(arrays: Arrays) -> TablePolicy:
     described_as = Description.of(described(arrays))
     lengths = {name: np.atleast_1d(arrays.get(name, ())).shape for name in ("after", *ARRAYS)}
     stretches, sizes = (max(lengths[name][0], 2) for name in ("stretches", "squares"))
-    n = max(*lengths["after"][2:3], NODES)
+    n = max((*lengths["after"][2:3], NODES))
     shapes = {
         "stretches": (stretches,),
         "squares": (sizes,),

@@ -425,6 +425,8 @@ CHANGES = {
     "no columns": lambda array: array[..., :0] if array.ndim else np.zeros((1, 0)),
     "one more row": lambda array: np.append(array, array[-1:], 0) if array.ndim else np.zeros(2),
     "another axis": lambda array: array[None],
+    "fewer axes": lambda array: array[0] if array.ndim and len(array) else np.zeros(2),
+    "one number": lambda array: np.array(1.0) if array.ndim else np.zeros(2),
     "complex": lambda array: array.astype(complex),
 }
 
