@@ -22,7 +22,7 @@ from mm_gym.files import read_text, write_text
 from mm_gym.tasks import ids, path_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "controllers.md"
-LATE = ("task", "law", "from the observation", "from the true state")
+LATE = ("task", "controller", "from the observation", "from the true state")
 RATES = ("task", "control step [ms]", "time of an action [ms]", "faster than real time by")
 
 
