@@ -1,25 +1,34 @@
 """Compiled kernels on disk: those of the sources as a whole, and never a reason to fail."""
 
+# ruff: noqa: SLF001 - numba has no public interface for this
+
 from __future__ import annotations
 
 import hashlib
+import inspect
+import os
 import pickle
+import sys
+import tempfile
+import uuid
 import warnings
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numba
 from numba.core import caching
-from numba.core.compiler import compile_result
+from numba.core.compiler import CompileResult, compile_result
 from numba.core.runtime import rtsys
 
 from mm_gym.kernels.intermediate_code import IntermediateCode
 from mm_gym.kernels.lock import locked
+from mm_gym.kernels.trust import UntrustedError, check_folder, read_trusted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numba.core.compiler import CompileResult
+    from collections.abc import Callable, Generator
+    from typing import BinaryIO
 
 
 def sources() -> list[Path]:
@@ -32,6 +41,12 @@ def sources() -> list[Path]:
 def _digest_of_sources() -> str:
     files = sources()
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+
+
+@cache
+def _digest_of(file: str) -> str:
+    """Return the digest of a kernel's own file, which need not be one of the package."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
 _STAMP = (numba.__version__, _digest_of_sources())
@@ -53,38 +68,13 @@ def _warn(message: str) -> None:
     _warned.append(message)
 
 
-class _UserWide(caching.UserWideCacheLocator):
-    @classmethod
-    def from_function(cls, py_func: object, py_file: str) -> _UserWide | None:
-        # A user without a home: the folder would be made where the process happens to run.
-        if not Path(cls(py_func, py_file).get_cache_path()).is_absolute():
-            return None
-        return super().from_function(py_func, py_file)
-
-
-class _Unchecked(caching.InTreeCacheLocator):
-    """The package's own folder although it cannot be written to: it may have been filled before."""
-
-    @classmethod
-    def from_function(cls, py_func: object, py_file: str) -> _Unchecked:
-        return cls(py_func, py_file)
-
-
-class _Implementation(caching.CompileResultCacheImpl):
-    _locator_classes = (
-        caching.UserProvidedCacheLocator,
-        caching.InTreeCacheLocator,
-        _UserWide,
-        _Unchecked,
-    )
-
-
 class _Entries(caching.IndexDataCacheFile):
     """Entries that say what they are of, in files that are used only if they are whole.
 
     Numba numbers entries, and writes the index first. After a full disk, a kill, or two processes
     at once, a number in the index may lead to code for other arguments or from older sources. A
-    file from other sources is not unpickled: it may name modules that are gone.
+    file of another kernel or from other sources is not unpickled: it may name modules that are
+    gone. Nor is one that others can have written: to unpickle is to run.
     """
 
     def load(self, key: object) -> object | None:
@@ -96,7 +86,7 @@ class _Entries(caching.IndexDataCacheFile):
 
     @property
     def _mark(self) -> bytes:
-        """The sources' mark, with which a file's content begins."""
+        """The mark of kernel and sources, with which a file's content begins."""
         return hashlib.sha256(repr(self._source_stamp).encode()).digest()
 
     def _load_index(self) -> dict[Any, str]:
@@ -113,7 +103,10 @@ class _Entries(caching.IndexDataCacheFile):
 
     def _read(self, path: str) -> Any | None:  # noqa: ANN401 - the same
         try:
-            content = Path(path).read_bytes()
+            content = read_trusted(Path(path))
+        except UntrustedError as error:
+            _warn(f"compiled again instead of loaded, for {error}")
+            return None
         except OSError:  # none yet; if there is more to it, writing fails too and says so
             return None
         digest, content = content[:_DIGEST_SIZE], content[_DIGEST_SIZE:]
@@ -129,27 +122,55 @@ class _Entries(caching.IndexDataCacheFile):
         with self._open_for_write(path) as stream:
             stream.write(hashlib.sha256(content).digest() + content)
 
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Generator[BinaryIO]:
+        """Write a file as a whole, which others cannot write: see `read_trusted`."""
+        temporary = Path(f"{filepath}.tmp.{uuid.uuid4().hex}")
+        try:
+            with open(temporary, "xb", opener=_opened_for_the_user) as stream:
+                yield stream
+            temporary.replace(filepath)
+        finally:
+            temporary.unlink(missing_ok=True)
 
-class _IntermediateImplementation(_Implementation):
-    """How code is saved that others link, see `mm_gym.kernels.dispatcher`."""
 
-    def reduce(self, result: CompileResult) -> tuple[object, ...]:
-        """Return what `rebuild` takes."""
+def _opened_for_the_user(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o644)  # whatever his `umask`
+
+
+class _MachineCode:
+    """What is saved of code that runs."""
+
+    @staticmethod
+    def reduced(result: CompileResult) -> tuple[Any, ...]:
+        """Return what `rebuilt` takes."""
+        return result._reduce()
+
+    @staticmethod
+    def rebuilt(target_context: Any, payload: tuple[Any, ...]) -> CompileResult:  # noqa: ANN401
+        """Return what can be called."""
+        return CompileResult._rebuild(target_context, *payload)
+
+
+class _LinkedCode:
+    """What is saved of code that others link, see `mm_gym.kernels.dispatcher`."""
+
+    @staticmethod
+    def reduced(result: CompileResult) -> tuple[Any, ...]:
+        """Return what `rebuilt` takes."""
         fndesc = result.fndesc
-        fndesc.typemap = fndesc.calltypes = None  # as numba's own `reduce` leaves them
-        library = result.library
-        return library.name, library.bitcode(), fndesc, result.environment, result.signature
+        fndesc.typemap = fndesc.calltypes = None  # as numba's own `_reduce` leaves them
+        return result.library.name, result.library.bitcode(), fndesc, result.signature
 
-    def rebuild(self, target_context: Any, payload: tuple[Any, ...]) -> CompileResult:  # noqa: ANN401
+    @staticmethod
+    def rebuilt(target_context: Any, payload: tuple[Any, ...]) -> CompileResult:  # noqa: ANN401
         """Return a result as far as those need it who link it."""
-        name, bitcode, fndesc, environment, signature = payload
-        library = IntermediateCode.loaded(target_context.codegen(), name, bitcode)
+        name, bitcode, fndesc, signature = payload
         return compile_result(
             typing_context=target_context.typing_context,
             target_context=target_context,
-            library=library,
+            library=IntermediateCode.loaded(target_context.codegen(), name, bitcode),
             fndesc=fndesc,
-            environment=environment,
             signature=signature,
             objectmode=False,
             lifted=(),
@@ -157,7 +178,7 @@ class _IntermediateImplementation(_Implementation):
         )
 
 
-class KernelCache(caching.FunctionCache):
+class KernelCache:
     """The compiled code of a kernel on disk; what cannot be written is compiled by each process.
 
     Parameters
@@ -168,16 +189,20 @@ class KernelCache(caching.FunctionCache):
         Whether it is the intermediate code, which others link, or the machine code.
     """
 
-    _impl_class = _Implementation
-
     def __init__(self, py_func: Callable[..., Any], *, intermediate: bool = False) -> None:
-        super().__init__(py_func)
-        if intermediate:
-            self._impl = _IntermediateImplementation(py_func)
-        # Not the name of files without digests.
-        name = f"{self._impl.filename_base}.{'linked' if intermediate else 'whole'}"
-        self._cache_file = _Entries(self._cache_path, name, _STAMP)
-        self._lock = Path(self._cache_path) / f"{name}.lock"
+        self._py_func = py_func
+        self._code = _LinkedCode if intermediate else _MachineCode
+        self._name = _file_name(py_func, "linked" if intermediate else "whole")
+        self._problems: list[OSError] = []
+        stamp = (*_STAMP, _digest_of(inspect.getfile(py_func)), py_func.__module__, self._name)
+        self._files = {
+            place: _Entries(str(place), self._name, stamp) for place in self._trusted_places()
+        }
+
+    @property
+    def cache_path(self) -> str | None:
+        """The first folder that is looked at, for numba's statistics."""
+        return next(map(str, self._files), None)
 
     def loaded_or_made(
         self,
@@ -189,39 +214,94 @@ class KernelCache(caching.FunctionCache):
 
         Of several processes that need it at once, one makes it, and the others wait.
         """
-        found = self.load_overload(sig, target_context)
+        # Kernels close over other kernels only, and the stamp covers their text: their names
+        # identify the closure.
+        key = (sig, target_context.codegen().magic_tuple(), closed_over(self._py_func))
+        found = self._loaded(key, target_context)
         if found is not None:
             return found, False
-        with locked(self._lock) as is_held:
+        place = self._place_to_write()
+        if place is None:
+            return make(), True
+        with locked(place / f"{self._name}.lock") as is_held:
             if is_held:  # another process may have made it meanwhile
-                found = self.load_overload(sig, target_context)
+                found = self._loaded(key, target_context)
                 if found is not None:
                     return found, False
             made = make()
-            self.save_overload(sig, made)
+            try:
+                self._files[place].save(key, self._code.reduced(made))
+            except OSError as error:
+                _warn(f"{NOT_KEPT}: {error}")
         return made, True
 
-    def load_overload(self, sig: object, target_context: Any) -> CompileResult | None:  # noqa: ANN401
-        """Return the code for a signature from disk, or None.
+    def _loaded(self, key: object, target_context: Any) -> CompileResult | None:  # noqa: ANN401
+        """Return the code from disk, or None.
 
         Numba's own method first imports and registers all that the compiler knows, SciPy's linear
         algebra among it. Code that is compiled needs the run-time library only.
         """
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+        for entries in self._files.values():
+            payload = entries.load(key)
+            if payload is not None:
+                return self._code.rebuilt(target_context, payload)
+        return None
 
-    def save_overload(self, sig: object, data: CompileResult) -> None:
-        """Save compiled code for a signature."""
-        try:
-            super().save_overload(sig, data)
-        except OSError as error:
-            _warn(f"{NOT_KEPT}: {error}")
+    def _trusted_places(self) -> Generator[Path]:
+        """Yield the folders that only the user and root can change."""
+        for place, is_named in _places(self._py_func):
+            try:
+                check_folder(place)
+            except UntrustedError as error:
+                self._problems.append(error)
+                if is_named:
+                    _warn(f"another folder is used for compiled code, for {error}")
+            except OSError as error:
+                self._problems.append(error)
+            else:
+                yield place
 
-    def _index_key(self, sig: object, codegen: Any) -> tuple[object, ...]:  # noqa: ANN401 - numba's
-        # Kernels close over other kernels only, and the stamp covers their text: their names
-        # identify the closure.
-        return (sig, codegen.magic_tuple(), closed_over(self._py_func))
+    def _place_to_write(self) -> Path | None:
+        """Return the first folder that can be written to, or None after a warning."""
+        for place in self._files:
+            try:
+                _prepare(place)
+            except OSError as error:
+                self._problems.append(error)
+            else:
+                return place
+        _warn(f"{NOT_KEPT}: {self._problems[0]}")
+        return None
+
+
+def _places(py_func: Callable[..., Any]) -> list[tuple[Path, bool]]:
+    """Return the folders for a kernel's code, and whether the user has named them."""
+    file, named = inspect.getfile(py_func), caching.UserProvidedCacheLocator
+    locators = [caching.InTreeCacheLocator, caching.UserWideCacheLocator]
+    if numba.config.CACHE_DIR:
+        locators.insert(0, named)
+    places = [(locator(py_func, file).get_cache_path(), locator is named) for locator in locators]
+    # Without a home, the user's folder would be one where the process happens to run.
+    homes = [(place, is_named) for place, is_named in places if not place.startswith("~")]
+    return [(Path(place).absolute(), is_named) for place, is_named in homes]
+
+
+def _prepare(place: Path) -> None:
+    """Make a folder that only the user can write, whatever his `umask`, and try it."""
+    for folder in (*reversed(place.parents), place):
+        if not folder.is_dir():
+            folder.mkdir(0o755, exist_ok=True)
+    check_folder(place)
+    tempfile.TemporaryFile(dir=place).close()
+
+
+def _file_name(function: Callable[..., Any], kind: str) -> str:
+    """Return the name of a kernel's files."""
+    code = function.__code__
+    name = function.__qualname__.replace("<", "").replace(">", "")  # Windows forbids them
+    python = f"py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}"
+    return f"{Path(code.co_filename).stem}.{name}-{code.co_firstlineno}.{python}.{kind}"
 
 
 def closed_over(function: Callable[..., Any]) -> tuple[object, ...]:

@@ -11,6 +11,7 @@ code, as a whole. And the compiler leaves out its passes for what no kernel cont
 from __future__ import annotations
 
 import secrets
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from mm_gym.kernels.intermediate_code import IntermediateCode
 from mm_gym.kernels.notice import announce
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Generator, Mapping
 
     from numba.core.compiler import CompileResult
     from numba.core.typing import Signature
@@ -51,10 +52,21 @@ PASSES = (
 )
 """Numba's, without those for closures, generators, literal types and lifted loops."""
 
-# Numba tells functions of one name apart by a count that every process begins anew: linked from a
-# cache that several processes filled, one would come in the place of another
-# (https://github.com/numba/numba/issues/10486).
-bytecode.FunctionIdentity._unique_ids = iter(lambda: secrets.randbits(64), None)
+
+@contextmanager
+def _names_of_no_other_process() -> Generator[None]:
+    """Let numba name what it compiles meanwhile as no other process does.
+
+    Numba tells functions of one name apart by a count that every process begins anew: linked from a
+    cache that several processes filled, one would come in the place of another
+    (https://github.com/numba/numba/issues/10486). The count of other code goes on afterwards.
+    """
+    count = bytecode.FunctionIdentity._unique_ids
+    bytecode.FunctionIdentity._unique_ids = iter(lambda: secrets.randbits(64), None)
+    try:
+        yield
+    finally:
+        bytecode.FunctionIdentity._unique_ids = count
 
 
 class Pipeline(compiler.CompilerBase):
@@ -113,7 +125,8 @@ class OnceDispatcher(CPUDispatcher):
 
     def _announced_and_made(self, kinds: Kinds) -> CompileResult:
         announce(self)
-        return self._made(kinds)
+        with _names_of_no_other_process():
+            return self._made(kinds)
 
     def _made(self, kinds: Kinds) -> CompileResult:
         return self._compiler.compile(kinds, None)
@@ -159,23 +172,25 @@ class KernelDispatcher(OnceDispatcher):
 
     def _lower(self, kinds: Kinds) -> CompileResult:
         library = IntermediateCode(self.targetctx.codegen(), self.py_func.__qualname__)
-        result = compiler.compile_extra(
-            self.typingctx,
-            self.targetctx,
-            self.py_func,
-            args=kinds,
-            return_type=None,
-            flags=self._flags,
-            locals={},
-            library=library,
-            pipeline_class=Pipeline,
-        )
+        with _names_of_no_other_process():
+            result = compiler.compile_extra(
+                self.typingctx,
+                self.targetctx,
+                self.py_func,
+                args=kinds,
+                return_type=None,
+                flags=self._flags,
+                locals={},
+                library=library,
+                pipeline_class=Pipeline,
+            )
         library.finalize()
         return result
 
     def _made(self, kinds: Kinds) -> CompileResult:
-        # Not saved: hardly any kernel that Python calls is called by another one too.
-        lowered = self._intermediate.get(kinds) or self._lower(kinds)
+        # Lowered anew, under a name of its own, though others may link it: the wrapper adds objects
+        # of Python, such as an array's type, and a process knows the objects of a name only once.
+        lowered = self._lower(kinds)
         context = compiler._make_subtarget(self.targetctx, self._flags)
         kernel, environment = lowered.fndesc, lowered.environment
         library = context.codegen().create_library(kernel.qualname)

@@ -7,6 +7,8 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from mm_gym.kernels.trust import open_in_place
+
 try:
     import fcntl
 except ImportError:  # Windows: every process compiles for itself
@@ -46,7 +48,7 @@ def _acquired(path: Path, patience: float) -> int | None:
     while fcntl is not None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            descriptor = open_in_place(path, os.O_RDWR | os.O_CREAT)
         except OSError:
             return None
         try:

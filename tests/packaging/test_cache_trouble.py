@@ -74,7 +74,7 @@ def test_without_a_home_no_folder_is_made_where_the_process_runs(twice, tmp_path
     # As os.path.expanduser leaves it for a user whom the system does not know.
     monkeypatch.setenv("XDG_CACHE_HOME", "~/.cache")
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(cache.caching.InTreeCacheLocator, "ensure_cache_path", _refused)
+    monkeypatch.setattr(cache, "_prepare", _refused)
     monkeypatch.chdir(tmp_path)
     with pytest.warns(RuntimeWarning, match=CHOICE):
         assert hits(twice()) == 0
@@ -90,7 +90,7 @@ def test_folder_filled_before_it_was_closed_is_used_without_a_warning(twice, tmp
     assert hits(twice()) == 0
     assert files(tmp_path / "__pycache__", ".nbc")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "module.py" / "x"))
-    monkeypatch.setattr(cache.caching.InTreeCacheLocator, "ensure_cache_path", _refused)
+    monkeypatch.setattr(cache, "_prepare", _refused)
     assert hits(twice()) == 1
 
 
@@ -239,3 +239,37 @@ def test_closures_of_one_name_stay_apart_though_two_processes_number_them_alike(
         return out.strip()
 
     assert [printed(name) for name in ("first", "second", "both")] == ["2.0", "3.0", "(2.0, 3.0)"]
+
+
+ARRAYS = """
+import numpy as np
+from mm_gym.kernels.jit import kernel
+
+@kernel
+def ones(size):
+    return np.ones(size)
+
+@kernel
+def length(size):
+    return ones(size).size
+
+@kernel
+def total(size):
+    return ones(size).sum()
+"""
+
+
+@pytest.mark.parametrize("first", [["length", "ones"], ["ones", "length"]])
+@pytest.mark.parametrize("second", [["total", "ones"], ["ones", "total"]])
+def test_array_of_a_kernel_that_others_link_is_returned_in_any_order_of_processes(
+    tmp_path, first, second
+):
+    """A wrapper finds the array's type among the objects that belong to the kernel's name."""
+    (tmp_path / "module.py").write_text(ARRAYS)
+    for names in (first, second, first):
+        program = "import module\n" + "\n".join(f"print(module.{name}(3))" for name in names)
+        process = start(program, folder=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        out, err = process.communicate()
+        assert process.returncode == 0, err
+        results = {"length": "3", "total": "3.0", "ones": "[1. 1. 1.]"}
+        assert out.splitlines() == [results[name] for name in names]

@@ -181,13 +181,13 @@ def test_only_what_python_calls_becomes_machine_code(module):
     assert kernels.half(2.0) == 1.0, "Python may call it nevertheless"
 
 
-def test_code_that_kernels_link_is_loaded_and_becomes_machine_code_for_python(module):
+def test_code_that_kernels_link_is_loaded(module):
     assert module().quarter(2.0) == 0.5
     kernels = module()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(type(kernels.half), "_lower", refused_but_for(kernels.eighth))
         assert kernels.eighth(2.0) == 0.25
-        assert kernels.half(2.0) == 1.0
+    assert kernels.half(2.0) == 1.0
     assert module().half(2.0) == 1.0
 
 
@@ -273,3 +273,17 @@ def test_warming_fails_where_compiled_code_cannot_be_kept(monkeypatch, capsys):
     monkeypatch.setattr(warm_module, "Lanes", warned)
     assert main(["warm", TASK]) == 2
     assert capsys.readouterr().err == f"error: {cache.NOT_KEPT}: no space\n"
+
+
+COUNT_OF_NUMBA = """
+from numba.core.bytecode import FunctionIdentity
+before = FunctionIdentity._unique_ids
+import module
+print(module.quarter(2.0), FunctionIdentity._unique_ids is before)
+"""
+
+
+def test_what_numba_numbers_functions_by_stays_as_it_is_for_other_code(module, tmp_path):
+    module()
+    place = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    assert start(COUNT_OF_NUMBA, folder=tmp_path, **place).communicate() == ("0.5 True\n", "")
