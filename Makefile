@@ -6,9 +6,14 @@ RUN := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 BENCH := .venv-bench
 PINS ?= constraints.txt
+OLDEST_NUMBA := 0.62.0
+COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cache_trust.py \
+	tests/packaging/test_first_start.py tests/packaging/test_kernel_cache.py \
+	tests/numerics/test_vectors_of_lanes.py tests/numerics/test_elementary.py tests/numerics/test_transposition.py \
+	tests/numerics/test_golden.py tests/numerics/test_switched.py tests/env/test_threads.py
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
-.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) check bench tasks results clean
+.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check bench tasks results clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -29,6 +34,13 @@ test-clients: $(CLIENTS)
 
 $(CLIENTS): %: .venv-%/.installed
 	.venv-$*/bin/python -m pytest -W default tests/clients/test_$*.py
+
+# The compiler's private names: with the oldest numba and the newest that pyproject.toml allows.
+test-numba: test-numba-oldest test-numba-newest
+
+test-numba-%: .venv-numba-%/.installed
+	NUMBA_CACHE_DIR=.venv-numba-$*/cache .venv-numba-$*/bin/python -m pytest -n auto --dist loadfile -m "not slow" \
+		$(COMPILER_TESTS)
 
 check: $(INSTALLED)
 	$(RUN) -m ruff check .
@@ -77,5 +89,13 @@ $(CLIENTS:%=.venv-%/.installed): .venv-%/.installed: pyproject.toml constraints.
 	.venv-$*/bin/python -m pip install --quiet -c .venv-$*/constraints.txt -e . --group $*
 	@touch $@
 
+# Each numba allows some versions of NumPy only.
+.venv-numba-%/.installed: pyproject.toml constraints.txt
+	$(call install,.venv-numba-$*)
+	sed "/^numba==/d;/^numpy==/d" $(PINS) > .venv-numba-$*/constraints.txt
+	$(if $(filter oldest,$*),echo "numba==$(OLDEST_NUMBA)" >> .venv-numba-$*/constraints.txt)
+	.venv-numba-$*/bin/python -m pip install --quiet -c .venv-numba-$*/constraints.txt -e . --group numba
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) dist .processors .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) .venv-numba-* dist .processors .pytest_cache .ruff_cache .hypothesis

@@ -6,7 +6,10 @@ All loops over lanes are innermost and of single precision, so that they are vec
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import types
+from numba.extending import intrinsic, overload
+
+from mm_gym.compiled import borrowing_kernel, inlined_kernel
 
 SINGLE = np.float32
 ZERO, ONE, TWO, THREE = SINGLE(0.0), SINGLE(1.0), SINGLE(2.0), SINGLE(3.0)
@@ -15,28 +18,36 @@ NINE, TWENTY_SEVEN = SINGLE(9.0), SINGLE(27.0)
 FOUR = 4
 """Products that are added at once."""
 
-FAST = {"contract", "arcp", "nsz"}
-"""Products and sums may be fused: a candidate's actions do not depend on the other lanes for it."""
+
+@intrinsic
+def _fma(_context, x, y, z):
+    def build(_context, builder, _signature, arguments):
+        return builder.fma(*arguments)
+
+    return types.float32(x, y, z), build
 
 
-def kernel(function):
-    """Compile without the GIL and without counts of references, and keep the code on disk."""
-    return njit(fastmath=FAST, error_model="numpy", nogil=True, cache=True, _nrt=False)(function)
+def fma(x, y, z):
+    """Return x y + z, in a kernel rounded once.
+
+    Explicit: fastmath fuses on processors that can, and a training would repeat on those only.
+    """
+    return x * y + z
 
 
-def inlined(function):
-    """Compile into the callers: a call takes as long as the arithmetic of some lanes."""
-    return njit(fastmath=FAST, error_model="numpy", forceinline=True, _nrt=False)(function)
+@overload(fma)
+def _compiled_fma(x, y, z):  # noqa: ARG001 - numba compares the names
+    return lambda x, y, z: _fma(x, y, z)  # noqa: PLW0108 - numba wants a plain function
 
 
-@inlined
+@inlined_kernel
 def copy_row(row, target):
     """Copy a row (lanes,)."""
     for lane in range(row.size):
         target[lane] = row[lane]
 
 
-@inlined
+@inlined_kernel
 def combine(weights, constant, rows, total):
     """Write a constant plus weights (n,) times rows (n, lanes) to the total (lanes,)."""
     lanes, n, j = total.size, weights.size, 0
@@ -44,7 +55,7 @@ def combine(weights, constant, rows, total):
         w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
         r0, r1, r2, r3 = rows[0], rows[1], rows[2], rows[3]
         for lane in range(lanes):
-            near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
+            near, far = fma(w0, r0[lane], w1 * r1[lane]), fma(w2, r2[lane], w3 * r3[lane])
             total[lane] = constant + (near + far)
         j = FOUR
     else:
@@ -53,7 +64,7 @@ def combine(weights, constant, rows, total):
     add_products(weights[j:], rows[j:], total)
 
 
-@inlined
+@inlined_kernel
 def add_products(weights, rows, total):
     """Add weights (n,) times rows (n, lanes) to the total (lanes,), which is written."""
     lanes, n, j = total.size, weights.size, 0
@@ -61,35 +72,35 @@ def add_products(weights, rows, total):
         w0, w1, w2, w3 = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
         r0, r1, r2, r3 = rows[j], rows[j + 1], rows[j + 2], rows[j + 3]
         for lane in range(lanes):
-            near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
+            near, far = fma(w0, r0[lane], w1 * r1[lane]), fma(w2, r2[lane], w3 * r3[lane])
             total[lane] += near + far
         j += FOUR
     while j < n:
         w0, r0 = weights[j], rows[j]
         for lane in range(lanes):
-            total[lane] += w0 * r0[lane]
+            total[lane] = fma(w0, r0[lane], total[lane])
         j += 1
 
 
-@inlined
+@inlined_kernel
 def bounded_tanh(value):
     """Return the rational function of `agents.policies.ACTIVATIONS`."""
     v = min(max(value, -THREE), THREE)
     square = v * v
-    return v * (TWENTY_SEVEN + square) / (TWENTY_SEVEN + NINE * square)
+    return v * (TWENTY_SEVEN + square) / fma(NINE, square, TWENTY_SEVEN)
 
 
-@inlined
+@inlined_kernel
 def add_unit(own, rows, total):
     """Add a hidden unit's part to the only action, where there are four inputs, in one loop."""
     constant, w0, w1, w2, w3, part = own[0], own[1], own[2], own[3], own[4], own[5]
     r0, r1, r2, r3 = rows[0], rows[1], rows[2], rows[3]
     for lane in range(total.size):
-        near, far = w0 * r0[lane] + w1 * r1[lane], w2 * r2[lane] + w3 * r3[lane]
-        total[lane] += part * bounded_tanh(constant + (near + far))
+        near, far = fma(w0, r0[lane], w1 * r1[lane]), fma(w2, r2[lane], w3 * r3[lane])
+        total[lane] = fma(part, bounded_tanh(constant + (near + far)), total[lane])
 
 
-@kernel
+@borrowing_kernel
 def correlate(pair, unit, rows, sums, left, right, result):
     """Compute one correlation unit in each lane, see `agents.policies.Policy`.
 
@@ -115,12 +126,12 @@ def correlate(pair, unit, rows, sums, left, right, result):
     products, squares = sums[0], sums[1]
     for lane in range(result.size):
         a, b = left[lane], right[lane]
-        products[lane] = memory * products[lane] + TWO * a * b
-        squares[lane] = memory * squares[lane] + a * a + b * b
+        products[lane] = fma(TWO * a, b, memory * products[lane])
+        squares[lane] = fma(b, b, fma(a, a, memory * squares[lane]))
         result[lane] = (products[lane] / (floor + squares[lane]) - offset) * scale
 
 
-@kernel
+@borrowing_kernel
 def remember(keep, enter, rows, memory, result):
     """Move the linear memory on, in each lane.
 
@@ -142,7 +153,7 @@ def remember(keep, enter, rows, memory, result):
         copy_row(result[j], memory[j])
 
 
-@kernel
+@borrowing_kernel
 def forward(observed, actions, parameters, fixed, sums, memory, sizes):
     """Compute the actions of candidates; the lanes of a candidate stand side by side.
 
@@ -198,7 +209,7 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
             for action in range(k):
                 total, weight = actions[action, begin:end], own[i + action]
                 for lane in range(lanes):
-                    total[lane] += weight * value[lane]
+                    total[lane] = fma(weight, value[lane], total[lane])
             i += k
         for action in range(k):
             total = actions[action, begin:end]

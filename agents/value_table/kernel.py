@@ -11,7 +11,8 @@ motion beyond the largest size costs on as its square.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mm_gym.compiled import kernel
 
 SINGLE = np.float32
 
@@ -20,11 +21,6 @@ NODES = 4
 
 ON_NODE = 1e-6
 """Part of the distance between two stretches within which one is met."""
-
-
-def kernel(function):
-    """Compile without the GIL, and keep the code on disk. No fastmath: runs repeat bitwise."""
-    return njit(error_model="numpy", nogil=True, cache=True)(function)
 
 
 @kernel
