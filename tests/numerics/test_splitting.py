@@ -55,12 +55,11 @@ def test_each_column_adds_two_orders(
     plant = compile_scene(SCENES[name])
     exact = _end(plant, compile_scene(SCENES[name].replace(**{"solver.tolerance": 1e-12})).model)
     counts = np.array([3, 4, 6, 8]) if columns < 3 else np.array([2, 3, 4])
+    monkeypatch.setattr(method, "_limit", lambda *_: np.inf)  # whatever the error is
     errors = []
     for first in counts:
         monkeypatch.setattr(method, "plan_of", lambda *_, first=first: Plan(int(first), columns))
         model = plant.method.model(plant.support, plant.settings)
-        # Whatever the error is.
-        model[of.LIMIT], model[of.FURTHEST : of.FURTHEST + of.MOST] = np.inf, np.inf
         errors.append(error(_end(plant, model), exact, np.array([0.01, 0.01, 1.0, 1.0])))
     middle = counts + 0.5 * (columns - 1)
     slope = -np.polyfit(np.log(middle), np.log(errors), 1)[0]
@@ -94,6 +93,25 @@ def test_lane_in_a_vector_equals_lane_alone(name: str, tolerance: float, count: 
         }
     )
     assert_lanes_equal_single(compile_scene(scene), 20, count)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("name", list(SCENES))
+def test_a_flight_through_the_middle_keeps_the_tolerance(name: str, tolerance: float) -> None:
+    # There the springs hardly turn the motion, but their force changes along the way.
+    scene = SCENES[name].replace(**{"solver.tolerance": tolerance, "control.time_step": 2e-4})
+    series = scene.replace(**{"solver.method": "taylor", "solver.tolerance": 1e-15})
+    starts = 0.01 * np.random.default_rng(0).uniform(-1.0, 1.0, (4, 2000))
+    starts[2] = (np.random.default_rng(1).uniform(-1.0, 1.0, 2000) * 0.01 - starts[0]) / 2e-4
+    ends = []
+    for one in (compile_scene(scene), compile_scene(series)):
+        lanes = Lanes(one, 2000)
+        lanes.restart()
+        lanes.values[:4] = starts
+        lanes.raise_for(one.method.entries.propagate(one.model, lanes.values, 0, 2000))
+        ends.append(lanes.values[:4].copy())
+    sizes = np.maximum(abs(starts), abs(ends[1])).reshape(2, 2, 2000).max(1)
+    assert (abs(ends[0] - ends[1]) / np.repeat(sizes, 2, axis=0)).max() <= tolerance
 
 
 @pytest.mark.parametrize("name", list(SCENES))

@@ -78,9 +78,10 @@ def _advance(model, lanes, b, columns, first, last):
             c1, c2, c3, c4, reached = _column(_constants(model, k), push, x1, x2, v1, v2)
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         y1, y2, w1, w2 = _weighed(model, slot, b, columns - 1)
-        near = _is_within(model, slot, b, columns - 1, x1, x2, v1, v2, y1, y2, w1, w2)
+        turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
+        near = _is_within(model, slot, b, columns - 1, turn, size, _largest(v1, v2, w1, w2))
         near = near & (reached <= furthest)
-        near = near & _is_little_pushed(model, columns - 1, push, reached, x1, x2, y1, y2)
+        near = near & _is_little_pushed(model, columns - 1, push, turn, size)
         if not all_hold(near):
             return i
         write_states(lanes, i, y1, y2, w1, w2)
@@ -96,7 +97,9 @@ def _advance_by_one(model, lanes, b, first, last):
     for i in range(first, last - LANES + 1, LANES):
         push, x1, x2, v1, v2 = _loaded(model, lanes, i)
         y1, y2, w1, w2, reached = _column(constants, push, x1, x2, v1, v2)
-        near = (reached <= furthest) & _is_little_pushed(model, 0, push, reached, x1, x2, y1, y2)
+        turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
+        near = (reached <= furthest) & _is_little_pushed(model, 0, push, turn, size)
+        near = near & _is_short_way(model, push, size, x1, y1)
         if not all_hold(near):
             b[0], b[1], b[2], b[3] = y1, y2, w1, w2
             return i
@@ -144,10 +147,13 @@ def _finish(model, lanes, b, done, i, count):
             continue
         slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
         s1, s2, s3, s4 = _weighed(model, slot, b, k)
+        turn, size = _turn(model, reached), _largest(x1, x2, s1, s2)
         near = reached <= model[of.FURTHEST + k]
-        near = near & _is_little_pushed(model, k, push, reached, x1, x2, s1, s2)
+        near = near & _is_little_pushed(model, k, push, turn, size)
         if k > 0:
-            near = near & _is_within(model, slot, b, k, x1, x2, v1, v2, s1, s2, s3, s4)
+            near = near & _is_within(model, slot, b, k, turn, size, _largest(v1, v2, s3, s4))
+        else:
+            near = near & _is_short_way(model, push, size, x1, s1)
         fresh = near & (kept == 0.0)
         y1, y2 = where(fresh, s1, y1), where(fresh, s2, y2)
         w1, w2 = where(fresh, s3, w1), where(fresh, s4, w2)
@@ -173,8 +179,23 @@ def _loaded(model, lanes, i):
 
 
 @inlined_kernel
-def _is_within(model, slot, b, last, x1, x2, v1, v2, y1, y2, w1, w2):
-    """Tell whether the estimates of the errors are within the limit.
+def _turn(model, reached):
+    """Return by what angle, squared, the springs turn the motion in a sample interval.
+
+    Where they are steepest: at the largest displacement on the way [m], given squared.
+    """
+    return fma(model[of.STEEPER], reached, model[of.STEEPNESS])
+
+
+@inlined_kernel
+def _largest(a, b, c, d):
+    """Return the largest size of four numbers."""
+    return larger(larger(abs(a), abs(b)), larger(abs(c), abs(d)))
+
+
+@inlined_kernel
+def _is_within(model, slot, b, last, turn, size, speed):
+    """Tell whether the errors of several columns are within the limit, by their estimates.
 
     Parameters
     ----------
@@ -186,20 +207,21 @@ def _is_within(model, slot, b, last, x1, x2, v1, v2, y1, y2, w1, w2):
         (4 * of.MOST, LANES) read: the columns' states.
     last
         The last column.
-    x1, x2, v1, v2, y1, y2, w1, w2
-        The states at the start and at the end [m, m/s].
+    turn
+        As `_turn` returns it.
+    size, speed
+        The largest position [m] and velocity [m/s] at the start and at the end.
     """
-    limit = model[of.LIMIT]
-    size = limit * larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
-    speed = limit * larger(larger(abs(v1), abs(v2)), larger(abs(w1), abs(w2)))
-    near = _estimate(model, slot, b, last, 0) <= size
-    near = near & (_estimate(model, slot, b, last, 2) <= speed)
-    near = near & (_estimate(model, slot, b, last, 1) <= size)
-    return near & (_estimate(model, slot, b, last, 3) <= speed)
+    raised = larger(model[of.RAISE] * turn, everywhere(1.0))
+    size, speed = model[of.LIMIT] * size, model[of.LIMIT] * speed
+    near = raised * _estimate(model, slot, b, last, turn, 0) <= size
+    near = near & (raised * _estimate(model, slot, b, last, turn, 2) <= speed)
+    near = near & (raised * _estimate(model, slot, b, last, turn, 1) <= size)
+    return near & (raised * _estimate(model, slot, b, last, turn, 3) <= speed)
 
 
 @inlined_kernel
-def _is_little_pushed(model, last, push, reached, x1, x2, y1, y2):
+def _is_little_pushed(model, last, push, turn, size):
     """Tell whether the bound of the error under a held force is within the limit.
 
     Parameters
@@ -210,20 +232,37 @@ def _is_little_pushed(model, last, push, reached, x1, x2, y1, y2):
         The last column.
     push
         Acceleration by the force [m/s^2].
-    reached
-        The largest displacement on the way [m], squared.
-    x1, x2, y1, y2
-        The positions at the start and at the end [m].
+    turn
+        As `_turn` returns it.
+    size
+        The largest position at the start and at the end [m].
     """
-    size = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
     shift = model[of.SQUARE] * abs(push)
-    turn = model[of.SQUARE] * fma(-3.0 * model[of.CUBIC], reached, model[of.STEEPNESS])
     # Multiplied by the square of the size, and for each further column by the size once more.
     error, allowed = model[of.PUSHED + last] * turn * shift * larger(shift, size), size * size
     larger_one = larger(turn * size, shift)
     for _ in range(last):
         error, allowed = error * larger_one, allowed * size
     return error <= allowed
+
+
+@inlined_kernel
+def _is_short_way(model, push, size, x1, y1):
+    """Tell whether the bound of one column's error on a long way is within the limit.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    push
+        Acceleration by the force [m/s^2].
+    size
+        The largest position at the start and at the end [m].
+    x1, y1
+        The carriage's position at the start and at the end [m].
+    """
+    way, shift = abs(y1 - x1), model[of.SQUARE] * abs(push)
+    return model[of.BENT] * way * fma(way, way, size * shift) <= size
 
 
 @inlined_kernel
@@ -239,12 +278,18 @@ def _weighed(model, slot, b, last):
 
 
 @inlined_kernel
-def _estimate(model, slot, b, last, row):
-    """Return what the first column contributes to a row of the state: an estimate of its error."""
-    c, error = b[4 * last + row], everywhere(0.0)
+def _estimate(model, slot, b, last, turn, row):
+    """Return the estimate of the error of a row of the state.
+
+    What the first column contributes, or what it contributed one column earlier lets expect.
+    """
+    before = slot - of.WEIGHTS_SIZE + of.ESTIMATE
+    c, error, earlier = b[4 * last + row], everywhere(0.0), everywhere(0.0)
     for j in range(last):
-        error = fma(model[slot + of.ESTIMATE + j], b[4 * j + row] - c, error)
-    return abs(error)
+        apart = b[4 * j + row] - c
+        error = fma(model[slot + of.ESTIMATE + j], apart, error)
+        earlier = fma(model[before + j], apart, earlier)
+    return larger(abs(error), model[of.LATER + last] * turn * abs(earlier))
 
 
 @inlined_kernel
