@@ -54,6 +54,10 @@ ROUNDED = 10.0
 """Round-off that a tolerance is allowed on top, in units of the effect of rounding the reference's
 state to doubles after each series."""
 
+LATE = Fraction(1, 2**52)
+"""By what part of the episode's time impulses and records may be late: its last digit. What that
+costs is allowed on top as well."""
+
 
 class Step(NamedTuple):
     """A control step of one lane, as `double_double_kernel.advance` takes it."""
@@ -87,8 +91,8 @@ class Outcome:
     ratio
         The largest error over the bound.
     floor
-        By what rounding the state alone exceeds the bound, in units of it, where the ratio is above
-        1 and the bound is a tolerance; otherwise 0.
+        What rounding of state and time may add to the bound, in units of it, where the ratio is
+        above 1 and the bound is a tolerance; otherwise 0.
     steps
         The control steps measured, in all lanes.
     """
@@ -119,27 +123,28 @@ def outcome(seed: int, folder: Path) -> Outcome:
     lanes.seed(seed)
     lanes.restart()
     grow_old(lanes, int(10.0 ** rng.uniform(0.0, 4.0)) if rng.random() < 0.5 else 0)
-    found: list[tuple[Step, Array, Array, Array, Array]] = []
+    found: list[tuple[_Lane, Array, Array, Array, Array]] = []
     largest = np.zeros((LANES, 4))
     for _ in range(STEPS):
-        status, starts, steps = advance(lanes, rng)
+        status, starts, followed = advance(lanes, rng)
         if status > at.ENDED:
             break
-        for i, step in enumerate(steps):
-            reached, want, scale = step.end(starts[:, i])
+        for i, lane in enumerate(followed):
+            reached, want, scale = lane.step().end(starts[:, i])
             if reached == precise.OK:
                 # Round-off is measured by the trajectory, tolerances by the control step alone.
                 largest[i] = np.maximum(largest[i], scale)
                 over = scale if is_tolerant else largest[i]
-                found.append((step, starts[:, i], lanes.values[:4, i] - want, want, over))
+                found.append((lane, starts[:, i], lanes.values[:4, i] - want, want, over))
     worst = max(found, key=lambda one: _largest(one[2], one[4]), default=None)
     if worst is None:
         return Outcome(seed, plant.method.name, plant.support.kind, bound, 0.0, 0.0, 0)
-    step, start, difference, want, scale = worst
+    lane, start, difference, want, scale = worst
     ratio, floor = _largest(difference, scale) / bound, 0.0
     if ratio > 1.0 and is_tolerant:
-        rounded = step.end(start, rounded=True)[1]
-        floor = ROUNDED * _largest(rounded - want, scale) / bound
+        rounded = lane.step().end(start, rounded=True)[1] - want
+        late = lane.step(late=LATE).end(start)[1] - want
+        floor = (ROUNDED * _largest(rounded, scale) + _largest(late, scale)) / bound
     return Outcome(seed, plant.method.name, plant.support.kind, bound, ratio, floor, len(found))
 
 
@@ -171,8 +176,8 @@ def grow_old(lanes: Lanes, steps: int) -> None:
             values[:, i] = lane[:, 0]
 
 
-def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[Step]]:
-    """Make a control step; return status, starts (4, lanes), and what the reference takes."""
+def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_Lane]]:
+    """Make a control step; return status, starts (4, lanes), and the lanes for the reference."""
     plant, values, count = lanes.plant, lanes._values, lanes.count
     intervals = plant.support.intervals_per_step
     actions = rng.uniform(-1.2, 1.2, len(plant.actuators) * count)
@@ -196,11 +201,10 @@ def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[St
         return status, before[:4], []
     age = int(values[at.NOW, 0])
     values[at.NOW, 0] += 1.0
-    steps = [
-        _Lane(plant, before[:, i], age, [sample[:, i] for sample in samples]).step()
-        for i in range(count)
+    followed = [
+        _Lane(plant, before[:, i], age, [sample[:, i] for sample in samples]) for i in range(count)
     ]
-    return status, before[:4], steps
+    return status, before[:4], followed
 
 
 def _parts(plant: Plant) -> list[tuple[int, int, int, Array]]:
@@ -244,12 +248,13 @@ class _Lane:
         self.count = plant.support.intervals_per_step
         self.past = age * self.count
         self.interval = Fraction(plant.support.sample_interval)
-        self.begin = self.past * self.interval
+        self.begin = self.clock = self.past * self.interval
         self.end = self.count * self.interval
         self.parts = _parts(plant)
 
-    def step(self) -> Step:
-        """Return what the reference takes."""
+    def step(self, late: Fraction = Fraction(0)) -> Step:
+        """Return what the reference takes, with impulses and records by a late clock."""
+        self.clock = self.begin * (1 + late)
         jumps, ends = self._jumps(), self._sweep_ends()
         places = {
             Fraction(0),
@@ -291,7 +296,7 @@ class _Lane:
                     break
                 size = impulse_process.take(model, own, lane, row, 0.0, 0)
                 jump = (-size, -size) if target else (size / self.lane[at.M1], 0.0)
-                place = max(Fraction(time) - self.begin, Fraction(0))
+                place = max(Fraction(time) - self.clock, Fraction(0))
                 v1, v2 = jumps.get(place, (0.0, 0.0))
                 jumps[place] = v1 + jump[0], v2 + jump[1]
         return jumps
@@ -327,11 +332,11 @@ class _Lane:
         for kind, _, row, own in self.parts:
             if kind == kernels.RECORD:
                 start, scale = self._clock(row)
-                low = float(start + self.begin / scale)
-                high = float(start + (self.begin + self.end) / scale)
+                low = float(start + self.clock / scale)
+                high = float(start + (self.clock + self.end) / scale)
                 times = self._points(own)[0]
                 inside = times[(low <= times) & (times <= high)]
-                found += [(Fraction(float(t)) - start) * scale - self.begin for t in inside]
+                found += [(Fraction(float(t)) - start) * scale - self.clock for t in inside]
         return [place for place in found if 0 < place < self.end]
 
     def _lines(self, begin: Fraction, end: Fraction) -> list[tuple[float, float]]:
@@ -362,12 +367,12 @@ class _Lane:
     ) -> tuple[Fraction, float, float, float] | None:
         """Return the same of a record's line, in the control step's time."""
         (start, scale), (times, values) = self._clock(row), self._points(own)
-        here = float(start) + (float(self.begin) + middle) / float(scale)
+        here = float(start) + (float(self.clock) + middle) / float(scale)
         k = int(np.searchsorted(times, here, "right")) - 1
         if k < 0 or k >= len(times) - 1:
             return None
         factor = float(self.lane[row + record.SCALE])
-        first = (Fraction(float(times[k])) - start) * scale - self.begin
+        first = (Fraction(float(times[k])) - start) * scale - self.clock
         length = float(times[k + 1] - times[k]) * float(scale)
         return first, length, factor * float(values[k]), factor * float(values[k + 1])
 
