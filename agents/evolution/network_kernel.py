@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic, overload
 
-from mm_gym.compiled import borrowing_kernel, inlined_kernel
+from mm_gym.compiler import borrowing_kernel, inlined_kernel
 
 SINGLE = np.float32
 ZERO, ONE, TWO, THREE = SINGLE(0.0), SINGLE(1.0), SINGLE(2.0), SINGLE(3.0)

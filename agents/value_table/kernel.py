@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.compiled import kernel
+from mm_gym.compiler import kernel
 
 SINGLE = np.float32
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from mm_gym.analysis.critical_kernel import sticks_throughout
 from mm_gym.analysis.values import row_of
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 
 if TYPE_CHECKING:

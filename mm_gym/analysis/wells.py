@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.kernels.laws import carriage_energy, carriage_force
 
 if TYPE_CHECKING:

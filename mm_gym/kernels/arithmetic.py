@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from numba import types
 from numba.extending import intrinsic, overload
 
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mm_gym.compiler.addresses import call, call_and_tell
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.addresses import call, call_and_tell
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import span
 
 LAW_FAILED = -1

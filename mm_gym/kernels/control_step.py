@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from mm_gym.compiler.jit import borrowing_kernel, plain
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.kernels.escapes import are_terminated
 from mm_gym.kernels.excitation import excite, has_corners
 from mm_gym.kernels.harmonics import rotate
 from mm_gym.kernels.impulses import apply_first_impulses
-from mm_gym.kernels.jit import borrowing_kernel, plain
 from mm_gym.kernels.outputs import derive, observe, pass_frame
 from mm_gym.kernels.task import approach, check_termination, command, finite, score
 

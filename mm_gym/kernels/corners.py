@@ -6,10 +6,10 @@ sample intervals.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels import record
 from mm_gym.kernels.excitation import OWN, ROW, add_record, is_record, part_count, part_slot
-from mm_gym.kernels.jit import borrowing_kernel
 
 
 @borrowing_kernel

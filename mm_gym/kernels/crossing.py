@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.corners import next_corner, write_jets
@@ -33,7 +34,6 @@ from mm_gym.kernels.impulses import (
     take_impulse,
     take_impulses,
 )
-from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.simd import LANES
 from mm_gym.kernels.simd_masks import lowest
 

@@ -15,8 +15,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.arithmetic import fma, stay_apart
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, prefer_widest_vectors
 from mm_gym.kernels.harmonics import begin_harmonic
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import write_regimes
 from mm_gym.kernels.listed import copy_within, place_of, run_of, set_row
 from mm_gym.kernels.memory import span

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import escape_distance
 
 

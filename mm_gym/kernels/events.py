@@ -6,8 +6,8 @@ boundaries are two gaps: that below v_r, and that above -v_r.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import kernel
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import kernel
 
 NONE = 2.0
 """What `first_exit` returns where there is no exit."""

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.kernels import impulse_process, noise, record
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
@@ -31,7 +32,6 @@ from mm_gym.kernels.extended import (
     plus,
     times,
 )
-from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.listed import place_of, set_row
 from mm_gym.kernels.memory import fill
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels.arithmetic import fma, stay_apart
 from mm_gym.kernels.elementary import cosine_and_sine
-from mm_gym.kernels.jit import borrowing_kernel
 
 _LN2 = math.log(2.0), 2.3190468138462996e-17
 _HALVINGS = 6

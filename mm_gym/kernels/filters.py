@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.arithmetic import stay_apart
 from mm_gym.kernels.groups import read, write
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.simd import LANES, alike, element, everywhere, root, with_element
 from mm_gym.kernels.simd_masks import all_hold, where
 from mm_gym.kernels.simd_memory import rows_on_stack

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import fastest_rate, stiffness
 
 ROUND_OFF = 2.0**-56

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import inlined_kernel
 from mm_gym.kernels.simd import LANES, element, everywhere, with_element
 from mm_gym.kernels.simd_masks import all_hold
 from mm_gym.kernels.simd_memory import load, store

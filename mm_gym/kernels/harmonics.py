@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
 from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.extended import on_circle
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import span
 
 REFRESH = 1024.0

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
 from mm_gym.kernels.groups import read
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.listed import run_of
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.random import numbered, uniform

@@ -6,6 +6,7 @@ interval in the episode.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import impulse_process as process
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors
@@ -19,7 +20,6 @@ from mm_gym.kernels.excitation import (
     part_count,
     part_slot,
 )
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.simd import LANES
 from mm_gym.kernels.simd_masks import lowest

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.compiler.jit import borrowing_kernel
 
 MOMENTS = 8
 TERMS = MOMENTS + 1

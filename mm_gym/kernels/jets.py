@@ -6,9 +6,9 @@ jet of the force [N] stands that of the ground's acceleration [m/s^2]. Harmonics
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.elementary import cosine_and_sine
-from mm_gym.kernels.jit import borrowing_kernel, kernel
 
 
 @borrowing_kernel

@@ -1,15 +1,15 @@
 """The laws of the forces, one function each: docs/model.md, eqs 1 to 6, 9 and 10.
 
 All methods, observations, energies and analyses take them from here. What is written in plain
-numbers also serves decimals and arrays, see `mm_gym.kernels.jit.plain`.
+numbers also serves decimals and arrays, see `mm_gym.compiler.jit.plain`.
 """
 
 from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.memory import span
 
 REGIMES_READ = at.VR, at.MU1, at.MU2, at.FN

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.kernels.jit import borrowing_kernel
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 
 
 @borrowing_kernel

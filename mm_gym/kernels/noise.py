@@ -7,6 +7,7 @@ run over lanes, without calls or branches, so that the compiler vectorises them.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.elementary import exponential
@@ -18,7 +19,6 @@ from mm_gym.kernels.filters import (
     TRANSITION,
     write_matrices,
 )
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.memory import span
 from mm_gym.kernels.random import count_draws, normals, normals_ahead
 

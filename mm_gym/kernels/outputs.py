@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.jets import jet_value
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
 from mm_gym.kernels.listed import place_of
 from mm_gym.kernels.memory import copy_row, copy_rows, fill, span

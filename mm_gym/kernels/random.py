@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.elementary import bits_of, double_of, logarithm, on_circle
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 
 KEY, COUNT = 0, 1  # rows of the streams array
 

@@ -6,9 +6,9 @@ the description of the excitation; and `row`, the first of its rows.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import interpolation
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import borrowing_kernel
 
 DATA, LENGTH, SPACING = 0, 1, 2
 """Own slots: where in the description its times, then its values begin, their number, and their

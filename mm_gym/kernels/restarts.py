@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.episodes import complete, draw, fill_history
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import REGIMES_READ, REGIMES_WRITTEN
 from mm_gym.kernels.listed import gather_row, place_of, scatter_row, set_row
 from mm_gym.kernels.memory import span

@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
-from mm_gym.kernels.jit import COMPILED
+from mm_gym.compiler.jit import COMPILED
 from mm_gym.kernels.simd import LANES, NUMBERS, VECTOR, spread
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import fill, span
 
 

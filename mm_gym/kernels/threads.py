@@ -16,9 +16,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from mm_gym.compiler.addresses import call
+from mm_gym.compiler.jit import borrowing_kernel, sharing_kernel
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.addresses import call
-from mm_gym.kernels.jit import borrowing_kernel, sharing_kernel
 
 # `numba.get_num_threads` and `set_num_threads` would keep the kernel from being cached.
 

@@ -14,7 +14,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from mm_gym.kernels.jit import COMPILED, borrowing_kernel
+from mm_gym.compiler.jit import COMPILED, borrowing_kernel
 from mm_gym.kernels.memory import span
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
 from mm_gym.kernels import laws
-from mm_gym.kernels.jit import plain
 from mm_gym.plant.findings import method_findings, scene_findings, support_findings
 from mm_gym.plant.idle_friction import without_idle_friction
 from mm_gym.plant.method_choice import choose, settings_of

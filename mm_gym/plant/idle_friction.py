@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import state_space
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS

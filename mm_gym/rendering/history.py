@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.kernels.outputs import excitation
 
 if TYPE_CHECKING:

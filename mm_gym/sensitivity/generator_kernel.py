@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.groups import read, write
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.simd import alike, everywhere
 from mm_gym.kernels.simd_masks import where

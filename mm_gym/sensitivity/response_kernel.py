@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.sensitivity.generator_kernel import (
     COUPLING,

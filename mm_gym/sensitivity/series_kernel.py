@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
 from mm_gym.kernels.jets import write_series
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import (
     fastest_harmonic,
     fastest_rate,

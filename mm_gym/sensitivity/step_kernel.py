@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.crossing import by_pieces, by_superposition
 from mm_gym.kernels.excitation import excite, excited, has_corners
 from mm_gym.kernels.harmonics import rotate
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.memory import copy_row, fill, span
 from mm_gym.kernels.outputs import pass_frame
 from mm_gym.kernels.task import command

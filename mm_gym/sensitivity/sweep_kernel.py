@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.kernels.jit import borrowing_kernel, kernel
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.sensitivity.layout import STATES
 
 ROUND_OFF = 1e-12

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numba import types
 
+from mm_gym.compiler.addresses import address_of
+from mm_gym.compiler.jit import COMPILED, compiled_for, entry_point
 from mm_gym.errors import SimulationError
-from mm_gym.kernels.addresses import address_of
 from mm_gym.kernels.closed_loop import LAW_FAILED, run
-from mm_gym.kernels.jit import COMPILED, compiled_for, entry_point
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.kernels.laws import escape_distance, stiffness
 
 if TYPE_CHECKING:

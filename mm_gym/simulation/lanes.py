@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mm_gym.compiler.jit import entry_point, plain
+from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.kernels import episodes
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.excitation import begin_excitation
-from mm_gym.kernels.jit import entry_point, plain
 from mm_gym.kernels.lane_memory import rows_of
 from mm_gym.kernels.laws import write_regimes
-from mm_gym.kernels.notice import expect
 from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
 from mm_gym.kernels.random import COUNT, EPISODE, KEY, seed_streams, uniform
 from mm_gym.kernels.restarts import restart_gathered, rows_of_start

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.channels import CHANNELS
-from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.np.ufunc import get_num_threads, threading_layer
 
+from mm_gym.compiler.addresses import address_of
+from mm_gym.compiler.jit import COMPILED, entry_point
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.addresses import address_of
-from mm_gym.kernels.jit import COMPILED, entry_point
 from mm_gym.kernels.threads import in_threads, nothing
 
 if TYPE_CHECKING:

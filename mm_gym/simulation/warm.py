@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels.cache import NOT_KEPT
+from mm_gym.compiler.cache import NOT_KEPT
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.simulate import simulate

@@ -5,9 +5,9 @@ from __future__ import annotations
 from decimal import Context, Decimal, localcontext
 from typing import TYPE_CHECKING
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.state_space.equations import StateSpace, state_space
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import laws
-from mm_gym.kernels.jit import plain
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -229,7 +229,7 @@ def test_energy_has_in_common_with_the_methods_what_it_says_and_no_more():
     files = list((PACKAGE / "simulation" / "energy").glob("*.py"))
     imported = set().union(*(imported_by(file) for file in files))
     said = {"laws", "events", "excitation", "jets", "arithmetic"}  # the docstring of `work`
-    tools = {"errors", "kernels.jit", "kernels.layout", "simulation.recording"}
+    tools = {"errors", "compiler.jit", "kernels.layout", "simulation.recording"}
     others = {module for module in imported if not module.startswith(room)}
     allowed = tools | {f"kernels.{name}" for name in said}
     assert others <= {f"mm_gym.{name}" for name in allowed}

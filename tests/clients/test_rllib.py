@@ -57,7 +57,7 @@ def first_step():
     import gymnasium  # noqa: PLC0415 - in a process of its own
 
     import mm_gym  # noqa: PLC0415, F401
-    from mm_gym.kernels.dispatcher import OnceDispatcher  # noqa: PLC0415
+    from mm_gym.compiler.dispatcher import OnceDispatcher  # noqa: PLC0415
 
     compiled, made = [], OnceDispatcher._announced_and_made
 

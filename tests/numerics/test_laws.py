@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym.compiler.cache import sources
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.cache import sources
-from mm_gym.kernels.jit import plain
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mm_gym.compiler.jit import kernel
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import kernel
 from mm_gym.kernels.memory import on_cache_line
 from mm_gym.kernels.simd import LANES, alike, read_bits, root, write_bits
 from mm_gym.kernels.simd_masks import bits, larger, lowest, none, smaller, where

@@ -6,10 +6,10 @@ import numba
 import pytest
 from kernel_modules import loaded, start
 
-from mm_gym.kernels import cache, jit
+from mm_gym.compiler import cache, jit
 
 MODULE = """
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 @kernel
 def twice(x):
@@ -192,7 +192,7 @@ def test_code_for_other_arguments_is_not_taken_when_two_processes_number_theirs_
 
 CLOSURES = """
 from numba.extending import overload
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 def doubled(x): ...
 
@@ -243,7 +243,7 @@ def test_closures_of_one_name_stay_apart_though_two_processes_number_them_alike(
 
 ARRAYS = """
 import numpy as np
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 @kernel
 def ones(size):

@@ -8,8 +8,8 @@ import numba
 import pytest
 from kernel_modules import loaded, start
 
-from mm_gym.kernels import cache, jit
-from mm_gym.kernels.trust import UntrustedError, check_folder
+from mm_gym.compiler import cache, jit
+from mm_gym.compiler.trust import UntrustedError, check_folder
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="access lists keep folders apart")
 
@@ -19,7 +19,7 @@ PATIENCE = 60.0
 """Time after which a process that hangs is given up [s]; it takes less than two."""
 
 MODULE = """
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 @kernel
 def twice(x):
@@ -34,7 +34,7 @@ PLANTED = """
 import pickle
 from pathlib import Path
 import module, numba
-from mm_gym.kernels import cache
+from mm_gym.compiler import cache
 
 class Attack:
     def __reduce__(self):

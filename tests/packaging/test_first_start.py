@@ -13,9 +13,10 @@ from numba.core.codegen import JITCPUCodegen
 
 from mm_gym import compile_scene, load_scene
 from mm_gym.__main__ import main
-from mm_gym.kernels import cache, episodes, notice
-from mm_gym.kernels.dispatcher import KernelDispatcher
-from mm_gym.kernels.lock import locked
+from mm_gym.compiler import cache, notice
+from mm_gym.compiler.dispatcher import KernelDispatcher
+from mm_gym.compiler.lock import locked
+from mm_gym.kernels import episodes
 from mm_gym.simulation import warm as warm_module
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import path_of
@@ -23,7 +24,7 @@ from mm_gym.tasks import path_of
 TASK = "mm_gym/CarriageForce-v0"
 
 MODULE = """
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 @kernel
 def half(x):
@@ -39,7 +40,7 @@ def eighth(x):
 """
 
 COMPILED_HERE = """
-from mm_gym.kernels.dispatcher import OnceDispatcher
+from mm_gym.compiler.dispatcher import OnceDispatcher
 
 compiled = 0
 
@@ -68,7 +69,7 @@ TWO_FRAMES = {"sensors.history": 2}
 HOLD = """
 import sys
 from pathlib import Path
-from mm_gym.kernels.lock import locked
+from mm_gym.compiler.lock import locked
 with locked(Path(sys.argv[1])) as is_held:
     print(is_held, flush=True)
     sys.stdin.read()
@@ -77,7 +78,7 @@ with locked(Path(sys.argv[1])) as is_held:
 COUNT = """
 import sys
 from pathlib import Path
-from mm_gym.kernels.lock import locked
+from mm_gym.compiler.lock import locked
 number = Path(sys.argv[2])
 for _ in range(20):
     with locked(Path(sys.argv[1])):

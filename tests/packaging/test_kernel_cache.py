@@ -8,7 +8,7 @@ import sys
 
 from source_imports import PACKAGE, file_of, imported_by
 
-from mm_gym.kernels.cache import closed_over, sources
+from mm_gym.compiler.cache import closed_over, sources
 from mm_gym.methods import METHODS
 
 DECORATORS = ("kernel", "borrowing_kernel", "inlined_kernel", "sharing_kernel")

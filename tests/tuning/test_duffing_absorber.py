@@ -5,8 +5,8 @@ import pytest
 from tuning.conftest import rig
 
 from mm_gym import simulate
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import laws
-from mm_gym.kernels.jit import plain
 from mm_gym.tuning import DesignError, OutOfReachError, duffing_absorber, tune
 
 STIFFENING = rig(0.05, damping=0.2).replace(**{"carriage.cubic_coefficient": 100.0})

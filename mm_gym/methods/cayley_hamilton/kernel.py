@@ -13,10 +13,10 @@ unit, so that the generator has none.
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.free_motion import ROUND_OFF
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.memory import span
 

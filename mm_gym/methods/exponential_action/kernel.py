@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.memory import on_cache_line
 

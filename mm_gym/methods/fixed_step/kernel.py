@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
 from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import (
     carriage_force,
     escape_distance,

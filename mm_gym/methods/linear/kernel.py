@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.kernels.excitation import excited
-from mm_gym.kernels.jit import borrowing_kernel
 from mm_gym.kernels.outputs import scaling, shown, shows_state
 from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_cost, state_weights
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.kernels.jit import plain
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.splitting import kernel
 from mm_gym.methods.splitting import layout as of

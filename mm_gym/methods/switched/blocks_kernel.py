@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import sign_of
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.memory import on_cache_line
 from mm_gym.kernels.simd import LANES, alike
 from mm_gym.kernels.simd_masks import larger, none, smaller, where

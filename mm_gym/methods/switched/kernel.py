@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
 from mm_gym.kernels.events import sign_of
-from mm_gym.kernels.jit import borrowing_kernel, kernel
 from mm_gym.methods.switched import blocks_kernel as blocks
 from mm_gym.methods.switched import layout as slots
 from mm_gym.methods.switched.series_kernel import (

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.control_step import build
-from mm_gym.kernels.jit import plain
 from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.kernels.laws import has_escaped
 from mm_gym.kernels.memory import on_cache_line
 from mm_gym.kernels.simd import LANES, alike

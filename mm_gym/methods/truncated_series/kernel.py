@@ -9,10 +9,10 @@ and h times v1 and the slip velocity w: all of one unit, so that the generator h
 
 from __future__ import annotations
 
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.kernels.groups import read, write_state, write_states
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.laws import stiffness
 from mm_gym.kernels.simd import LANES
 

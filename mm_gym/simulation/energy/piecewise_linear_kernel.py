@@ -21,10 +21,10 @@ import math
 
 import numpy as np
 
+from mm_gym.compiler.jit import kernel
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.events import sign_of
-from mm_gym.kernels.jit import kernel
 
 # Entries of z. HARMONICS: amplitude times cosine, and times sine, of each harmonic; then the jets
 # of force and ground acceleration, coefficients of (t / h)^n.

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from mm_gym.kernels.jit import kernel
+from mm_gym.compiler.jit import kernel
 
 SMALLEST_PHASE = 2.0**-6
 """Largest rate times step on the last level."""

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.kernels import laws
 from mm_gym.kernels import layout as at
-from mm_gym.kernels.jit import plain
 from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 
-from mm_gym.kernels.dispatcher import KernelDispatcher, OnceDispatcher
+from mm_gym.compiler.dispatcher import KernelDispatcher, OnceDispatcher
 
 if TYPE_CHECKING:
     from collections.abc import Callable

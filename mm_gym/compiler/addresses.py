@@ -8,7 +8,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from mm_gym.kernels.jit import COMPILED, compiled_for
+from mm_gym.compiler.jit import COMPILED, compiled_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable

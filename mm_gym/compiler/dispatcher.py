@@ -21,9 +21,9 @@ from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
-from mm_gym.kernels.cache import KernelCache
-from mm_gym.kernels.intermediate_code import IntermediateCode
-from mm_gym.kernels.notice import announce
+from mm_gym.compiler.cache import KernelCache
+from mm_gym.compiler.intermediate_code import IntermediateCode
+from mm_gym.compiler.notice import announce
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping

@@ -22,9 +22,9 @@ from numba.core import caching
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.runtime import rtsys
 
-from mm_gym.kernels.intermediate_code import IntermediateCode
-from mm_gym.kernels.lock import locked
-from mm_gym.kernels.trust import UntrustedError, check_folder, read_trusted
+from mm_gym.compiler.intermediate_code import IntermediateCode
+from mm_gym.compiler.lock import locked
+from mm_gym.compiler.trust import UntrustedError, check_folder, read_trusted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -34,7 +34,13 @@ if TYPE_CHECKING:
 def sources() -> list[Path]:
     """Return the files that compiled code is made from."""
     package = Path(__file__).parents[1]
-    places = ("kernels/*.py", "**/*kernel.py", "methods/*/layout.py", "sensitivity/*layout.py")
+    places = (
+        "compiler/*.py",
+        "kernels/*.py",
+        "**/*kernel.py",
+        "methods/*/layout.py",
+        "sensitivity/*layout.py",
+    )
     return sorted({file for place in places for file in package.glob(place)})
 
 
@@ -153,7 +159,7 @@ class _MachineCode:
 
 
 class _LinkedCode:
-    """What is saved of code that others link, see `mm_gym.kernels.dispatcher`."""
+    """What is saved of code that others link, see `mm_gym.compiler.dispatcher`."""
 
     @staticmethod
     def reduced(result: CompileResult) -> tuple[Any, ...]:

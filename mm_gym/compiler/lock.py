@@ -7,7 +7,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels.trust import open_in_place
+from mm_gym.compiler.trust import open_in_place
 
 try:
     import fcntl

@@ -4,6 +4,6 @@
 `inlined_kernel` one of those into its callers.
 """
 
-from mm_gym.kernels.jit import borrowing_kernel, inlined_kernel, kernel
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 
 __all__ = ["borrowing_kernel", "inlined_kernel", "kernel"]
