@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import gymnasium
 
-from mm_gym.tasks import ids, steps_of
+from mm_gym.tasks import ids
 
 
 def register_envs() -> None:
     """Register every task that is not registered yet.
 
     By its id, not by its scene: so specifications can be written as JSON, and no scene is checked
-    here.
+    here. Without a number of steps: the scene ends its episodes, and Gymnasium's `TimeLimit` would
+    cut those that `changes` makes longer.
     """
     for name in ids():
         if name not in gymnasium.registry:
@@ -19,6 +20,5 @@ def register_envs() -> None:
                 id=name,
                 entry_point="mm_gym.env.single:MovingMassEnv",
                 vector_entry_point="mm_gym.env.vector:MovingMassVectorEnv",
-                max_episode_steps=steps_of(name),
                 kwargs={"scene": name},
             )

@@ -23,7 +23,6 @@ from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
-from mm_gym.env.time_limit import let_follow, limit_of_maker, limited
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.playback import frames_per_second
@@ -32,14 +31,15 @@ from mm_gym.simulation.lanes import Lanes
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from gymnasium.envs.registration import EnvSpec
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike
     from mm_gym.env.terms import InfoLevel
 
 
-class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.ndarray]):
+class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
+    Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.ndarray]
+):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
     Description
@@ -137,10 +137,10 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
 
     Through Gymnasium
     -----------------
-    `gymnasium.make` takes the same arguments, and ``max_episode_steps``, which sets
-    `control.steps`, to fewer or more; `changes` may not say otherwise. Without it, Gymnasium's
-    `TimeLimit` follows the scene, and so does `spec.max_episode_steps`. `spec` is plain data and
-    can be written as JSON.
+    `gymnasium.make` takes the same arguments. Its ``max_episode_steps`` only shortens episodes: the
+    scene ends them after `control.steps` in any case. A longer episode is
+    ``changes={"control.steps": 500}``. `spec` is plain data and can be written as JSON; its
+    `max_episode_steps` is that of the scene, or of the `TimeLimit` that Gymnasium adds.
 
     Version History
     ---------------
@@ -159,12 +159,7 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         render_mode: str | None = None,
     ) -> None:
         self._level = checked_level(info)
-        self.scene, limit = scene_of(scene, changes), limit_of_maker()
-        if limit is not None:
-            self.scene = limited(self.scene, changes, limit)
-        self._is_limited = limit is None or limit.steps is not None
-        steps = self.scene.control.steps
-        self._leads_time_limit = limit is not None and limit.steps not in {None, steps}
+        self.scene = scene_of(scene, changes)
         self.render_mode = render_mode
         self._running = False
         self._prepare()
@@ -189,21 +184,6 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
             *(lanes.observed[:, 0].copy, column[:4].copy, column[lanes.applied_rows].copy),
         )
         self._is_plain = self._renderer is None and self._level == "light"
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` makes this environment from, as plain data, or None."""
-        self._lead_time_limit()
-        return super().spec
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
-        Specified.spec.__set__(self, spec)
-
-    def _lead_time_limit(self) -> None:
-        """Let the `TimeLimit` that `gymnasium.make` puts around it have the scene's steps."""
-        if self._leads_time_limit:
-            self._leads_time_limit = not let_follow(self, self.scene.control.steps)
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -234,7 +214,6 @@ class MovingMassEnv(Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.n
         SceneError
             If a name or value is not allowed.
         """
-        self._lead_time_limit()
         fixed = self._lanes.checked(checked_options(options))
         seed = python_integer(seed)
         super().reset(seed=seed)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, cast
 
 from gymnasium.envs import registration
 
-from mm_gym.env.time_limit import STEPS
 from mm_gym.scene.dotted_names import plain
 from mm_gym.scene.scene import Scene
 from mm_gym.tasks import ids
@@ -23,8 +22,6 @@ class Specified:
 
     scene: Scene
     _spec: EnvSpec | None = None
-    _is_limited = True
-    """Whether Gymnasium is told when the scene ends an episode; not if asked for no limit."""
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -34,8 +31,6 @@ class Specified:
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = None if spec is None else written(spec, self.scene)
-        if self._spec is not None and not self._is_limited:
-            self._spec.max_episode_steps = None
 
 
 def written(spec: EnvSpec, scene: Scene) -> EnvSpec:
@@ -50,8 +45,6 @@ def written(spec: EnvSpec, scene: Scene) -> EnvSpec:
     name = None if task is None else task.kwargs.get("scene")
     if isinstance(given.get("scene"), Scene):
         given |= {"scene": name if isinstance(name, str) else ids()[0], "changes": dict(scene)}
-    elif name != given.get("scene"):  # it may say another number than the task's
-        given["changes"] = {**(given.get("changes") or {}), STEPS: scene.control.steps}
     own.kwargs = {key: _plain(value) for key, value in given.items()}
     return own
 

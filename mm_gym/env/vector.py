@@ -31,7 +31,7 @@ from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
-from mm_gym.env.time_limit import Limit, limit_of_maker, limited
+from mm_gym.errors import SceneError
 from mm_gym.kernels import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.playback import frames_per_second
@@ -67,7 +67,8 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     num_envs
         Number of lanes.
     max_episode_steps
-        Sets `control.steps`; may be left out.
+        Shortens episodes to so many control steps, as `TimeLimit` does for one environment; None
+        or -1 leaves them as the scene has them. Longer ones are ``changes={"control.steps": 500}``.
     autoreset_mode
         Any of Gymnasium's three: a finished lane is reset in the next step (the default), in the
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
@@ -112,7 +113,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     ) -> None:
         self.num_envs = checked_count(num_envs, "num_envs")
         self._level = checked_level(info)
-        self.scene = self._limited(scene_of(scene, changes), changes, max_episode_steps)
+        self.scene = _shortened(scene_of(scene, changes), max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
@@ -126,17 +127,6 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         self.single_observation_space: Space[Any] = observation_space(self.plant)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._shape = (self.num_envs, *self.single_action_space.shape)
-
-    def _limited(self, scene: Scene, changes: Changes | None, steps: int | None) -> Scene:
-        """Return the scene with the number of control steps that the caller, or his, asks for.
-
-        `make_vec` passes that of the registered task if it is asked for none.
-        """
-        limit = limit_of_maker()
-        self._is_limited = limit is None or limit.steps is not None
-        if limit is None and steps not in (None, -1):
-            limit = Limit(checked_count(steps, "max_episode_steps"), is_asked=True)
-        return scene if limit is None else limited(scene, changes, limit)
 
     def _prepare(self) -> None:
         """Compile the scene, and make the lanes and views of their outputs."""
@@ -384,6 +374,20 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
+
+
+def _shortened(scene: Scene, max_episode_steps: int | None) -> Scene:
+    """Return a scene whose episodes end where Gymnasium asks; -1 is its word for no limit."""
+    if max_episode_steps is None or max_episode_steps == -1:
+        return scene
+    steps = checked_count(max_episode_steps, "max_episode_steps")
+    if steps > scene.control.steps:
+        msg = (
+            f"max_episode_steps: got {steps}; allowed: 1 to {scene.control.steps}, the scene's "
+            f"control.steps; for longer episodes pass changes={{'control.steps': {steps}}}"
+        )
+        raise SceneError(msg)
+    return scene.replace(**{"control.steps": steps})
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -25,7 +25,6 @@ from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Sprin
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
-from mm_gym.tasks import DEFAULT_STEPS
 
 if TYPE_CHECKING:
     from mm_gym.scene.dotted_names import Data
@@ -81,7 +80,7 @@ class Control(Part):
 
     time_step: Positive = 0.01
     """dt [s], the length of a control step"""
-    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = DEFAULT_STEPS
+    steps: Annotated[int, Field(ge=1, le=1_000_000_000)] = 400
     """number of control steps in an episode"""
 
 

@@ -8,15 +8,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import cast
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.files import read_toml
 
 FOLDER = Path(__file__).parent
-
-DEFAULT_STEPS = 400
-"""Control steps in an episode of a scene that states no number."""
 
 _VERSION = re.compile(r"_v(\d+)$")
 _ID = re.compile(r"mm_gym/[^/.]+|.*-v\d+")
@@ -84,21 +79,6 @@ def path_of(task: str) -> Path:
         msg = f"task: {task!r} is not a task of mm_gym{nearest}; allowed: {', '.join(files)}"
         raise SceneError(msg)
     return files[task]
-
-
-def steps_of(task: str) -> int | None:
-    """Return the control steps in an episode of a task, or None if its file is no scene.
-
-    Without the checks of a scene, which would take longer than all else that registers the tasks.
-    """
-    try:
-        control = read_toml(path_of(task)).get("control", {})
-    except SceneError:
-        return None
-    if not isinstance(control, dict):
-        return None
-    steps = cast("dict[str, object]", control).get("steps", DEFAULT_STEPS)
-    return steps if isinstance(steps, int) and steps > 0 else None
 
 
 def _files() -> dict[str, Path]:

@@ -31,36 +31,38 @@ def lasts(env):
 
 
 @pytest.mark.parametrize("name", TASKS)
-def test_registered_number_of_steps_is_that_of_the_scene(name):
-    assert gymnasium.spec(name).max_episode_steps == TASKS[name].control.steps
+def test_number_of_steps_in_the_specification_is_that_of_the_scene(name):
+    assert gymnasium.make(name).spec.max_episode_steps == TASKS[name].control.steps
 
 
 MADE = [
     ({}, STEPS),
     ({"max_episode_steps": 7}, 7),
-    ({"max_episode_steps": STEPS + 50}, STEPS + 50),
     ({"changes": {"control.steps": 50}}, 50),
     ({"changes": {"control.steps": 2 * STEPS}}, 2 * STEPS),
     ({"changes": {"control.steps": 30}, "max_episode_steps": 30}, 30),
+    ({"changes": {"control.steps": 30}, "max_episode_steps": 20}, 20),
+    ({"changes": {"control.steps": 2 * STEPS}, "max_episode_steps": STEPS + 9}, STEPS + 9),
     ({"scene": "mm_gym/Hybrid-v0"}, HYBRID.control.steps),
     ({"scene": path_of("mm_gym/Hybrid-v0")}, HYBRID.control.steps),
     ({"scene": SHORT}, 9),
-    ({"scene": SHORT, "max_episode_steps": STEPS}, STEPS),
+    ({"scene": SHORT, "max_episode_steps": 7}, 7),
     ({"scene": SHORT, "changes": {"control.steps": 11}}, 11),
-    ({"scene": path_of("mm_gym/Hybrid-v0"), "max_episode_steps": STEPS}, STEPS),
+    ({"scene": path_of("mm_gym/Hybrid-v0"), "max_episode_steps": 8}, 8),
 ]
 
 
 @pytest.mark.parametrize(("arguments", "steps"), MADE)
 def test_episodes_last_as_long_as_asked_for_however_they_are_made(arguments, steps):
     single = gymnasium.make(NAME, **arguments)
-    assert lasts(single) == single.unwrapped.scene.control.steps == single.spec.max_episode_steps
+    assert lasts(single) == single.spec.max_episode_steps
     again = gymnasium.make(EnvSpec.from_json(single.spec.to_json()))
     vector = gymnasium.make_vec(NAME, 2, **arguments, autoreset_mode=AutoresetMode.DISABLED)
     more = gymnasium.make_vec(EnvSpec.from_json(vector.spec.to_json()))
     sync = gymnasium.make_vec(NAME, 2, "sync", **arguments)
     assert {lasts(env) for env in (single, again, vector, more, sync)} == {steps}
-    assert again.unwrapped.scene == more.unwrapped.scene == single.unwrapped.scene
+    assert again.unwrapped.scene == single.unwrapped.scene
+    assert more.unwrapped.scene == vector.unwrapped.scene
     assert (again.spec, more.spec) == (single.spec, vector.spec)
     assert vector.spec.max_episode_steps == steps
 
@@ -71,16 +73,12 @@ def test_observed_time_ends_with_the_episode(arguments, steps):
     assert env.max_timesteps == steps
 
 
-def test_without_gymnasiums_limit_the_scene_alone_ends_episodes():
-    unlimited = {"changes": {"control.steps": 2 * STEPS}, "max_episode_steps": -1}
-    single = gymnasium.make(NAME, **unlimited)
-    vector = gymnasium.make_vec(NAME, 2, **unlimited, autoreset_mode=AutoresetMode.DISABLED)
-    again = gymnasium.make(EnvSpec.from_json(single.spec.to_json()))
-    more = gymnasium.make_vec(EnvSpec.from_json(vector.spec.to_json()))
-    assert (again.spec, more.spec) == (single.spec, vector.spec)
-    for env in (single, again, vector, more):
-        assert env.spec.max_episode_steps is None
-        assert lasts(env) == 2 * STEPS
+@pytest.mark.parametrize("limit", [{}, {"max_episode_steps": -1}])
+def test_without_a_limit_of_gymnasiums_the_scene_alone_ends_episodes(limit):
+    given = {"changes": {"control.steps": 2 * STEPS}} | limit
+    single = gymnasium.make(NAME, **given)
+    vector = gymnasium.make_vec(NAME, 2, **given, autoreset_mode=AutoresetMode.DISABLED)
+    assert lasts(single) == lasts(vector) == 2 * STEPS
     wrapper = single
     while wrapper is not wrapper.unwrapped:
         assert not isinstance(wrapper, TimeLimit)
@@ -95,19 +93,36 @@ def test_time_limit_of_ones_own_is_left_alone():
 def test_registration_of_ones_own_sets_the_steps(monkeypatch):
     registry = dict(gymnasium.registry)
     monkeypatch.setattr(gymnasium.envs.registration, "registry", registry)
-    for steps in (5, 2 * STEPS):
+    for steps, lasting in ((5, 5), (2 * STEPS, STEPS)):
         name = f"Mine{steps}-v0"
         gymnasium.register(
             name, "mm_gym:MovingMassEnv", max_episode_steps=steps, kwargs={"scene": NAME}
         )
-        assert lasts(gymnasium.make(name)) == steps
+        assert lasts(gymnasium.make(name)) == lasting
 
 
-@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
-def test_two_numbers_of_steps_are_refused(make):
-    words = r"control\.steps: got 20 in changes and max_episode_steps = 30; allowed: one of them"
+def test_limit_does_not_lengthen_episodes_and_is_refused_where_the_environment_is_told():
+    longer = {"changes": {"control.steps": 20}, "max_episode_steps": 30}
+    assert lasts(gymnasium.make(NAME, **longer)) == 20
+    words = (
+        r"max_episode_steps: got 30; allowed: 1 to 20, the scene's control\.steps; "
+        r"for longer episodes pass changes=\{'control\.steps': 30\}"
+    )
     with pytest.raises(SceneError, match=words):
-        make(NAME, changes={"control.steps": 20}, max_episode_steps=30)
+        gymnasium.make_vec(NAME, 2, **longer)
+
+
+def test_shortened_vector_moves_as_an_environment_that_gymnasium_cuts():
+    single = gymnasium.make(NAME, max_episode_steps=5)
+    vector = gymnasium.make_vec(NAME, 2, max_episode_steps=5)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
+    single.reset(seed=3)
+    vector.reset(seed=3)
+    for action in actions:
+        one, several = single.step(action), vector.step(np.array([action, action]))
+        for mine, theirs in zip(one[:4], several[:4], strict=True):
+            np.testing.assert_array_equal(mine, theirs[0])
+    assert one[3]
 
 
 @pytest.mark.parametrize("steps", [0, -3, 2.5, True])
