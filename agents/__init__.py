@@ -14,7 +14,8 @@ if sys.argv[:1] == ["-m"]:  # so it is while Python looks for a command of this 
     MISSING = [name for name in NEEDED if find_spec(name) is None]
     if MISSING:
         COMMAND = 'pip install "mm-gym[agents]"'
-        sys.exit(f"error: {', '.join(MISSING)}: not installed; run `{COMMAND}`")
+        print(f"error: {', '.join(MISSING)}: not installed; run `{COMMAND}`", file=sys.stderr)
+        sys.exit(2)
 
 # Matrices are small here: threads of NumPy's linear algebra cost more than they save, and a result
 # would depend on their number in the last digits. Of use where NumPy is not loaded yet.

@@ -7,19 +7,18 @@ which predictive control finds an action, on one core. Rows of other tasks stay 
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from gymnasium.error import DependencyNotInstalled
 
+from agents.errors import ERRORS, leave
 from agents.evaluation.late_sensors import compare, time_of_action, tuned
 from agents.report.tables import markdown
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_text, write_text
-from mm_gym.tasks import ids, path_of
+from mm_gym.tasks import ids, task_called
 
 PAGE = Path(__file__).parents[1] / "docs" / "controllers.md"
 LATE = ("task", "controller", "from the observation", "from the true state")
@@ -31,7 +30,7 @@ class Arguments:
     """What to measure."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """registered ids; all of mm_gym by default"""
+    """names as Hybrid; all of mm_gym by default"""
 
 
 def with_rows(text: str, header: tuple[str, ...], task: str, rows: list[list[str]]) -> str:
@@ -53,8 +52,8 @@ def main() -> str | None:
     """Measure from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
     try:
-        for name in arguments.tasks or ids():
-            scene = load_scene(path_of(name))
+        for name in map(task_called, arguments.tasks or ids()):
+            scene = load_scene(name)
             laws = tuned(scene)
             step, spent = scene.control.time_step, time_of_action(scene, laws[-1])
             rates = [[f"{1e3 * step:.3g}", f"{1e3 * spent:.2g}", f"{step / spent:.2g}"]]
@@ -65,10 +64,10 @@ def main() -> str | None:
             page = with_rows(read_text(PAGE), RATES, name, rates)
             write_text(PAGE, with_rows(page, LATE, name, late))
             print(f"{name}: written to {PAGE}")
-    except (SceneError, DependencyNotInstalled) as error:
+    except ERRORS as error:
         return f"error: {error}"
     return None
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -6,10 +6,11 @@ three minutes.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 from agents.controllers.learned import Learned
+from agents.errors import leave
 from agents.evaluation.headroom import EPISODES
 from agents.evaluation.planner import Effort, Planner
 from agents.evolution.search import evolve
@@ -31,6 +32,7 @@ EFFORT = Effort(random=3, kept=2, first=8, second=20, rounds=2, steps=10, last=1
 
 def main() -> str | int | None:
     """Run anew, beside earlier demos, or continue an interrupted one."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     trained = numbered(read_settings(SETTINGS, TrainSettings))
     evolved = EvolveSettings(
         task=trained.task,
@@ -47,4 +49,4 @@ def main() -> str | int | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -8,8 +8,7 @@ of the validations is kept.
 
 from __future__ import annotations
 
-import sys
-
+from agents.errors import leave
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.search.command import search_from_command_line
@@ -21,4 +20,4 @@ def main() -> str | int | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from gymnasium.error import DependencyNotInstalled
 
 from agents.comparison.command import compare
 from agents.comparison.contestants import BASELINES, read_field
 from agents.comparison.entries import Episodes
 from agents.comparison.measure import Studies
 from agents.controllers.user_defined import user_defined
+from agents.errors import ERRORS, leave
 from agents.evaluation.baselines import baselines
 from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import AnyPolicy, PolicyError, load_policy
@@ -34,7 +34,7 @@ from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.parts import recorded_parts
 from agents.training.runs import INTERRUPTED, Run, RunError
-from mm_gym import DesignError, SceneError, load_scene
+from mm_gym import SceneError, load_scene
 from mm_gym.tasks import task_or_scene
 
 if TYPE_CHECKING:
@@ -221,14 +221,7 @@ def main() -> str | int | None:
         else:
             policy = read_policy(path, trust=arguments.trust)
             report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
-    except (
-        DependencyNotInstalled,
-        DesignError,
-        OSError,
-        PolicyError,
-        RunError,
-        SceneError,
-    ) as error:
+    except ERRORS as error:
         return f"error: {error}"
     except KeyboardInterrupt:
         print("interrupted: give the same command again", file=sys.stderr)
@@ -237,4 +230,4 @@ def main() -> str | int | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -7,8 +7,7 @@ last checkpoint when the same command is given again, and a finished one goes on
 
 from __future__ import annotations
 
-import sys
-
+from agents.errors import leave
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.search.command import search_from_command_line
@@ -20,4 +19,4 @@ def main() -> str | int | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -10,7 +10,6 @@ observation. If not, it is said which action has to be handed in and added.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +18,7 @@ import numpy as np
 import tyro
 from gymnasium.error import DependencyNotInstalled
 
+from agents.errors import leave
 from agents.evaluate import read_policy
 from agents.exports.c_source import c_source
 from agents.exports.linear_base import linear_base
@@ -127,4 +127,4 @@ def print_expense(policy: Policy) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

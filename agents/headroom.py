@@ -14,7 +14,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path  # noqa: TC003 - tyro reads the annotation
@@ -26,6 +25,7 @@ import tyro
 from agents.arrays import numbers, read_array
 from agents.comparison.contestants import agents_of
 from agents.controllers.controller import columns
+from agents.errors import ERRORS, leave
 from agents.evaluation.headroom import (
     EPISODES,
     KEPT,
@@ -37,11 +37,9 @@ from agents.evaluation.headroom import (
     over_plans,
 )
 from agents.evaluation.scores import SCORES, read_scores
-from agents.policies import PolicyError
-from agents.training.runs import RunError
 from mm_gym import SceneError, compile_scene, load_scene
 from mm_gym.files import write_bytes, write_text
-from mm_gym.tasks import ids, path_of
+from mm_gym.tasks import ids, path_of, task_called
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,7 +59,7 @@ class Arguments:
     """What to score."""
 
     tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
-    """registered ids; by default those of the runs, or all of mm_gym"""
+    """names as Hybrid; by default those of the runs, or all of mm_gym"""
     runs: tuple[str, ...] = ()
     """folders of finished runs, or patterns of folders in quotes"""
     check: bool = False
@@ -83,7 +81,7 @@ def score(
     began, file = time.perf_counter(), None
     if plans is not None:
         file = plans / f"{path_of(name).stem}.npy"
-    scene, kept = load_scene(path_of(name)), None
+    scene, kept = load_scene(name), None
     if file is not None and os.path.lexists(file):
         kept = _kept_plans(file, (scene.control.steps, EPISODES, len(columns(scene))))
     found = headroom(scene, agents, kept, seed)
@@ -147,8 +145,8 @@ def main() -> str | None:
     try:
         scores = read_scores(out) if os.path.lexists(out) else {}
         agents = agents_of(arguments.runs)
-        for name in arguments.tasks or list(agents) or ids():
-            scene = load_scene(path_of(name))
+        for name in map(task_called, arguments.tasks or list(agents) or ids()):
+            scene = load_scene(name)
             own = agents.get(name, [])
             if arguments.check:
                 better += filter(None, [check(name, scene, own, scores)])
@@ -164,7 +162,7 @@ def main() -> str | None:
                 scores[name] = (earlier if same else {}) | new
             ordered = {task: scores[task] for task in ids() if task in scores}
             write_text(out, json.dumps(ordered, indent=1) + "\n")
-    except (PolicyError, RunError, SceneError) as error:
+    except ERRORS as error:
         return f"error: {error}"
     if better:
         return "\n".join([*better, "make their plans starts: python -m agents.headroom --runs RUN"])
@@ -172,4 +170,4 @@ def main() -> str | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

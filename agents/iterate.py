@@ -8,8 +8,7 @@ again, and a finished one goes on with more ``--sweeps`` or ``--time-budget``.
 
 from __future__ import annotations
 
-import sys
-
+from agents.errors import leave
 from agents.search.command import search_from_command_line
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
@@ -21,4 +20,4 @@ def main() -> str | int | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -7,19 +7,18 @@ Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them 
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
 
 from agents.comparison.contestants import agents_of
+from agents.errors import ERRORS, leave
 from agents.evaluation.headroom import LEARNED, scored
 from agents.evaluation.scores import SCORES, read_scores
-from agents.policies import PolicyError
 from agents.report.ranking_page import PAGE, page
 from agents.training.runs import RunError
-from mm_gym import SceneError, load_scene
+from mm_gym import load_scene
 from mm_gym.files import write_text
 
 
@@ -53,11 +52,11 @@ def main() -> str | None:
             add_runs(scores, text)
         write_text(SCORES, json.dumps(scores, indent=1) + "\n")
         write_text(PAGE, page(scores))
-    except (PolicyError, RunError, SceneError) as error:
+    except ERRORS as error:
         return f"error: {error}"
     print(f"written: {PAGE}")
     return None
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

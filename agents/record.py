@@ -1,4 +1,4 @@
-"""Record a Minari dataset: ``python -m agents.record mm_gym/CarriageForce-v0 --controller lqr``.
+"""Record a Minari dataset: ``python -m agents.record CarriageForce --controller lqr``.
 
 A controller or a trained policy plays one episode a seed, on many lanes. The seed of an episode and
 its actions reproduce it to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
@@ -6,24 +6,21 @@ its actions reproduce it to the last bit, see docs/clients/minari.md. Needs the 
 
 from __future__ import annotations
 
-import sys
 from pathlib import PurePath
-from typing import Annotated, Self
+from typing import Annotated, Any
 
 import gymnasium
 import numpy as np
 import tyro
-from pydantic import Field, JsonValue, model_validator
+from pydantic import Field, JsonValue
 
-from agents.policies import PolicyError
-from agents.recording.dataset import DatasetError, free_id, write
+from agents.errors import ERRORS, leave
 from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
-from agents.training.config import Changes, short_name
-from agents.training.runs import RunError
-from mm_gym import ActionError, DesignError, SceneError, SimulationError, load_scene
+from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
+from mm_gym import load_scene
 from mm_gym.scene import Part
-from mm_gym.tasks import path_of
+from mm_gym.tasks import ids, is_id, short_name, task_or_scene
 
 FIRST_SEED = 3_000_000
 """Apart from the seeds of the evaluations and of the trainings."""
@@ -32,8 +29,8 @@ FIRST_SEED = 3_000_000
 class RecordSettings(Part):
     """What is recorded, and under which name."""
 
-    task: Annotated[str, tyro.conf.Positional] = "mm_gym/CarriageForce-v0"
-    """a registered id"""
+    task: Annotated[str, tyro.conf.Positional] = "CarriageForce"
+    """a name as Hybrid, or a scene file"""
     changes: Changes = Field(default_factory=dict[str, JsonValue])
     """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     controller: str = "random"
@@ -51,17 +48,12 @@ class RecordSettings(Part):
     new_version: bool = False
     """take the next version of the id if there is one already; else it is refused"""
 
-    @model_validator(mode="after")
-    def _task_exists(self) -> Self:
-        path_of(self.task)
-        return self
-
     @property
     def wanted_id(self) -> str:
         """The dataset's id, of which the version may be missing."""
         if self.out is not None:
             return self.out
-        return f"mm_gym/{short_name(self.task)}/{PurePath(self.controller).stem}"
+        return f"mm_gym/{short_name(PurePath(self.task).stem)}/{PurePath(self.controller).stem}"
 
 
 def record(settings: RecordSettings) -> str:
@@ -74,17 +66,23 @@ def record(settings: RecordSettings) -> str:
     ActionError, DesignError, PolicyError, RunError, SceneError, SimulationError
         If the controller is refused, or fails.
     """
+    from agents.recording.dataset import free_id, write  # noqa: PLC0415 - needs an extra
+
     dataset_id = free_id(settings.wanted_id, new_version=settings.new_version)
-    scene = load_scene(settings.task).replace(**settings.changes)
-    arguments = {"changes": settings.changes} if settings.changes else {}
+    named = task_or_scene(settings.task)
+    scene = load_scene(named).replace(**settings.changes)
+    arguments: dict[str, Any] = {"changes": settings.changes} if settings.changes else {}
+    task = named
+    if not is_id(named):  # the dataset must not depend on the file: it has the whole scene
+        task, arguments = ids()[0], {"scene": scene}
     generator = np.random.default_rng(settings.seed)
     law = law_of(settings.controller, scene, generator)
-    env = gymnasium.make(settings.task, **arguments)
+    env = gymnasium.make(task, **arguments)
     dataset = write(
         dataset_id,
         env,
         play(
-            settings.task,
+            task,
             law,
             range(settings.seed, settings.seed + settings.episodes),
             lanes=settings.lanes,
@@ -93,7 +91,7 @@ def record(settings: RecordSettings) -> str:
         ),
         {
             "algorithm_name": law.name,
-            "description": f"{settings.task}: {law.name}, action noise {settings.noise:g}",
+            "description": f"{named}: {law.name}, action noise {settings.noise:g}",
             "scene_digest": scene.digest,
         },
     )
@@ -108,18 +106,10 @@ def main() -> str | None:
     settings = tyro.cli(RecordSettings, description=__doc__)
     try:
         record(settings)
-    except (
-        ActionError,
-        DatasetError,
-        DesignError,
-        PolicyError,
-        RunError,
-        SceneError,
-        SimulationError,
-    ) as error:
+    except ERRORS as error:
         return f"error: {error}"
     return None
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

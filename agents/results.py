@@ -6,17 +6,16 @@ The file is that of a sweep, see agents.sweep. What is trained already is not tr
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from agents.comparison.on_task import on_task
+from agents.errors import ERRORS, leave
 from agents.report.results_figures import draw_results
 from agents.report.results_page import page
 from agents.sweep import sweep
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.config import settings_from_command_line
-from agents.training.runs import Run, RunError
-from mm_gym import SceneError
+from agents.training.runs import Run
 from mm_gym.files import write_text
 
 
@@ -37,7 +36,7 @@ def main() -> str | int | None:
         settings = settings_from_command_line(ResultsSettings, __doc__ or "")
         problem = sweep(settings) if settings.train else None
         return write(settings) if problem is None else problem
-    except (SceneError, RunError, OSError) as error:
+    except ERRORS as error:
         return f"error: {error}"
 
 
@@ -56,4 +55,4 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

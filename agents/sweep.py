@@ -16,6 +16,7 @@ from pathlib import Path
 from gymnasium.error import DependencyNotInstalled
 from tqdm import tqdm
 
+from agents.errors import leave
 from agents.sweeps.trials import SweepSettings, result_file, write_results
 from agents.sweeps.workers import work_here, work_on_ray
 from agents.training.config import settings_from_command_line
@@ -49,7 +50,7 @@ def _flags(words: list[str]) -> list[list[str]]:
 
 
 def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | None:
-    """Do the trainings that are left; return what `sys.exit` takes.
+    """Do the trainings that are left; return what `leave` takes.
 
     Raises
     ------
@@ -90,4 +91,4 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | Non
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

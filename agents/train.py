@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from gymnasium.error import DependencyNotInstalled
 
+from agents.errors import leave
 from agents.evaluate import SINGLE, report_run
 from agents.policies import PolicyError
 from agents.training.config import TrainSettings, settings_from_command_line
@@ -43,7 +44,7 @@ def train_and_report(
     episodes: int = SINGLE,
     name: str = "learned",
 ) -> str | int | None:
-    """Train and report, beside other controllers too; return what `sys.exit` takes.
+    """Train and report, beside other controllers too; return what `leave` takes.
 
     Parameters
     ----------
@@ -68,4 +69,4 @@ def train_and_report(
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

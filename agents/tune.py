@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from gymnasium.error import DependencyNotInstalled
 
+from agents.errors import leave
 from agents.policies import PolicyError
 from agents.training.algorithm_settings import Count  # noqa: TC001 - pydantic reads it
 from agents.training.config import TrainSettings, settings_from_command_line
@@ -34,9 +35,9 @@ try:
     from sqlalchemy.exc import SQLAlchemyError
 
     from agents.training.studies import begin, frozen, open_study, repeat_later
-except ImportError as error:
+except ImportError:
     msg = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
-    raise SystemExit(msg) from error
+    leave(msg)
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
@@ -160,4 +161,4 @@ def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

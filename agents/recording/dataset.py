@@ -27,6 +27,8 @@ except ImportError as error:
     msg = 'Minari is not installed, run `pip install "mm-gym[datasets]"`'
     raise DependencyNotInstalled(msg) from error
 
+from agents.errors import DatasetError
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -38,10 +40,6 @@ _ID = re.compile(
     r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII
 )
 """Minari's own pattern lets `a//b` pass, and refuses namespaces of one character later."""
-
-
-class DatasetError(RuntimeError):
-    """A dataset cannot be written."""
 
 
 def free_id(wanted: str, *, new_version: bool) -> str:

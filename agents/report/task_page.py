@@ -8,6 +8,7 @@ from agents.evaluation.scores import SCORES
 from agents.report.description import describe
 from agents.report.tables import markdown, percent
 from mm_gym import load_scene
+from mm_gym.files import read_text
 from mm_gym.tasks import ids, path_of
 
 if TYPE_CHECKING:
@@ -132,9 +133,10 @@ def _anchor(name: str) -> str:
 
 
 def _about(file: Path) -> str:
-    """Return what the scene file says after the task's id, on its second line."""
-    text = file.read_text("utf-8").splitlines()[1].partition(": ")[2]
-    return text[0].upper() + text[1:]
+    """Return what the scene file's comment says after the task's id, and a space; else nothing."""
+    lines = [line for line in read_text(file).splitlines() if line.startswith("# ")]
+    text = lines[0].partition(": ")[2] if lines else ""
+    return text and f"{text[0].upper()}{text[1:]} "
 
 
 def _section(name: str, rows: Sequence[Row]) -> str:
@@ -159,5 +161,5 @@ def _section(name: str, rows: Sequence[Row]) -> str:
             for row in rows
         ],
     )
-    intro = f"{_about(file)} File: `configs/scenes/{file.name}`."
+    intro = f"{_about(file)}File: `configs/scenes/{file.name}`."
     return f"## {name}\n\n{intro}\n\n{describe(load_scene(file))}\n\n**Scores.**\n\n{scores}"

@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, TypeVar
 
-from gymnasium.error import DependencyNotInstalled
-
 from agents.controllers.learned import Learned
+from agents.errors import ERRORS
 from agents.evaluation.episodes import evaluate
-from agents.policies import PolicyError, load_policy
+from agents.policies import load_policy
 from agents.training.config import settings_from_command_line
-from agents.training.runs import INTERRUPTED, Run, RunError
-from mm_gym import CompileError, DesignError, SceneError
+from agents.training.runs import INTERRUPTED, Run
+from mm_gym import SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,16 +20,6 @@ if TYPE_CHECKING:
 
 Settings = TypeVar("Settings", bound="TimedSettings")
 
-ERRORS = (
-    SceneError,
-    CompileError,
-    DesignError,
-    RunError,
-    PolicyError,
-    DependencyNotInstalled,
-    OSError,  # a full disk
-)
-
 EPISODES = 100
 """Held-out episodes of the cost that is printed."""
 
@@ -38,7 +27,7 @@ EPISODES = 100
 def search_from_command_line(
     kind: type[Settings], search: Callable[[Settings, Run], None], description: str
 ) -> str | int | None:
-    """Search with the settings of the command line, and score; return what `sys.exit` takes."""
+    """Search with the settings of the command line, and score; return what `leave` takes."""
     try:
         settings = settings_from_command_line(kind, description)
     except SceneError as error:
@@ -49,7 +38,7 @@ def search_from_command_line(
 def search_and_score(
     settings: Settings, search: Callable[[Settings, Run], None]
 ) -> str | int | None:
-    """Search, and print the cost on the held-out episodes; return what `sys.exit` takes."""
+    """Search, and print the cost on the held-out episodes; return what `leave` takes."""
     run = Run(settings.name)
     try:
         search(settings, run)

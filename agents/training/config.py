@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 from tyro import cli
@@ -58,7 +58,7 @@ class RunSettings(Part):
     """What a policy is for, and where it is written."""
 
     task: str = "mm_gym/PreStretch-v0"
-    """a registered id"""
+    """a name as Hybrid"""
     scene: str | None = None
     """path of a scene file to use instead of the task's own"""
     changes: Changes = Field(default_factory=dict[str, JsonValue])
@@ -81,9 +81,15 @@ class RunSettings(Part):
         """Return the texts of the user's files that the settings name, by path."""
         return {}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _has_whole_name(cls, data: Any) -> Any:  # noqa: ANN401 - what pydantic is given
+        if isinstance(data, dict) and isinstance(data.get("task"), str):
+            return {**data, "task": task_called(data["task"])}
+        return data
+
     @model_validator(mode="after")
     def _can_be_found(self) -> Self:
-        path_of(self.task)
         if not _is_plain(self.name):
             allowed = "a printable file name without separators, which begins with no dot"
             msg = f"name: got {self.name!r}; allowed: {allowed}"

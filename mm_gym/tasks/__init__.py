@@ -32,15 +32,15 @@ def short_name(task: str) -> str:
     return task.removeprefix("mm_gym/").removesuffix("-v0")
 
 
-def task_called(name: str, file: str, where: str = "") -> str:
-    """Return the id of a task by its whole name or a short one, in whose place a file can be.
+def task_called(name: str, file: str = "", where: str = "") -> str:
+    """Return the id of a task by its whole name or a short one.
 
     Parameters
     ----------
     name
         The name.
     file, where
-        What the file is, and where it is looked for, for the message.
+        What file can be in its place, if any, and where it is looked for, for the message.
 
     Raises
     ------
@@ -49,9 +49,11 @@ def task_called(name: str, file: str, where: str = "") -> str:
     """
     tasks = {short_name(task): task for task in ids()}
     if short_name(name) not in tasks:
+        what = f"task or {file}" if file else "task"
+        also = f", or a path that ends in .toml{where}" if file else ""
         msg = (
-            f"task or {file}: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
-            f"{', '.join(tasks)}, or a path that ends in .toml{where}"
+            f"{what}: got {name!r}{suggest(short_name(name), tasks)}; allowed: "
+            f"{', '.join(tasks)}{also}"
         )
         raise SceneError(msg)
     return tasks[short_name(name)]

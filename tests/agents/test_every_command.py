@@ -57,6 +57,9 @@ WRITTEN = dict.fromkeys(
 )
 WRITTEN |= {"evaluate": "scores.csv", "export": "p.onnx"}
 
+NEEDS = {"record": "minari", "tune": "optuna"}
+"""Packages of extras that a command is imported with."""
+
 LAW = """
 class Law:
     def __init__(self, scene):
@@ -108,7 +111,14 @@ BAD = [
     (["train", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
     (["evolve", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
     (["tune", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
-    (["sweep", "--tasks", "Hybrit"], "did you mean 'mm_gym/Hybrid-v0'"),
+    (["headroom", "Hybrit"], "task: got 'Hybrit'; did you mean 'Hybrid'"),
+    (["headroom", "--runs", "runs/absent"], "runs/absent: no finished run here"),
+    (["ranking", "runs/absent"], "runs/absent: no finished run here"),
+    (["controller_tables", "Hybrit"], "task: got 'Hybrit'; did you mean 'Hybrid'"),
+    (["record", "Hybrit"], "got 'Hybrit'; did you mean 'Hybrid'"),
+    (["record", "mine.toml"], "mine.toml: no such file"),
+    (["results", "bad.toml"], "bad.toml: stepz: unknown key"),
+    (["sweep", "--tasks", "Hybrit"], "did you mean 'Hybrid'"),
     (["sweep", "--settings", '{"stepz": 3}'], "stepz: unknown key; did you mean 'steps'?"),
 ]
 
@@ -146,6 +156,56 @@ def test_unknown_flag_is_refused_with_the_nearest(words, nearest, monkeypatch, c
     assert f"Unrecognized options: {words.split()[-1]}" in said
     assert f" {nearest} " in said
     assert not Path("runs").exists()
+
+
+EVERY = sorted(
+    file.stem
+    for file in (ROOT / "agents").glob("*.py")
+    if '__name__ == "__main__"' in file.read_text("utf-8")
+)
+
+
+@pytest.mark.parametrize("command", EVERY)
+def test_help_is_printed_and_nothing_else_is_done(command, folder, monkeypatch, capsys):
+    if command in NEEDS:
+        pytest.importorskip(NEEDS[command])
+
+    def write(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(files, "_replace", write)
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(SystemExit) as caught:
+        call(monkeypatch, [command, "--help"])
+    assert caught.value.code == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("usage: ")
+    title = import_module(f"agents.{command}").__doc__.split()[:3]
+    assert " ".join(title) in " ".join(printed.out.split())
+    assert not printed.err
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("words", ["headroom Hybrit", "demo Hybrit"])
+def test_error_ends_with_the_status_of_a_wrong_flag_and_no_traceback(words):
+    done = subprocess.run(
+        [sys.executable, "-m", *f"agents.{words}".split()],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "error: " in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+def test_wrong_task_of_a_flag_is_refused_with_the_nearest(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as caught:
+        call(monkeypatch, ["train", "--task", "Hybrit"])
+    assert caught.value.code == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "task: got 'Hybrit'; did you mean" in said
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -246,7 +306,7 @@ def test_command_without_the_packages_of_agents_says_so_in_one_line(command):
         text=True,
         check=False,
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("error: control, rich, stable_baselines3")
     assert line.endswith('not installed; run `pip install "mm-gym[agents]"`')

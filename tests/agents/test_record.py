@@ -9,15 +9,16 @@ from transitions import CHANGES, SCENE, STEPS, check_transitions
 
 from agents import record as command
 from agents.controllers.random_actions import RandomActions
+from agents.errors import DatasetError
 from agents.evaluation.laws import laws
 from agents.policies import Policy
 from agents.record import RecordSettings, record
-from agents.recording.dataset import DatasetError, write
+from agents.recording.dataset import write
 from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
 from agents.training.config import TrainSettings
 from agents.training.runs import Run, RunError
-from mm_gym import SceneError
+from mm_gym import SceneError, load_scene
 
 CARRIAGE = "mm_gym/CarriageForce-v0"
 
@@ -236,6 +237,44 @@ def test_wrong_argument_is_named_and_nothing_is_written(arguments, words, monkey
 
 
 @pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        ("CariageForce", "got 'CariageForce'; did you mean 'CarriageForce'?"),
+        ("CartPole-v1", "task or scene file: got 'CartPole-v1'"),
+        ("mine.toml", "mine.toml: no such file"),
+    ],
+)
+def test_wrong_task_is_named(task, words, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["record", task])
+    assert words in (command.main() or "")
+    assert not minari.list_local_datasets()
+
+
+def test_own_scene_is_recorded_and_the_dataset_does_without_its_file(tmp_path):
+    file = tmp_path / "heavy.toml"
+    file.write_text("carriage.mass = 2.0\nactuation.force.limit = 4.0\ncontrol.steps = 30\n")
+    recorded = record(RecordSettings(task=str(file), lanes=2, episodes=3))
+    assert recorded == "mm_gym/heavy/random-v0"
+    expected = load_scene(file)
+    file.unlink()
+    dataset = minari.load_dataset(recorded)
+    env = dataset.recover_environment()
+    assert env.unwrapped.scene == expected
+    assert env.spec.max_episode_steps == 30
+    assert dataset.storage.metadata["scene_digest"] == expected.digest
+    for episode in dataset:
+        assert len(episode.rewards) == 30
+        assert_replays(dataset, episode)
+
+
+def test_short_name_is_that_of_a_task():
+    assert record(RecordSettings(task="CarriageForce", lanes=2, episodes=2)) == (
+        "mm_gym/CarriageForce/random-v0"
+    )
+    assert minari.load_dataset("mm_gym/CarriageForce/random-v0").env_spec.id == CARRIAGE
+
+
+@pytest.mark.parametrize(
     ("settings", "message"),
     [
         ({"lanes": 0}, "lanes: got 0"),
@@ -243,7 +282,6 @@ def test_wrong_argument_is_named_and_nothing_is_written(arguments, words, monkey
         ({"noise": -0.1}, r"noise: got -0\.1"),
         ({"noise": float("nan")}, "noise: got nan"),
         ({"seed": -1}, "seed: got -1"),
-        ({"task": "CartPole-v1"}, "'CartPole-v1' is not a task of mm_gym"),
     ],
 )
 def test_wrong_setting_is_refused(settings, message):

@@ -53,7 +53,7 @@ def test_seed_that_the_generators_do_not_take_is_refused(seed):
 
 
 def test_task_of_another_package_is_refused_before_a_folder_is_made(tmp_path):
-    with pytest.raises(SceneError, match="'CartPole-v1' is not a task of mm_gym"):
+    with pytest.raises(SceneError, match="task: got 'CartPole-v1'; allowed: CarriageForce"):
         TrainSettings(task="CartPole-v1", scene=str(tmp_path / "scene.toml"))
 
 

@@ -8,12 +8,26 @@ from tasks import CARRIAGE_FORCE, HYBRID
 
 from agents.evaluation.scores import SCORES
 from agents.report.description import describe
-from agents.report.task_page import PAGE, page
+from agents.report.task_page import PAGE, _about, page
 
 
 def test_committed_page_is_up_to_date():
     expected = page(json.loads(SCORES.read_text("utf-8")))
     assert PAGE.read_text("utf-8") == expected, "run `python -m agents.task_page`"
+
+
+@pytest.mark.parametrize(
+    ("text", "about"),
+    [
+        ("", ""),
+        ("control.steps = 7\n", ""),
+        ("# mm_gym/X-v0\n", ""),
+        ("#:schema x\n\n# mm_gym/X-v0: a task.\n# More.\n", "A task. "),
+    ],
+)
+def test_a_task_file_need_not_say_what_it_is(tmp_path, text, about):
+    (tmp_path / "x.toml").write_text(text)
+    assert _about(tmp_path / "x.toml") == about
 
 
 def test_every_registered_task_has_a_section():
