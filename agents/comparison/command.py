@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ from agents.report.comparison_figures import (
 from mm_gym.files import check_outputs
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from agents.comparison.conclusions import Comparison
     from agents.comparison.contestants import Field
     from agents.comparison.entries import Episodes
@@ -44,10 +47,18 @@ def compare(
         if comparison.overall:
             draw_aggregates(comparison, folder / "scores.png")
         for result in results:
-            name = Path(result.task).stem.lower()
+            name = _file_name(result.task, [one.task for one in results])
             if result.outcomes:
                 draw_robustness(result, folder / f"robustness_{name}.png")
             if result.loops:
                 draw_closed_loops(result, folder / f"frequency_{name}.png")
         print(f"written: {folder}/")
     return comparison
+
+
+def _file_name(task: str, tasks: Sequence[str]) -> str:
+    """Return the part of a file's name that tells a task's figure from those of the others."""
+    stem = Path(task).stem.lower()
+    if [Path(one).stem.lower() for one in tasks].count(stem) > 1:
+        stem = task
+    return re.sub(r"[^\w.-]+", "_", stem)

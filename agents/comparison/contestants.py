@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.controllers.user_defined import user_defined
-from agents.evaluation.laws import laws
+from agents.evaluation.laws import laws, obstacle
 from agents.policies import load_policy
 from agents.recording.laws import law_of
 from agents.training.runs import Run, RunError
@@ -37,12 +38,15 @@ class Contestant:
     ----------
     label
         Its name there.
+    text
+        What was given for it.
     texts
         Task -> what makes its controllers: names that `law_of` takes, or FILE.py:NAME. Several are
         runs of one training with several seeds.
     """
 
     label: str
+    text: str
     texts: Mapping[str, tuple[str, ...]]
 
     def make(self, task: str, scene: Scene) -> list[Controller]:
@@ -81,17 +85,37 @@ class Field:
         return max(counts, default=1)
 
 
-def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
-    """Return what texts name: contestants, on the given tasks or else on those of the runs.
+@dataclass(frozen=True)
+class Trained:
+    """Finished runs that were trained on one scene.
 
-    Without tasks and runs it is all tasks of mm_gym.
+    Attributes
+    ----------
+    name
+        The scene's: a task's id, or the path of a file.
+    scene
+        The scene.
+    runs
+        Their folders.
+    """
+
+    name: str
+    scene: Scene
+    runs: tuple[Run, ...]
+
+
+def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
+    """Return what texts name: contestants, on the given tasks or else on the scenes of the runs.
+
+    Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
+    compared too; their label tells that scene.
 
     Raises
     ------
     SceneError
         If a name is unknown or given twice, or applies to none of the tasks.
     RunError
-        If a run is missing or not over, is of another task or scene, or patterns of runs have
+        If a run is missing or not over, runs of several scenes do not fit, or patterns of runs have
         different numbers of them.
     PolicyError
         If a file is no policy.
@@ -101,15 +125,15 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
         msg = f"{twice[0]}: given twice; allowed: once"
         raise SceneError(msg)
     runs = {text: finished_runs(text) for text in texts if _may_be_runs(text)}
-    tasks = [task_or_scene(task) for task in tasks]
-    if not tasks:
-        own = {task: None for of_task in runs.values() for task in of_task}
-        tasks = [name for name in ids() if name in own] or list(own) or ids()
-    scenes = {task: load_scene(task) for task in tasks}
-    named = [text for text in texts if text != BASELINES]
+    scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
+    if not scenes:
+        scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
     found = [
-        _trained(text, runs[text], scenes) if text in runs else _named(text, scenes)
-        for text in named
+        _trained(text, runs[text], scenes, elsewhere=bool(tasks))
+        if text in runs
+        else _named(text, scenes)
+        for text in texts
+        if text != BASELINES
     ]
     counts = {one.label: {len(texts) for texts in one.texts.values()} for one in found}
     several = {label: count for label, (count, *_) in counts.items() if count > 1}
@@ -117,7 +141,7 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
         told = ", ".join(f"{label} has {count}" for label, count in several.items())
         msg = f"seeds: got different numbers of runs ({told}); allowed: the same for all, or one"
         raise RunError(msg)
-    return Field(scenes, tuple(found), baselines=BASELINES in texts)
+    return Field(scenes, _distinct(found), baselines=BASELINES in texts)
 
 
 def _may_be_runs(text: str) -> bool:
@@ -127,8 +151,8 @@ def _may_be_runs(text: str) -> bool:
     return "*" in text or "/" in text or Path(text).is_dir()
 
 
-def finished_runs(text: str) -> dict[str, list[Run]]:
-    """Return the runs of a folder, or of a pattern of folders, by their task.
+def finished_runs(text: str) -> dict[str, Trained]:
+    """Return the runs of a folder, or of a pattern of folders, by the digest of their scene.
 
     Raise `RunError` if there are none, or one is not over.
     """
@@ -139,74 +163,127 @@ def finished_runs(text: str) -> dict[str, list[Run]]:
         near = suggest(path.name, [file.name for file in path.parent.glob("*") if file.is_dir()])
         msg = f"{text}: no finished run here{near}; train first: python -m agents.train"
         raise RunError(msg)
-    found: dict[str, list[Run]] = {}
+    found: dict[str, Trained] = {}
     for folder in folders:
         run = Run(folder.name, folder.parent)
         if not run.finished:
             msg = f"{folder}: training is not over; continue it: python -m agents.train"
             raise RunError(msg)
-        found.setdefault(run.read()["settings"]["task"], []).append(run)
+        digest = run.read()["scene_digest"]
+        earlier = found.get(digest) or Trained(*_scene_of(run), ())
+        found[digest] = replace(earlier, runs=(*earlier.runs, run))
     return found
+
+
+def _scene_of(run: Run) -> tuple[str, Scene]:
+    """Return the scene of a run and its name: its task's, or its file's and what was changed."""
+    record = run.read()
+    settings, digest = record["settings"], record["scene_digest"]
+    task = load_scene(settings["task"])
+    if task.digest == digest:
+        return settings["task"], task
+    source, changes = settings.get("scene") or settings["task"], settings.get("changes") or {}
+    name = ", ".join([source, *(f"{field} = {value}" for field, value in changes.items())])
+    with suppress(SceneError):  # its file need not be there any more
+        if load_scene(source).replace(**changes).digest != digest:
+            name += ", as it was"
+    return name, run.scene()
+
+
+def _scenes_of(runs: Mapping[str, Mapping[str, Trained]]) -> dict[str, Scene]:
+    """Return the scenes of all runs by name, tasks of mm_gym first; names must differ."""
+    found: dict[str, Trained] = {}
+    for of_scene in runs.values():
+        found |= of_scene
+    names = [trained.name for trained in found.values()]
+    for trained in found.values():
+        if names.count(trained.name) > 1:
+            msg = (
+                f"{trained.runs[0].folder}: trained on another {trained.name} than other runs; "
+                "allowed: runs of the same one, or --tasks that says on which to compare them"
+            )
+            raise RunError(msg)
+    scenes = {trained.name: trained.scene for trained in found.values()}
+    return {name: scenes[name] for name in (*ids(), *scenes) if name in scenes}
 
 
 def agents_of(texts: Iterable[str]) -> dict[str, list[Controller]]:
     """Return the agents of finished runs by their task; raise `RunError` for another scene."""
     found: dict[str, list[Controller]] = {}
     for text in texts:
-        for task, runs in finished_runs(text).items():
-            scene = load_scene(task)
-            for run in runs:
-                if run.read()["scene_digest"] != scene.digest:
-                    msg = f"{run.folder}: trained on another scene than that of {task}"
-                    raise RunError(msg)
-                agent = law_of(str(run.folder), scene, np.random.default_rng(0))
+        for trained in finished_runs(text).values():
+            if trained.name not in ids():
+                msg = (
+                    f"{trained.runs[0].folder}: trained on {trained.name}; "
+                    "allowed: a run of the scene of a task of mm_gym"
+                )
+                raise RunError(msg)
+            for run in trained.runs:
+                agent = law_of(str(run.folder), trained.scene, np.random.default_rng(0))
                 agent.name = run.folder.name
-                found.setdefault(task, []).append(agent)
+                found.setdefault(trained.name, []).append(agent)
     return found
 
 
 def _trained(
-    text: str, runs: Mapping[str, Sequence[Run]], scenes: Mapping[str, Scene]
+    text: str, runs: Mapping[str, Trained], scenes: Mapping[str, Scene], *, elsewhere: bool
 ) -> Contestant:
-    """Return the contestant of a run or of several; refuse what cannot stand in one table."""
-    missing = [task for task in scenes if task not in runs]
-    other = [task for task in runs if task not in scenes]
-    if missing or other:
-        msg = f"{text}: got runs of {', '.join(runs)}; allowed: of each of {', '.join(scenes)}"
-        raise RunError(msg)
-    counts = {task: len(of_task) for task, of_task in runs.items()}
+    """Return the contestant of a run or of several; refuse what cannot stand in one table.
+
+    `elsewhere` is whether runs of one scene may stand on others.
+    """
+    label = Path(text).name.replace("*", "").strip("-_.") or Path(text).parent.name
+    names = [trained.name for trained in runs.values()]
+    wanted = {scene.digest for scene in scenes.values()}
+    if set(runs) != wanted:
+        if not elsewhere or len(runs) > 1:
+            also = "" if elsewhere else ", or --tasks that says on which to compare them"
+            msg = (
+                f"{text}: got runs of {', '.join(names)}; allowed: of each of "
+                f"{', '.join(scenes)}{also}"
+            )
+            raise RunError(msg)
+        (only,) = runs.values()
+        other = only.name in scenes and scenes[only.name].digest != only.scene.digest
+        label += f", trained on {'another ' * other}{only.name}"
+        runs = dict.fromkeys(wanted, only)
+    counts = {trained.name: len(trained.runs) for trained in runs.values()}
     if len(set(counts.values())) > 1:
-        told = ", ".join(f"{count} of {task}" for task, count in counts.items())
+        told = ", ".join(f"{count} of {name}" for name, count in counts.items())
         msg = f"{text}: got {told}; allowed: the same number of runs of each task"
         raise RunError(msg)
-    for task, of_task in runs.items():
-        for run in of_task:
-            if run.read()["scene_digest"] != scenes[task].digest:
-                msg = (
-                    f"{run.folder}: trained on another scene than that of {task}; score it by "
-                    f"itself: python -m agents.evaluate {run.folder}"
-                )
-                raise RunError(msg)
-    label = Path(text).name.replace("*", "").strip("-_.") or Path(text).parent.name
-    texts = {task: tuple(str(run.folder) for run in runs[task]) for task in scenes}
-    return Contestant(label, texts)
+    folders = {
+        task: tuple(str(run.folder) for run in runs[scene.digest].runs)
+        for task, scene in scenes.items()
+    }
+    return Contestant(label, text, folders)
 
 
 def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
     """Return the contestant of a law's name, a policy's file or a file of the user's."""
     if text.endswith(".npz"):
         load_policy(text)
-        return Contestant(Path(text).stem, dict.fromkeys(scenes, (text,)))
+        return Contestant(Path(text).name, text, dict.fromkeys(scenes, (text,)))
     if is_path(text):
-        return Contestant(text.rpartition(":")[2], dict.fromkeys(scenes, (text,)))
+        return Contestant(text.rpartition(":")[2], text, dict.fromkeys(scenes, (text,)))
     applicable = {task: laws(scene) for task, scene in scenes.items()}
     found = {task: (text,) for task, names in applicable.items() if text in names}
     if not found:
         known = dict.fromkeys(name for names in applicable.values() for name in names)
+        why = dict.fromkeys(filter(None, (obstacle(text, scene) for scene in scenes.values())))
         msg = (
-            f"controller: got {text!r}{suggest(text, [BASELINES, *known])}; allowed for these "
+            f"controller: got {text!r}{''.join(f', {reason}' for reason in why)}"
+            f"{suggest(text, [BASELINES, *known])}; allowed for these "
             f"tasks: {BASELINES}, {', '.join(known)}, the folder of a run, a pattern of runs in "
             "quotes, a policy's .npz file, or FILE.py:NAME"
         )
         raise SceneError(msg)
-    return Contestant(text, found)
+    return Contestant(text, text, found)
+
+
+def _distinct(found: Sequence[Contestant]) -> tuple[Contestant, ...]:
+    """Return the contestants, those of the same label by what was given."""
+    labels = [one.label for one in found]
+    return tuple(
+        one if labels.count(one.label) == 1 else replace(one, label=one.text) for one in found
+    )

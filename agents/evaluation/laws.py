@@ -109,7 +109,7 @@ def _tracker(number: int, scene: Scene) -> Controller:
     return frequency_trackers(scene)[number]
 
 
-def _obstacle(name: str, scene: Scene) -> str | None:
+def obstacle(name: str, scene: Scene) -> str | None:
     """Return why a law does not apply to a scene, or None for a name that is no law's."""
     groups = {kinds: {*LAWS[kinds], *FURTHER[kinds]} for kinds in LAWS}
     groups["stretch",] |= {*TRACKERS, MATCHING}
@@ -141,7 +141,7 @@ def not_a_law(text: str, scene: Scene, what: str, others: str) -> SceneError:
         What else is allowed.
     """
     applicable = laws(scene)
-    reason = _obstacle(text, scene)
+    reason = obstacle(text, scene)
     why = "" if reason is None else f", {reason}"
     return SceneError(
         f"{what}: got {text!r}{why}{suggest(text, applicable)}; allowed for this scene: "

@@ -48,5 +48,8 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     if not run.finished:
         msg = f"{run.folder}: training is not over; continue it: python -m agents.train"
         raise RunError(msg)
-    parts = recorded_parts(scene, run.read()["settings"], trust=False)
+    record = run.read()
+    if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
+        scene = run.scene()
+    parts = recorded_parts(scene, record["settings"], trust=False)
     return parts.controller(load_policy(run.policy), name)

@@ -13,20 +13,23 @@ import tyro
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
 from agents import evaluate as command
+from agents.comparison.command import _file_name
 from agents.comparison.conclusions import CHOSEN, best_known, conclude, scores_of
 from agents.comparison.contestants import Contestant, Field, read_field
 from agents.comparison.entries import Episodes
 from agents.comparison.measure import TaskResult, measure
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.policies import Policy, PolicyError
+from agents.recording.laws import law_of
 from agents.report.comparison import as_data, page, write_comparison
 from agents.report.comparison_figures import draw_aggregates, draw_intervals
 from agents.training.runs import RunError
-from mm_gym import SceneError
+from mm_gym import SceneError, load_scene
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,7 +48,9 @@ def policy(gain: float) -> Policy:
 def run(folder: Path, task: str = FORCE, gain: float = 1.0, **changes: object) -> Path:
     """A finished run of such a policy."""
     folder.mkdir(parents=True)
-    record = {"settings": {"task": task}, "scene_digest": TASKS[task].digest} | changes
+    scene = TASKS[task]
+    content = json.loads(scene.model_dump_json())
+    record = {"settings": {"task": task}, "scene": content, "scene_digest": scene.digest} | changes
     (folder / "run.json").write_text(json.dumps(record))
     policy(gain).save(folder / "policy.npz")
     return folder
@@ -226,23 +231,115 @@ def test_runs_that_cannot_stand_in_one_table_are_refused(tmp_path, monkeypatch) 
     run(tmp_path / "b-2")
     run(tmp_path / "b-3")
     other = str(run(tmp_path / "c", DUFFING))
-    changed = str(run(tmp_path / "d", scene_digest="0"))
     unfinished = run(tmp_path / "e")
     (unfinished / "policy.npz").unlink()
     assert f"{first}: got runs of {FORCE}; allowed: of each of {FORCE}, {DUFFING}" in refused(
         RunError, [first, other]
     )
-    assert f"allowed: of each of {FORCE}" in refused(RunError, [other], (FORCE,))
-    assert "trained on another scene than that of" in refused(RunError, [changed])
+    run(tmp_path / "f-1")
+    run(tmp_path / "f-2", DUFFING)
+    assert f"f-*: got runs of {FORCE}, {DUFFING}; allowed: of each of {FORCE}" in refused(
+        RunError, ["./f-*"], (FORCE,)
+    )
     assert "training is not over" in refused(RunError, [str(unfinished)])
     assert "different numbers of runs (a has 2, b has 3); allowed: the same" in refused(
         RunError, ["./a-*", "./b-*"]
     )
 
 
+OWN = "carriage.mass = 2.0\nactuation.force.limit = 4.0\ncontrol.steps = 20\n"
+
+
+def own_run(folder: Path, scene: str, task: str = FORCE, gain: float = 1.0) -> str:
+    """A finished run that was trained on a scene file."""
+    found = load_scene(scene)
+    content = json.loads(found.model_dump_json())
+    settings = {"task": task, "scene": scene, "changes": {}}
+    return str(run(folder, task, gain, settings=settings, scene=content, scene_digest=found.digest))
+
+
+def test_runs_of_an_own_scene_are_compared_with_and_without_naming_it(
+    tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "heavy.toml").write_text(OWN)
+    runs = [own_run(tmp_path / name, "heavy.toml", gain=len(name)) for name in ("a", "bb")]
+    texts = [*runs, "no-control"]
+    costs = []
+    for tasks in ((), ("heavy.toml",)):
+        compared = read_field(texts, tasks)
+        assert compared.scenes == {"heavy.toml": load_scene("heavy.toml")}
+        (found,) = measure(compared, EPISODES)
+        assert found.labels == ("best constant", "a", "bb", "no-control")
+        costs.append(found.sample.penalties)
+    assert np.array_equal(*costs)
+    (tmp_path / "heavy.toml").unlink()
+    assert list(read_field(runs).scenes) == ["heavy.toml"]
+
+
+def test_runs_of_other_scenes_are_compared_where_it_is_said_and_named_so(
+    tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "heavy.toml").write_text(OWN)
+    (tmp_path / "light.toml").write_text(OWN.replace("2.0", "0.5"))
+    heavy, light = (own_run(tmp_path / name, f"{name}.toml") for name in ("heavy", "light"))
+    told = refused(RunError, [heavy, light])
+    assert f"{heavy}: got runs of heavy.toml; allowed: of each of heavy.toml, light.toml" in told
+    assert "or --tasks that says on which to compare them" in told
+    task = str(run(tmp_path / "task"))
+    compared = read_field([heavy, light, task], ["heavy.toml"])
+    labels = ["heavy", "light, trained on light.toml", f"task, trained on {FORCE}"]
+    assert [one.label for one in compared.contestants] == labels
+    (found,) = measure(compared, EPISODES)
+    assert found.labels[1:] == tuple(labels)
+    (tmp_path / "heavy.toml").write_text(OWN.replace("2.0", "3.0"))
+    (label,) = (one.label for one in read_field([heavy], ["heavy.toml"]).contestants)
+    assert label == "heavy, trained on heavy.toml, as it was"
+    assert list(read_field([heavy]).scenes) == ["heavy.toml, as it was"]
+
+
+def test_two_scenes_of_one_name_are_not_mixed_up(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    runs = []
+    for mass in ("2.0", "3.0"):
+        (tmp_path / "own.toml").write_text(OWN.replace("2.0", mass))
+        runs.append(own_run(tmp_path / f"m{mass[0]}", "own.toml"))
+    (tmp_path / "own.toml").unlink()
+    told = refused(RunError, runs)
+    assert "m2: trained on another own.toml than other runs" in told
+
+
+def test_agent_around_a_controller_keeps_the_one_of_its_own_scene(tmp_path) -> None:
+    heavy = CARRIAGE_FORCE.replace(**{"carriage.mass": 3.0})
+    folder = tmp_path / "residual"
+    settings = {"task": FORCE, "base": "lqr", "authority": 0.5}
+    scene = json.loads(heavy.model_dump_json())
+    run(folder, settings=settings, scene=scene, scene_digest=heavy.digest)
+    agent = law_of(str(folder), CARRIAGE_FORCE, np.random.default_rng(0))
+    np.testing.assert_array_equal(agent.base.law.design.gain, LQR(heavy).design.gain)
+
+
+def test_policy_files_of_one_name_have_rows_of_their_own(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("a/policy.npz", "b/policy.npz", "c.npz"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        policy(1.0).save(tmp_path / name)
+    compared = read_field(["a/policy.npz", "b/policy.npz", "c.npz"], [FORCE])
+    assert [one.label for one in compared.contestants] == ["a/policy.npz", "b/policy.npz", "c.npz"]
+    (alone,) = read_field(["a/policy.npz"], [FORCE]).contestants
+    assert alone.label == "policy.npz"
+
+
+def test_figures_of_two_scenes_have_names_of_their_own() -> None:
+    assert _file_name(FORCE, [FORCE, DUFFING]) == "carriageforce-v0"
+    scenes = ["a/own.toml", "b/own.toml", "own.toml, control.steps = 3"]
+    assert len({_file_name(scene, scenes) for scene in scenes}) == 3
+
+
 def test_wrong_counts_are_refused() -> None:
-    lqr = Contestant("lqr", {FORCE: ("lqr",)})
-    two = Contestant("ppo", {FORCE: ("a", "b")})
+    lqr = Contestant("lqr", "lqr", {FORCE: ("lqr",)})
+    two = Contestant("ppo", "ppo-*", {FORCE: ("a", "b")})
     one, several = (Field(TASKS, (who,), baselines=False) for who in (lqr, two))
     for field, seeds, each, first, text in (
         (one, 0, 8, HELD_OUT_SEED, "--seeds: got 0; allowed: at least 1"),

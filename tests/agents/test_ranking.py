@@ -120,9 +120,12 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     assert EPISODES == 100
     assert re.search(r"\| ppo-1 \| observation \| 0\.0\d+ \|", page_file.read_text())
     assert "written:" in capsys.readouterr().out
-    record["scene_digest"] = "0"
+    other = CARRIAGE_FORCE.replace(**{"control.steps": 7})
+    record |= {"scene": json.loads(other.model_dump_json()), "scene_digest": other.digest}
     (folder / "run.json").write_text(json.dumps(record))
-    assert "trained on another scene" in str(ranking.main())
+    assert f"trained on {FORCE}, as it was; allowed: a run of the scene of a task" in str(
+        ranking.main()
+    )
 
 
 def policy_of(gain):
