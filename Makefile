@@ -8,7 +8,7 @@ BENCH := .venv-bench
 PINS ?= constraints.txt
 OLDEST_NUMBA := 0.62.0
 COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cache_trust.py \
-	tests/packaging/test_first_start.py tests/packaging/test_kernel_cache.py \
+	tests/packaging/test_first_start.py tests/packaging/test_kernel_cache.py tests/packaging/test_other_numba.py \
 	tests/numerics/test_vectors_of_lanes.py tests/numerics/test_elementary.py tests/numerics/test_transposition.py \
 	tests/numerics/test_golden.py tests/numerics/test_switched.py tests/env/test_threads.py
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl

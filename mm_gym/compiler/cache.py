@@ -24,6 +24,7 @@ from numba.core.runtime import rtsys
 
 from mm_gym.compiler.intermediate_code import IntermediateCode
 from mm_gym.compiler.lock import locked
+from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.compiler.trust import UntrustedError, check_folder, read_trusted
 
 if TYPE_CHECKING:
@@ -60,8 +61,6 @@ _STAMP = (numba.__version__, _digest_of_sources())
 stamp with one file only: a kernel whose helper in another changed would stay stale."""
 
 _DIGEST_SIZE = hashlib.sha256().digest_size
-
-NOT_KEPT = "each process compiles anew, for compiled code cannot be written"
 
 _warned: list[str] = []
 """The warnings of this process: one is enough."""

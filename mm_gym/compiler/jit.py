@@ -1,14 +1,21 @@
-"""The decorators of all kernels: compiled without the GIL, and kept on disk."""
+"""The decorators of all kernels: compiled without the GIL, and kept on disk.
+
+With a numba whose private names are not those that were tested, kernels are what `numba.njit` makes
+of them: the same results, later and slower. `njit(cache=True)` is no help. Numba names the closures
+of overloads by a number that every process begins anew, and a process that loads what two others
+have kept takes one closure for another (https://github.com/numba/numba/issues/10486).
+"""
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numba
 
-from mm_gym.compiler.dispatcher import KernelDispatcher, OnceDispatcher
+from mm_gym.compiler.guard import NEWEST, OLDEST, dispatchers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +24,21 @@ if TYPE_CHECKING:
 
 COMPILED = not numba.config.DISABLE_JIT
 """Whether kernels are compiled, or run as plain Python for a debugger: NUMBA_DISABLE_JIT=1."""
+
+_dispatchers, OBSTACLE = dispatchers() if COMPILED else (None, None)
+"""What makes kernels that are linked and kept, or what stands against it."""
+
+LINKED = _dispatchers is not None
+"""Whether kernels are linked, kept on disk, called by address and shared by threads."""
+
+if OBSTACLE is not None:
+    warnings.warn(
+        f"{OBSTACLE}; each process compiles its kernels anew, which takes a minute or more, runs "
+        "them in one thread, and steps a single environment more slowly; install "
+        f"numba>={OLDEST[0]}.{OLDEST[1]},<{NEWEST[0]}.{NEWEST[1] + 1}",
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,7 +87,7 @@ def entry_point(kernel: Callable[..., Any], *arguments: object) -> Callable[...,
     That look takes longer than a control step of one lane. What is called with other types
     misreads them.
     """
-    return compiled_for(kernel, *arguments).entry_point if COMPILED else kernel
+    return compiled_for(kernel, *arguments).entry_point if LINKED else kernel
 
 
 def compiled_for(kernel: Callable[..., Any], *arguments: object) -> CompileResult:
@@ -81,6 +103,8 @@ def _compiled(
 ) -> Callable[..., Any]:
     if not COMPILED:
         return function
+    if not LINKED:
+        return numba.njit(nogil=True, error_model="numpy", forceinline=inline)(function)
     options = {
         "nopython": True,
         "nogil": True,
@@ -90,4 +114,5 @@ def _compiled(
         "parallel": parallel,
         "no_cfunc_wrapper": True,
     }
-    return (OnceDispatcher if parallel else KernelDispatcher)(function, options)
+    make = _dispatchers.OnceDispatcher if parallel else _dispatchers.KernelDispatcher
+    return make(function, options)

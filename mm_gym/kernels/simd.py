@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
+from mm_gym.compiler.llvm_code import get_or_insert_function
 from mm_gym.kernels.arithmetic import fma
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Cal
 def call(builder: Any, name: str, *arguments: Any) -> Any:
     """Call a function of LLVM's on vectors."""
     kind = ir.FunctionType(NUMBERS, [NUMBERS] * len(arguments))
-    function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+    function = get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
     return builder.call(function, arguments)
 
 

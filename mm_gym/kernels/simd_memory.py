@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 from mm_gym.compiler.jit import COMPILED
+from mm_gym.compiler.llvm_code import alloca_once, get_item_pointer, get_or_insert_function
 from mm_gym.kernels.simd import LANES, NUMBERS, VECTOR, spread
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _pointer(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         context.cast(builder, value, given, types.intp)
         for value, given in zip(arguments[1:3], signature.args[1:3], strict=True)
     ]
-    first = cgutils.get_item_pointer(context, builder, kind, array, place, wraparound=False)
+    first = get_item_pointer(context, builder, kind, array, place, wraparound=False)
     return builder.bitcast(first, NUMBERS.as_pointer())
 
 
@@ -143,7 +143,7 @@ def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
     @intrinsic
     def rows(_context):
         def build(_context, builder, _signature, _arguments):
-            return cgutils.alloca_once(builder, NUMBERS, size=ir.Constant(ir.IntType(64), count))
+            return alloca_once(builder, NUMBERS, size=ir.Constant(ir.IntType(64), count))
 
         return ROWS(), build
 
@@ -155,7 +155,7 @@ def _prefetch(_context, lanes, row, i):
     def build(context, builder, signature, arguments):
         byte, integer = ir.IntType(8).as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, integer, integer, integer])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        function = get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
         place = builder.bitcast(_pointer(context, builder, signature, arguments), byte)
         to_write, keep, data = (ir.Constant(integer, value) for value in (1, 3, 1))
         builder.call(function, [place, to_write, keep, data])

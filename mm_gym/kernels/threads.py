@@ -13,11 +13,11 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from mm_gym.compiler.addresses import call
 from mm_gym.compiler.jit import borrowing_kernel, sharing_kernel
+from mm_gym.compiler.llvm_code import get_or_insert_function, intp_t
 from mm_gym.kernels import layout as at
 
 # `numba.get_num_threads` and `set_num_threads` would keep the kernel from being cached.
@@ -28,8 +28,8 @@ def _thread_count(_context):
     """Return how many of numba's threads run the loops of this one."""
 
     def build(_context, builder, _signature, _values):
-        kind = ir.FunctionType(cgutils.intp_t, [])
-        read = cgutils.get_or_insert_function(builder.module, kind, "get_num_threads")
+        kind = ir.FunctionType(intp_t, [])
+        read = get_or_insert_function(builder.module, kind, "get_num_threads")
         return builder.call(read, [])
 
     return types.intp(), build
@@ -42,7 +42,7 @@ def _set_thread_count(_context, count):
     def build(context, builder, _signature, values):
         number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [number])
-        change = cgutils.get_or_insert_function(builder.module, kind, "set_num_threads")
+        change = get_or_insert_function(builder.module, kind, "set_num_threads")
         builder.call(change, [builder.trunc(values[0], number)])
         return context.get_dummy_value()
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from mm_gym.compiler.jit import COMPILED, borrowing_kernel
+from mm_gym.compiler.llvm_code import get_item_pointer
 from mm_gym.kernels.memory import span
 
 if TYPE_CHECKING:
@@ -70,9 +70,7 @@ def _transposing(count: int) -> Callable[..., None]:
             vector = ir.VectorType(context.get_value_type(source.dtype), count)
 
             def address(kind, array, place):
-                first = cgutils.get_item_pointer(
-                    context, builder, kind, array, place, wraparound=False
-                )
+                first = get_item_pointer(context, builder, kind, array, place, wraparound=False)
                 return builder.bitcast(first, vector.as_pointer())
 
             def after(place, k):

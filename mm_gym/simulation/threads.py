@@ -14,11 +14,11 @@ from math import ceil
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
-from numba.np.ufunc import get_num_threads, threading_layer
 
 from mm_gym.compiler.addresses import address_of
-from mm_gym.compiler.jit import COMPILED, entry_point
+from mm_gym.compiler.jit import LINKED, entry_point
 from mm_gym.kernels import layout as at
 from mm_gym.kernels.threads import in_threads, nothing
 
@@ -58,7 +58,7 @@ class Threads:
         self._statuses = np.zeros(ceil(count / length), np.int64)
         self._ranges = (self._statuses, length, count)
         self._all_lanes = (0, count)
-        self.are_several = len(self._statuses) > 1 and COMPILED
+        self.are_several = len(self._statuses) > 1 and LINKED
         if self.are_several:
             with _turn:
                 _launch()
@@ -132,11 +132,11 @@ def _launch() -> None:
     they would keep the very thread that they wait for from running: a step of 50 us took 3 ms.
     """
     if "GOMP_SPINCOUNT" in os.environ or "OMP_WAIT_POLICY" in os.environ:
-        get_num_threads()
+        numba.get_num_threads()
         return
     os.environ["GOMP_SPINCOUNT"] = "2000"  # read when OpenMP is loaded
     try:
-        get_num_threads()
+        numba.get_num_threads()
     finally:
         del os.environ["GOMP_SPINCOUNT"]
 
@@ -145,7 +145,7 @@ def _after_fork() -> None:
     """Use one thread if numba's threads ran: OpenMP ends a forked process that calls it again."""
     global _forked  # noqa: PLW0603 - a fact about the process
     try:
-        threading_layer()
+        numba.threading_layer()
     except ValueError:  # none ran
         return
     _forked = True

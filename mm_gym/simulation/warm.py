@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.compiler.cache import NOT_KEPT
+from mm_gym.compiler.jit import OBSTACLE
+from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.simulate import simulate
@@ -25,6 +26,9 @@ def warm(scene: Scene) -> float:
     OSError
         If the compiled code cannot be kept.
     """
+    if OBSTACLE is not None:
+        message = f"nothing can be kept: {OBSTACLE}"
+        raise OSError(message)
     start = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", RuntimeWarning)

@@ -13,7 +13,7 @@ from numba.core.codegen import JITCPUCodegen
 
 from mm_gym import compile_scene, load_scene
 from mm_gym.__main__ import main
-from mm_gym.compiler import cache, notice
+from mm_gym.compiler import notice
 from mm_gym.compiler.dispatcher import KernelDispatcher
 from mm_gym.compiler.lock import locked
 from mm_gym.kernels import episodes
@@ -268,12 +268,12 @@ def test_warming_takes_files_and_reports_what_is_no_scene(capsys):
 
 def test_warming_fails_where_compiled_code_cannot_be_kept(monkeypatch, capsys):
     def warned(*_):
-        warnings.warn(f"{cache.NOT_KEPT}: no space", RuntimeWarning, stacklevel=2)
+        warnings.warn(f"{notice.NOT_KEPT}: no space", RuntimeWarning, stacklevel=2)
         return Lanes(*_)
 
     monkeypatch.setattr(warm_module, "Lanes", warned)
     assert main(["warm", TASK]) == 2
-    assert capsys.readouterr().err == f"error: {cache.NOT_KEPT}: no space\n"
+    assert capsys.readouterr().err == f"error: {notice.NOT_KEPT}: no space\n"
 
 
 COUNT_OF_NUMBA = """

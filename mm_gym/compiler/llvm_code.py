@@ -1,0 +1,11 @@
+"""Numba's helpers for intrinsics, which its guide to extensions imports from a private module."""
+
+from numba.core.cgutils import (
+    alloca_once,
+    get_item_pointer,
+    get_or_insert_function,
+    intp_t,
+    unpack_tuple,
+)
+
+__all__ = ["alloca_once", "get_item_pointer", "get_or_insert_function", "intp_t", "unpack_tuple"]
