@@ -19,6 +19,7 @@ SECTIONS = {
     "threads": "stepping",
     "learner": "learner",
     "lanes": "lanes",
+    "grid": "grid",
     "jacobians": "jacobians",
     "precision": "precision",
     "figure10": "figure10",

@@ -49,6 +49,8 @@ class Physics:
     is_harmonic, is_sampled, is_shaken, has_impulses
         Whether there is a harmonic force, a sampled excitation, whether that is the ground's, and
         whether there are impulses.
+    is_drawn
+        Whether each lane has a carriage mass of its own.
     """
 
     by_m1: float
@@ -65,10 +67,11 @@ class Physics:
     is_sampled: bool
     is_shaken: bool
     has_impulses: bool
+    is_drawn: bool
 
     @classmethod
     def of(cls, scene: Scene) -> Physics:
-        """Return those of a scene whose physical parameters are fixed."""
+        """Return those of a scene of which at most the carriage's mass is drawn."""
         support = compile_scene(scene).support
         lane = support.low
         kinds = {part.kind: part for part in scene.excitation}
@@ -89,13 +92,13 @@ class Physics:
             bool(sampled),
             any(getattr(part, "target", "ground") == "ground" for part in sampled),
             "impulse" in kinds,
+            bool(support.low[at.M1] < support.high[at.M1]),
         )
 
 
 def _field(physics: Physics) -> Callable[..., Any]:
-    """Return (positions, velocities, force, ground, k2) -> both accelerations."""
-    by_m1, by_m2, k1, k3, c, d = (
-        physics.by_m1,
+    """Return (positions, velocities, force, ground, 1 / m1 and k2) -> both accelerations."""
+    by_m2, k1, k3, c, d = (
         physics.by_m2,
         physics.k1,
         physics.k3,
@@ -108,9 +111,13 @@ def _field(physics: Physics) -> Callable[..., Any]:
 
     @numba.njit(**FAST, inline="always")
     def field(
-        x: tuple[float, float], v: tuple[float, float], force: float, ground: float, k2: float
+        x: tuple[float, float],
+        v: tuple[float, float],
+        force: float,
+        ground: float,
+        own: tuple[float, float],
     ) -> tuple[float, float]:
-        (x1, x2), (v1, v2) = x, v
+        (x1, x2), (v1, v2), (by_m1, k2) = x, v, own
         w = v2 - v1
         inner = c * w
         if slips:
@@ -152,10 +159,11 @@ def rk4(scene: Scene) -> Block:
     physics = Physics.of(scene)
     field, excitation = _field(physics), _excitation(physics)
     interval, impulses, harmonic = physics.interval, physics.has_impulses, physics.is_harmonic
+    is_drawn, by_m1_of_all = physics.is_drawn, float(physics.by_m1)
 
     @numba.njit(**FAST)
     def block(arrays: Arrays, count: int) -> None:
-        x1s, x2s, v1s, v2s, us, k2s, starts, rises, cs, ss, rcs, rss, whens, jumps = arrays
+        x1s, x2s, v1s, v2s, us, k2s, starts, rises, cs, ss, rcs, rss, whens, jumps, by_m1s = arrays
         h = interval / count
         half, sixth = 0.5 * h, h / 6.0
         for k in range(count):
@@ -163,6 +171,7 @@ def rk4(scene: Scene) -> Block:
             for i in range(x1s.size):
                 x1, x2, v1, v2, u, k2 = x1s[i], x2s[i], v1s[i], v2s[i], us[i], k2s[i]
                 start, rise, s0 = starts[i], rises[i], ss[i]
+                own = by_m1s[i] if is_drawn else by_m1_of_all, k2
                 s1, s2 = s0, s0
                 if harmonic:  # half a substep on, by its rotation
                     c0, rc, rs = cs[i], rcs[i], rss[i]
@@ -172,15 +181,15 @@ def rk4(scene: Scene) -> Block:
                 if impulses:
                     v1 += jumps[i] if whens[i] == k else 0.0
                 f, g = excitation(u, here, start, rise, s0)
-                a1, a2 = field((x1, x2), (v1, v2), f, g, k2)
+                a1, a2 = field((x1, x2), (v1, v2), f, g, own)
                 p1, p2 = v1 + half * a1, v2 + half * a2
                 f, g = excitation(u, middle, start, rise, s1)
-                b1, b2 = field((x1 + half * v1, x2 + half * v2), (p1, p2), f, g, k2)
+                b1, b2 = field((x1 + half * v1, x2 + half * v2), (p1, p2), f, g, own)
                 q1, q2 = v1 + half * b1, v2 + half * b2
-                c1, c2 = field((x1 + half * p1, x2 + half * p2), (q1, q2), f, g, k2)
+                c1, c2 = field((x1 + half * p1, x2 + half * p2), (q1, q2), f, g, own)
                 r1, r2 = v1 + h * c1, v2 + h * c2
                 f, g = excitation(u, there, start, rise, s2)
-                d1, d2 = field((x1 + h * q1, x2 + h * q2), (r1, r2), f, g, k2)
+                d1, d2 = field((x1 + h * q1, x2 + h * q2), (r1, r2), f, g, own)
                 x1s[i] = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)
                 x2s[i] = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
                 v1s[i] = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
@@ -194,15 +203,16 @@ def semi_implicit_euler(scene: Scene) -> Block:
     physics = Physics.of(scene)
     field, excitation = _field(physics), _excitation(physics)
     interval, impulses, harmonic = physics.interval, physics.has_impulses, physics.is_harmonic
+    is_drawn, by_m1_of_all = physics.is_drawn, float(physics.by_m1)
 
     @numba.njit(**FAST)
     def block(arrays: Arrays, count: int) -> None:
-        x1s, x2s, v1s, v2s, us, k2s, starts, rises, cs, ss, rcs, rss, whens, jumps = arrays
+        x1s, x2s, v1s, v2s, us, k2s, starts, rises, cs, ss, rcs, rss, whens, jumps, by_m1s = arrays
         h = interval / count
         for k in range(count):
             for i in range(x1s.size):
                 x1, x2, v1, v2 = x1s[i], x2s[i], v1s[i], v2s[i]
-                sine = ss[i]
+                sine, m = ss[i], by_m1s[i] if is_drawn else by_m1_of_all
                 if harmonic:
                     cosine = cs[i]
                     cs[i] = cosine * rcs[i] - sine * rss[i]
@@ -210,7 +220,7 @@ def semi_implicit_euler(scene: Scene) -> Block:
                 if impulses:
                     v1 += jumps[i] if whens[i] == k else 0.0
                 f, g = excitation(us[i], k / count, starts[i], rises[i], sine)
-                a1, a2 = field((x1, x2), (v1, v2), f, g, k2s[i])
+                a1, a2 = field((x1, x2), (v1, v2), f, g, (m, k2s[i]))
                 v1, v2 = v1 + h * a1, v2 + h * a2
                 x1s[i], x2s[i], v1s[i], v2s[i] = x1 + h * v1, x2 + h * v2, v1, v2
 
@@ -252,13 +262,13 @@ def in_blocks(block: Block, physics: Physics) -> Block:
 
     Its arrays, one number each lane: x1, x2, v1, v2 (written), held force, stretch, the sampled
     disturbance at the interval's start and its rise, cosine and sine of the harmonic force (written
-    [N]), cosine and sine of its turn, substep and size [m/s] of an impulse.
+    [N]), cosine and sine of its turn, substep and size [m/s] of an impulse, 1 / m1.
     """
     k0, is_small, size = physics.k0, physics.l0 == 0.0, LANES_OF_A_BLOCK
 
     @numba.njit(**FAST)
     def run(arrays: Arrays, count: int) -> None:
-        a, b, c, d, us, stretches, starts, rises, cs, ss, rcs, rss, whens, jumps = arrays
+        a, b, c, d, us, stretches, starts, rises, cs, ss, rcs, rss, whens, jumps, by_m1s = arrays
         room = np.empty(size)
         for k in range(0, a.size, size):
             e = k + size
@@ -269,6 +279,6 @@ def in_blocks(block: Block, physics: Physics) -> Block:
                     k2s[i] = 2.0 * k0 * (1.0 + 2.0 / stretches[k + i] ** 3)
             motion = a[k:e], b[k:e], c[k:e], d[k:e], us[k:e], k2s
             drive = starts[k:e], rises[k:e], cs[k:e], ss[k:e], rcs[k:e], rss[k:e]
-            block((*motion, *drive, whens[k:e], jumps[k:e]), count)
+            block((*motion, *drive, whens[k:e], jumps[k:e], by_m1s[k:e]), count)
 
     return run

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,10 @@ LANES, STEPS, ROUNDS = 16_384, 20, 15
 SUBSTEPS = {"RK4": (1, 2, 3, 4, 6, 8, 16, 32), "semi-implicit Euler": (1, 4, 16, 64)}
 SERIES = {4: (2, 3, 4, 8), 6: (2, 3, 4), 8: (2, 3, 4), 10: (2, 3, 4), 12: (2, 3, 4)}
 LEVELS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-HEYOKA_LANES = 16
+HEYOKA_LANES = (16, 32, 64, 128, 256)
+"""Lanes of a batch, which a call from Python advances; the widest are no faster than the others."""
+
+HEYOKA_TOLERANCES = (1e-3, 1e-6, 1e-9, 1e-12)
 OURS, RK4, EULER, TAYLOR, HEYOKA = (
     "`step`, views",
     "RK4",
@@ -66,11 +70,19 @@ with reward, termination and observation; the others are bare kernels that advan
 given what is drawn: noise, earthquake and impulses as sampled by mm_gym, impulses in the nearest
 substep. Each step counts at its fastest of {ROUNDS} rounds in which the candidates took turns, in
 processor time. Within {LEAST:g} nothing is told apart.
+
+heyoka advances one batch, whose numbers stay in the cache; listed is the fastest of batches of
+{", ".join(map(str, HEYOKA_LANES))} lanes. Each control step is a call from Python, since its action
+is new. Where the action is held for all {STEPS} control steps, one call of each makes them all: a
+table of its own.
+
 Listed are million steps/s of the fastest setting that attains the error, and in brackets mm_gym's
 speed as a multiple of them; - where no setting does.
 
 ![Million steps/s over the error, for each task](lanes.png)
 """
+
+HELD = f"The same action for all {STEPS} control steps, in one call:"
 
 LOOKS = {
     OURS: {"color": COLOURS[6], "marker": "*", "markersize": 9.0, "zorder": 3.0},
@@ -93,6 +105,10 @@ class Candidate:
         How many lanes it steps.
     truth
         What the state should be at the end (4, lanes).
+    begin, step, state
+        Return to the start; make call n; return the state (4, lanes).
+    calls
+        Calls that make the `STEPS` control steps.
     """
 
     family: str
@@ -102,6 +118,7 @@ class Candidate:
     begin: Callable[[], None]
     step: Callable[[int], object]
     state: Callable[[], Values]
+    calls: int = STEPS
 
 
 @dataclass(frozen=True)
@@ -116,20 +133,23 @@ class Measured:
 
 def lanes() -> str:
     """Return the section on many lanes of every task, and draw its figure."""
-    found = {name: _measured(scene) for name, scene in SCENES.items()}
+    found = {name: _measured(_candidates(scene)) for name, scene in SCENES.items()}
     _draw({name: one for name, one in found.items() if f"mm_gym/{name}" in ids()})
-    parts = [f"### {name}\n\n{_levels(one)}" for name, one in found.items()]
+    parts = []
+    for name, scene in SCENES.items():
+        parts.append(f"### {name}\n\n{_levels(found[name])}")
+        if any(one.family == HEYOKA for one in found[name]):
+            parts.append(f"{HELD}\n\n{_levels(_measured(_held_candidates(scene)))}")
     return "\n\n".join([INTRODUCTION.strip(), *parts]) + "\n"
 
 
-def _measured(scene: Scene) -> list[Measured]:
-    """Return every candidate on a scene."""
-    candidates = _candidates(scene)
+def _measured(candidates: list[Candidate]) -> list[Measured]:
+    """Return error and speed of each candidate."""
     errors = [error_of(one) for one in candidates]
-    speeds = _speeds(candidates)
+    found = speeds(candidates)
     return [
         Measured(one.family, one.setting, max(error, LEAST), speed)
-        for one, error, speed in zip(candidates, errors, speeds, strict=True)
+        for one, error, speed in zip(candidates, errors, found, strict=True)
     ]
 
 
@@ -137,9 +157,9 @@ def _candidates(scene: Scene) -> list[Candidate]:
     count = len(compile_scene(scene).actuators)
     rng = np.random.default_rng(0)
     actions = rng.uniform(-1.0, 1.0, (STEPS, LANES, count)).astype(np.float32)
-    exact = scene.replace(solver=_tightest(scene))
-    truth = _played(_ours(exact, "", actions, np.empty(0)))
-    found = [_ours(one, name, actions, truth) for name, one in _settings(scene)]
+    exact = scene.replace(solver=tightest(scene))
+    truth = played(ours(exact, "", actions, np.empty(0)))
+    found = [ours(one, name, actions, truth) for name, one in _settings(scene)]
     recorded = record(exact, actions)
     for name, kernel in ((RK4, rk4), (EULER, semi_implicit_euler)):
         block = kernel(scene)
@@ -152,8 +172,24 @@ def _candidates(scene: Scene) -> list[Candidate]:
             found += [by_hand(TAYLOR, setting, block, n, recorded) for n in counts]
     is_drawn = {part.kind for part in scene.excitation} - {"harmonic"}
     if is_smooth and physics.l0 == 0.0 and not is_drawn and installed("heyoka"):
-        found += [_heyoka(scene, 10.0**-k, recorded) for k in (3, 6, 9, 12)]
+        found += _all_of_heyoka(scene, recorded)
     return found
+
+
+def _held_candidates(scene: Scene) -> list[Candidate]:
+    """Return mm_gym and heyoka where one call makes all control steps, under one action."""
+    whole = scene.replace(**{"control.time_step": STEPS * scene.control.time_step})
+    count = len(compile_scene(whole).actuators)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (1, LANES, count)).astype(np.float32)
+    exact = whole.replace(solver=tightest(whole))
+    truth = played(ours(exact, "", actions, np.empty(0)))
+    found = [ours(one, name, actions, truth) for name, one in _settings(whole)]
+    return found + _all_of_heyoka(whole, record(exact, actions))
+
+
+def _all_of_heyoka(scene: Scene, recorded: Recorded) -> list[Candidate]:
+    both = product(HEYOKA_TOLERANCES, HEYOKA_LANES)
+    return [_heyoka(scene, tolerance, count, recorded) for tolerance, count in both]
 
 
 def _settings(scene: Scene) -> list[tuple[str, Scene]]:
@@ -179,7 +215,7 @@ BY_HAND = ("rk4", "semi_implicit_euler")
 """Methods that are there for comparison only."""
 
 
-def _tightest(scene: Scene) -> dict[str, object]:
+def tightest(scene: Scene) -> dict[str, object]:
     """Return the solver of least error."""
     option = compile_scene(scene.replace(solver={})).method.option
     return {} if option is None else {"method": "taylor", "tolerance": 1e-15}
@@ -209,17 +245,20 @@ def _best(found: list[Measured], family: str, level: float) -> float:
     return max(speeds, default=np.nan)
 
 
-def _ours(scene: Scene, setting: str, actions: NDArray[np.float32], truth: Values) -> Candidate:
-    env = MovingMassVectorEnv(scene, LANES, copy=False)
+def ours(scene: Scene, setting: str, actions: NDArray[np.float32], truth: Values) -> Candidate:
+    """Return mm_gym's public step with views, under actions (calls, lanes, actuators)."""
+    count = actions.shape[1]
+    env = MovingMassVectorEnv(scene, count, copy=False)
     own = [np.asfortranarray(row) for row in actions]
     return Candidate(
         OURS,
         setting,
-        LANES,
+        count,
         truth,
         lambda: env.reset(seed=0),
         lambda n: env.step(own[n]),
         lambda: env.state.T,
+        len(own),
     )
 
 
@@ -243,18 +282,23 @@ def by_hand(family: str, setting: str, block: Block, count: int, recorded: Recor
             impulse = whens[k], change[k]
             if has_impulses:
                 values[2] += sudden[k]
-            block((*motion, cosines, sines, *turns, *impulse), count)
+            block((*motion, cosines, sines, *turns, *impulse, recorded.by_m1), count)
 
     name = f"{setting}{count} substeps"
-    return Candidate(family, name, LANES, recorded.end, begin, step, lambda: values)
+    calls = len(recorded.applied) // recorded.intervals
+    return Candidate(
+        family, name, values.shape[1], recorded.end, begin, step, lambda: values, calls
+    )
 
 
-def _heyoka(scene: Scene, tolerance: float, recorded: Recorded) -> Candidate:
+def _heyoka(scene: Scene, tolerance: float, count: int, recorded: Recorded) -> Candidate:
     import heyoka as hy  # noqa: PLC0415 - an optional peer
 
-    p, own = Physics.of(scene), slice(0, HEYOKA_LANES)
+    p, own, calls = Physics.of(scene), slice(0, count), len(recorded.applied) // recorded.intervals
     x1, x2, v1, v2 = hy.make_vars("x1", "x2", "v1", "v2")
-    inner = p.c * (v2 - v1) + hy.par[1] * (x2 - x1)
+    inner = p.c * (v2 - v1)
+    if p.k0:
+        inner += hy.par[1] * (x2 - x1)
     push = inner - p.d * v1 - p.k1 * x1 + hy.par[0]
     if p.k3:
         push -= p.k3 * x1**3
@@ -263,31 +307,31 @@ def _heyoka(scene: Scene, tolerance: float, recorded: Recorded) -> Candidate:
     system = [(x1, v1), (x2, v2), (v1, push * p.by_m1), (v2, -inner * p.by_m2)]
     first = np.ascontiguousarray(recorded.start[:, own])
     integrator = hy.taylor_adaptive_batch(system, first, tol=tolerance)
-    count = len(integrator.pars)
-    pars = np.zeros((5, HEYOKA_LANES))
-    pars[2:] = recorded.harmonic[:, own]
+    # A call then copies its parameters, and computes none.
+    pars = np.zeros((calls, 5, count))
+    force, stretch = np.moveaxis(recorded.applied[:: recorded.intervals, :, own], 1, 0)
+    pars[:, 0], pars[:, 2:] = force, recorded.harmonic[:, own]
+    if p.k0:
+        pars[:, 1] = 2.0 * p.k0 * (1.0 + 2.0 / stretch**3)
+    used = np.ascontiguousarray(pars[:, : len(integrator.pars)])
+    view, state, duration = integrator.pars, integrator.state, scene.control.time_step
 
     def begin() -> None:
         integrator.set_time(0.0)
-        integrator.state[:] = first
+        state[:] = first
 
     def step(n: int) -> None:
-        pars[0], stretch = recorded.applied[n][:, own]
-        if p.k0:
-            pars[1] = 2.0 * p.k0 * (1.0 + 2.0 / stretch**3)
-        integrator.pars[:] = pars[:count]
-        integrator.propagate_for(scene.control.time_step)
+        view[:] = used[n]
+        integrator.propagate_for(duration)
 
-    setting = f"tolerance {tolerance:.0e}, {HEYOKA_LANES} lanes"
-    return Candidate(
-        HEYOKA, setting, HEYOKA_LANES, recorded.end[:, own], begin, step, lambda: integrator.state
-    )
+    setting, truth = f"tolerance {tolerance:.0e}, {count} lanes", recorded.end[:, own]
+    return Candidate(HEYOKA, setting, count, truth, begin, step, lambda: state, calls)
 
 
-def _played(candidate: Candidate) -> Values:
+def played(candidate: Candidate) -> Values:
     """Return the state after all steps."""
     candidate.begin()
-    for n in range(STEPS):
+    for n in range(candidate.calls):
         candidate.step(n)
     return candidate.state().copy()
 
@@ -298,22 +342,22 @@ def error_of(candidate: Candidate) -> float:
     truth = candidate.truth[:, known]
     scale = np.repeat([np.abs(truth[:2]).max(), np.abs(truth[2:]).max()], 2)[:, None]
     with np.errstate(over="ignore", invalid="ignore"):  # a coarse setting may diverge
-        error = float((np.abs(_played(candidate)[:, known] - truth) / scale).max())
+        error = float((np.abs(played(candidate)[:, known] - truth) / scale).max())
     return error if np.isfinite(error) else np.inf
 
 
-def _speeds(candidates: list[Candidate]) -> list[float]:
-    """Return million steps/s of each, every control step at its fastest."""
-    fastest = np.full((len(candidates), STEPS), np.inf)
-    for _ in range(ROUNDS):
-        for k, one in enumerate(candidates):
+def speeds(candidates: list[Candidate], rounds: int = ROUNDS) -> list[float]:
+    """Return million control steps/s of each, every call at its fastest."""
+    fastest = [np.full(one.calls, np.inf) for one in candidates]
+    for _ in range(rounds):
+        for one, own in zip(candidates, fastest, strict=True):
             one.begin()
-            for n in range(STEPS):
+            for n in range(one.calls):
                 began = time.process_time()
                 one.step(n)
-                fastest[k, n] = min(fastest[k, n], time.process_time() - began)
-    counts = np.array([one.lanes for one in candidates])
-    return [float(speed) for speed in 1e-6 * counts / fastest.mean(axis=1)]
+                own[n] = min(own[n], time.process_time() - began)
+    both = zip(candidates, fastest, strict=True)
+    return [float(1e-6 * one.lanes * STEPS / own.sum()) for one, own in both]
 
 
 def _undominated(found: list[Measured], family: str) -> list[Measured]:

@@ -1,27 +1,33 @@
 """The peers of the work-precision benchmark: SciPy, CVODE and heyoka on one second of motion.
 
 Each gets its best case: a compiled right-hand side, the end state only, nothing held or sampled in
-between, free choice of its steps, and dry friction from event to event.
+between, free choice of its steps, and dry friction from event to event where it has events. CVODE
+runs without Python, heyoka from event to event; SciPy takes Python's callables only.
 """
 
 from __future__ import annotations
 
+import signal
 import time
+import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from functools import cache, partial
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 import numba
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import ode, odeint, solve_ivp
 
+from benchmarks.cvode import ADAMS, BDF, FIXED_POINT, NEWTON, REGIMES, Cvode
 from benchmarks.report import installed
+from benchmarks.timing import side_by_side
 from mm_gym import compile_scene
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -29,15 +35,19 @@ if TYPE_CHECKING:
 
     State = NDArray[np.float64]
     Run = Callable[[], State]
+    Interface = tuple[float, float]
+    Field = Callable[[float, State], State]
 
 DURATION = 1.0
 """Length of the motion [s]."""
 
-BUDGET = 0.5
-"""Time that one run may take [s]; heyoka, which cannot be interrupted, has a limit of steps."""
+BUDGET = 2.0
+"""Time that a run of SciPy may take [s]."""
 
 MOST_EVENTS = 100_000
 MOST_STEPS = 10_000_000
+MOST_STEPS_OF_SCIPY = 200_000
+"""Steps of one of SciPy's compiled integrators, which nothing interrupts."""
 
 
 class GaveUpError(Exception):
@@ -83,7 +93,7 @@ class Motion:
         interface = self.scene.interface
         return interface.reference_velocity if interface.kind == "dry_friction" else np.inf
 
-    def interface(self, regime: int) -> tuple[float, float]:
+    def interface(self, regime: int) -> Interface:
         """Return c [N s/m] and s [N] of a regime."""
         interface = self.scene.interface
         if interface.kind != "dry_friction":
@@ -99,15 +109,74 @@ class Motion:
         return (1 if state[3] > state[2] else -1) if regime == 0 else 0
 
 
-@numba.njit
-def _field(y: State, masses: tuple[float, ...], c: float, s: float, out: State) -> State:
+@cache
+def _field(masses: tuple[float, ...], inner: Interface, outer: Interface, vr: float) -> Field:
+    """Return the compiled right-hand side with its constants; slip beyond vr follows `outer`.
+
+    It is what SciPy calls, with nothing of Python's between.
+    """
+    (c, s), (chi, kinetic), (m1, m2, k1, d, beta) = inner, outer, masses
+
+    # Implicit methods hand over columns of a matrix, which are strided.
+    @numba.njit(
+        ["float64[::1](float64, float64[::1])", "float64[::1](float64, float64[:])"],
+        error_model="numpy",
+    )
+    def field(_: float, y: State) -> State:
+        x1, v1, v2 = y[0], y[2], y[3]
+        slip = v2 - v1
+        force = c * slip + s
+        if abs(slip) > vr:
+            force = chi * slip + np.copysign(kinetic, slip)
+        spring = k1 * (1.0 + beta * x1 * x1) * x1
+        return np.array((v1, v2, (force - d * v1 - spring) / m1, -force / m2))
+
+    return field
+
+
+@cache
+def _jacobian(masses: tuple[float, ...], c: float) -> Callable[[float, State], State]:
+    """Return the compiled derivative of a regime's right-hand side, for implicit methods."""
     m1, m2, k1, d, beta = masses
-    x1, v1, v2 = y[0], y[2], y[3]
-    force = c * (v2 - v1) + s
-    out[0], out[1] = v1, v2
-    out[2] = (force - d * v1 - k1 * (1.0 + beta * x1 * x1) * x1) / m1
-    out[3] = -force / m2
-    return out
+
+    @numba.njit("float64[:, ::1](float64, float64[::1])", error_model="numpy")
+    def jacobian(_: float, y: State) -> State:
+        out = np.zeros((4, 4))
+        out[0, 2], out[1, 3] = 1.0, 1.0
+        out[2, 0] = -k1 * (1.0 + 3.0 * beta * y[0] * y[0]) / m1
+        out[2, 2], out[2, 3] = -(c + d) / m1, c / m1
+        out[3, 2], out[3, 3] = c / m2, -c / m2
+        return out
+
+    return jacobian
+
+
+@cache
+def _leaving(side: int, direction: int, vr: float) -> Callable[..., float]:
+    """Return the compiled event where a regime ends, as `solve_ivp` takes it."""
+
+    @numba.njit("float64(float64, float64[:])")
+    def event(_: float, y: State) -> float:
+        return side * (y[3] - y[2]) - vr
+
+    event.terminal, event.direction = True, direction
+    return event
+
+
+@contextmanager
+def within_budget() -> Iterator[None]:
+    """Raise GaveUpError after `BUDGET`, or when compiled code that runs then has returned."""
+
+    def give_up(*_: object) -> NoReturn:
+        raise GaveUpError
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.setitimer(signal.ITIMER_REAL, BUDGET)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def mm_gym(motion: Motion, tolerance: float) -> Run:
@@ -130,101 +199,105 @@ def mm_gym(motion: Motion, tolerance: float) -> Run:
 
 
 def scipy(method: str, motion: Motion, tolerance: float) -> Run:
-    """Return a run with a method of SciPy's `solve_ivp`."""
-    masses, start, vr = motion.masses, motion.start, motion.reference_velocity
-    # SciPy allows nothing below 100 machine epsilons.
-    options: dict[str, Any] = {"method": method, "rtol": max(tolerance, 2.3e-14)}
-    options["atol"] = 1e-3 * options["rtol"]
+    """Return a run with a method of SciPy's `solve_ivp`, from event to event."""
+    start, vr = motion.start, motion.reference_velocity
+    options = {"method": method, **_tolerances(tolerance)}
+    # A regime's own force goes on beyond its end, until the event is found.
+    own = {regime: motion.interface(regime) for regime in REGIMES}
+    fields = {r: _field(motion.masses, force, force, np.inf) for r, force in own.items()}
+    events = {regime: _events(regime, vr) for regime in REGIMES}
+    jacobians: dict[int, dict[str, object]] = {regime: {} for regime in REGIMES}
+    if method in {"Radau", "BDF"}:
+        jacobians = {r: {"jac": _jacobian(motion.masses, own[r][0])} for r in REGIMES}
 
     def run() -> State:
-        until = time.perf_counter() + BUDGET
-        now, state, regime, events = 0.0, start, 0, 0
-        while True:
-            c, s = motion.interface(regime)
-
-            def field(_: float, y: State, c: float = c, s: float = s) -> State:
-                if time.perf_counter() > until:
-                    raise GaveUpError
-                return _field(y, masses, c, s, np.empty(4))
-
-            leaving = _scipy_events(regime, vr)
-            solution = solve_ivp(field, (now, DURATION), state, events=leaving, **options)
-            now, state, events = solution.t[-1], solution.y[:, -1], events + 1
-            if solution.status == 0:
-                return state
-            if solution.status < 0 or events > MOST_EVENTS:
-                raise GaveUpError
-            regime = motion.next_regime(regime, state)
-
-    return run
-
-
-def _scipy_events(regime: int, vr: float) -> list[Callable[..., float]] | None:
-    if vr == np.inf:
-        return None
-
-    def leaving(side: int, direction: int) -> Callable[..., float]:
-        def event(_: float, y: State) -> float:
-            return side * (y[3] - y[2]) - vr
-
-        event.terminal, event.direction = True, direction
-        return event
-
-    return [leaving(1, 1), leaving(-1, 1)] if regime == 0 else [leaving(regime, -1)]
-
-
-def cvode(method: str, motion: Motion, tolerance: float) -> Run:
-    """Return a run with SUNDIALS' CVODE."""
-    solvers = {regime: _Cvode(method, motion, tolerance, regime) for regime in (-1, 0, 1)}
-    start = motion.start
-
-    def run() -> State:
-        until = time.perf_counter() + BUDGET
         now, state, regime = 0.0, start, 0
         for _ in range(MOST_EVENTS):
-            now, state = solvers[regime].solve(now, state, until)
-            if now >= DURATION:
+            found = {"events": events[regime], **jacobians[regime], **options}
+            solution = solve_ivp(fields[regime], (now, DURATION), state, **found)
+            now, state = solution.t[-1], solution.y[:, -1].copy()
+            if solution.status == 0:
                 return state
+            if solution.status < 0:
+                break
             regime = motion.next_regime(regime, state)
         raise GaveUpError
 
     return run
 
 
-class _Cvode:
-    """CVODE in one regime."""
+def _tolerances(tolerance: float) -> dict[str, float]:
+    relative = max(tolerance, 2.3e-14)  # SciPy allows nothing below 100 machine epsilons
+    return {"rtol": relative, "atol": 1e-3 * relative}
 
-    def __init__(self, method: str, motion: Motion, tolerance: float, regime: int) -> None:
-        from sksundae.cvode import CVODE  # noqa: PLC0415 - an optional peer
 
-        masses, (c, s), vr = motion.masses, motion.interface(regime), motion.reference_velocity
-        self.until = np.inf
+def _events(regime: int, vr: float) -> list[Callable[..., float]] | None:
+    if vr == np.inf:
+        return None
+    if regime == 0:
+        return [_leaving(1, 1, vr), _leaving(-1, 1, vr)]
+    return [_leaving(regime, -1, vr)]
 
-        def field(_: float, y: State, out: State) -> None:
-            if time.perf_counter() > self.until:
-                raise GaveUpError
-            _field(y, masses, c, s, out)
 
-        options: dict[str, Any] = {"method": method, "rtol": tolerance, "atol": 1e-3 * tolerance}
-        if vr < np.inf:
-            sides = (1, -1) if regime == 0 else (regime,)
+def compiled_scipy(method: str, motion: Motion, tolerance: float) -> Run:
+    """Return a run with one of SciPy's compiled integrators: `odeint`, or one of `ode`.
 
-            def leaving(_: float, y: State, out: State) -> None:
-                for k, side in enumerate(sides):
-                    out[k] = side * (y[3] - y[2]) - vr
+    Their steps are compiled as well, not only the right-hand side. They have no events.
+    """
+    own = motion.interface(0), motion.interface(1)
+    field, start = _field(motion.masses, *own, motion.reference_velocity), motion.start
+    options = _tolerances(tolerance)
 
-            leaving.terminal = [True] * len(sides)
-            leaving.direction = [1 if regime == 0 else -1] * len(sides)
-            options |= {"eventsfn": leaving, "num_events": len(sides)}
-        self.solver = CVODE(field, max_num_steps=MOST_STEPS, **options)
+    def with_odeint() -> tuple[State, bool]:
+        times = (0.0, DURATION)
+        states, found = odeint(
+            field,
+            start,
+            times,
+            tfirst=True,
+            full_output=True,
+            mxstep=MOST_STEPS_OF_SCIPY,
+            **options,
+        )
+        return states[-1], found["message"] == "Integration successful."
 
-    def solve(self, now: float, state: State, until: float) -> tuple[float, State]:
-        """Return time and state at the next event, or at the end."""
-        self.until = until
-        solution = self.solver.solve(np.array([now, DURATION]), state)
-        if not solution.success:
+    def with_ode() -> tuple[State, bool]:
+        name, _, kind = method.partition(" ")
+        kinds = {"method": kind} if kind else {}
+        solver = ode(field).set_integrator(name, nsteps=MOST_STEPS_OF_SCIPY, **kinds, **options)
+        solver.set_initial_value(start, 0.0)
+        return solver.integrate(DURATION), solver.successful()
+
+    def run() -> State:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a failure is returned
+            state, succeeded = with_odeint() if method == "odeint" else with_ode()
+        if not succeeded:
             raise GaveUpError
-        return float(solution.t[-1]), solution.y[-1]
+        return state
+
+    return run
+
+
+def cvode(method: int, iteration: str, motion: Motion, tolerance: float) -> Run:
+    """Return a run with SUNDIALS' CVODE, all of it compiled."""
+    interfaces, vr = [motion.interface(regime) for regime in REGIMES], motion.reference_velocity
+    solver = Cvode(
+        method,
+        iteration,
+        tolerance,
+        masses=motion.masses,
+        interfaces=interfaces,
+        reference_velocity=vr,
+    )
+    start = motion.start
+
+    def run() -> State:
+        if not solver.run(start, DURATION, MOST_EVENTS):
+            raise GaveUpError
+        return solver.state
+
+    return run
 
 
 def heyoka(motion: Motion, tolerance: float, number: type = float) -> Run:
@@ -274,12 +347,33 @@ def truth(motion: Motion) -> State:
     return np.array(run(), np.float64)
 
 
+def time_of_a_call(motion: Motion) -> tuple[float, float]:
+    """Return the time [µs] of a right-hand side that Python calls, and that compiled code calls."""
+    count = 1000
+    start, own = motion.start, motion.interface(0)
+    field = _field(motion.masses, own, own, np.inf)
+
+    @numba.njit
+    def compiled(y: State) -> State:
+        for _ in range(count):
+            y = field(0.0, y)  # the next needs the last
+        return y
+
+    called = {"Python": lambda: field(0.0, start), "compiled": lambda: compiled(start)}
+    timings = side_by_side(called, work={"compiled": count}, clock=time.process_time)
+    return 1e6 * timings["Python"].fastest, 1e6 * timings["compiled"].fastest
+
+
 def families() -> dict[str, Family]:
     """Return mm_gym and the peers that are installed."""
     found: dict[str, Family] = {"mm_gym": mm_gym}
     if installed("heyoka"):
         found["heyoka"] = heyoka
     if installed("scikit-sundae"):
-        found |= {f"CVODE {method}": partial(cvode, method) for method in ("Adams", "BDF")}
+        found["CVODE Adams"] = partial(cvode, ADAMS, FIXED_POINT)
+        found["CVODE Adams, Newton"] = partial(cvode, ADAMS, NEWTON)
+        found["CVODE BDF"] = partial(cvode, BDF, NEWTON)
+    methods = ("odeint", "dopri5", "dop853", "vode adams", "vode bdf")
+    found |= {f"SciPy {method}": partial(compiled_scipy, method) for method in methods}
     methods = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
     return found | {f"SciPy {method}": partial(scipy, method) for method in methods}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,6 +42,8 @@ class Recorded:
         since then [s], and what it changes v1 by.
     interval
         Length of a sample interval [s].
+    by_m1
+        (lanes,) 1 / mass of the carriage [1/kg].
     """
 
     intervals: int
@@ -52,6 +54,16 @@ class Recorded:
     harmonic: Values
     impulses: Values
     interval: float
+    by_m1: Values
+
+    def repeated(self, times: int) -> Recorded:
+        """Return the same lanes a number of times, one after the other."""
+        arrays = {
+            one.name: np.concatenate([value] * times, axis=-1)
+            for one in fields(self)
+            if isinstance(value := getattr(self, one.name), np.ndarray)
+        }
+        return replace(self, **arrays)
 
 
 def record(scene: Scene, actions: NDArray[np.float32]) -> Recorded:
@@ -65,7 +77,7 @@ def record(scene: Scene, actions: NDArray[np.float32]) -> Recorded:
     n = steps * many
     start, end = np.empty((2, 4, count))
     applied, disturbance, impulses = (np.zeros((n, rows, count)) for rows in (2, 2, 3))
-    harmonic = np.zeros((3, count))
+    harmonic, by_m1 = np.zeros((3, count)), np.empty(count)
     commands, lanes = _commands(scene, actions), Lanes(plant, 1)
     for i in range(count):
         lanes.seed(i)
@@ -73,6 +85,7 @@ def record(scene: Scene, actions: NDArray[np.float32]) -> Recorded:
         one = blank(plant, lanes.values[:, 0].copy(), steps)
         run(lanes, commands[:, i].copy(), one)
         start[:, i], end[:, i], applied[:, :, i] = one.states[0], one.states[-1], one.applied
+        by_m1[i] = 1.0 / one.parameters[at.M1]
         if plant.support.ground:
             rows = [at.HARMONICS + row for row in (at.AMPLITUDE, at.FREQUENCY, at.PHASE)]
             harmonic[:, i] = one.parameters[rows]
@@ -85,7 +98,7 @@ def record(scene: Scene, actions: NDArray[np.float32]) -> Recorded:
         if len(np.unique(rows)) < len(rows):
             end[:, i] = np.nan
     interval = plant.support.sample_interval
-    return Recorded(many, start, end, applied, disturbance, harmonic, impulses, interval)
+    return Recorded(many, start, end, applied, disturbance, harmonic, impulses, interval, by_m1)
 
 
 def _commands(scene: Scene, actions: NDArray[np.float32]) -> Values:

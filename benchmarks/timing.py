@@ -32,6 +32,11 @@ class Timing:
         low, high = np.quantile(self.seconds, [0.25, 0.75])
         return float((high - low) / 2.0 / self.median)
 
+    @property
+    def fastest(self) -> float:
+        """Least seconds per unit of work: what other processes disturbed least."""
+        return float(self.seconds.min())
+
     def times_faster_than(self, other: Timing) -> float:
         """Return the median over rounds of the other's time over this one's."""
         return float(np.median(other.seconds / self.seconds))

@@ -1,0 +1,226 @@
+"""Speed on every combination of carriage, interface, springs, parameters, excitation, tolerance.
+
+mm_gym's public step with views takes turns with a vectorised Runge-Kutta method that is written for
+the combination, see `benchmarks.by_hand`, at the error that was asked for and at mm_gym's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.by_hand import rk4
+from benchmarks.lanes import (
+    DUFFING,
+    FRICTION,
+    LANES,
+    LEAST,
+    RK4,
+    STEPS,
+    by_hand,
+    error_of,
+    ours,
+    played,
+    speeds,
+    tightest,
+)
+from benchmarks.recorded import record
+from benchmarks.report import table
+from mm_gym import compile_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from benchmarks.lanes import Candidate
+    from benchmarks.recorded import Recorded
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+TIME_STEP = 5e-3
+TOLERANCES = (1e-2, 1e-3, 1e-6, 1e-9)
+ROUNDS = 7
+SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+COMPARED = 1024
+"""Lanes of which errors are measured; the kernels by hand have them many times over."""
+
+SPRINGS = {
+    "none": {"kind": "none"},
+    "small on large": {"kind": "small_on_large"},
+    "finite stretch": {
+        "kind": "finite_stretch",
+        "stiffness": 35.0,
+        "stretch": 1.5,
+        "rest_length": 0.05,
+    },
+}
+CARRIAGES = {"linear": 0.0, "cubic": DUFFING.carriage.cubic_coefficient}
+INTERFACES = {"viscous": {"kind": "viscous"}, "dry friction": FRICTION}
+MASSES = {"fixed": {}, "drawn": {"carriage.mass": (0.09, 0.11)}}
+NOISE = {
+    "kind": "noise",
+    "rms": 1.0,
+    "low_frequency": 44.0,
+    "high_frequency": 71.0,
+    "sample_time": TIME_STEP,
+}
+DRIVES = {
+    "force": [],
+    "ground noise": [NOISE],
+}
+COMBINATIONS = {
+    (carriage, interface, springs, mass, drive): DUFFING.replace(
+        **{
+            "control.time_step": TIME_STEP,
+            "carriage.cubic_coefficient": CARRIAGES[carriage],
+            "interface": INTERFACES[interface],
+            "springs": SPRINGS[springs],
+            "randomization": MASSES[mass],
+            "excitation": DRIVES[drive],
+        }
+    )
+    for carriage, interface, springs, mass, drive in product(
+        CARRIAGES, INTERFACES, SPRINGS, MASSES, DRIVES
+    )
+}
+
+INTRODUCTION = f"""## Every combination
+
+{LANES:,} lanes, one core, {STEPS} control steps of {1e3 * TIME_STEP:g} ms, under random forces on
+the carriage, or without force under noise of the ground. mm_gym is its public `step` with views, at
+a `solver.tolerance`. It is compared with the classical Runge-Kutta method, written for the
+combination, vectorised, and advancing the state alone, in the fewest of {SUBSTEPS[0]} to
+{SUBSTEPS[-1]} substeps. Both count at their fastest of {ROUNDS} rounds in which they took turns,
+in processor time. Errors are the largest of {COMPARED:,} lanes at the end, relative to the largest
+position or velocity, against mm_gym's tightest; within {LEAST:g} nothing is told apart.
+
+Million steps/s; in brackets mm_gym's speed as a multiple, and the substeps. RK4 is listed where its
+error is at most the tolerance, and where it is at most mm_gym's; - where no number of substeps
+attains that, as where friction drops at the onset of slip inside a substep.
+"""
+HEADER = (
+    "carriage",
+    "interface",
+    "springs",
+    "mass",
+    "tolerance",
+    "mm_gym",
+    "its error",
+    "RK4 at the tolerance",
+    "RK4 at its error",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """mm_gym at a tolerance, and the method of Runge and Kutta at the error asked for and its own.
+
+    Attributes
+    ----------
+    error, speed
+        mm_gym's, relative and in million steps/s.
+    asked, equal
+        Speed and substeps of what is written by hand; None where nothing attains the error.
+    """
+
+    tolerance: float
+    error: float
+    speed: float
+    asked: tuple[float, int] | None
+    equal: tuple[float, int] | None
+
+
+def grid() -> str:
+    """Return the section on all combinations."""
+    parts = [INTRODUCTION.strip()]
+    for drive in DRIVES:
+        rows = [
+            (*key[:-1], *_cells(row))
+            for key, scene in COMBINATIONS.items()
+            if key[-1] == drive
+            for row in rows_of(scene)
+        ]
+        parts.append(f"### Under {drive}\n\n{table(HEADER, rows)}\n\n{_summary(rows)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def rows_of(scene: Scene, lanes: int = LANES) -> list[Row]:
+    """Measure one combination at every tolerance."""
+    compared = min(COMPARED, lanes)
+    count = len(compile_scene(scene).actuators)
+    few = np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, compared, count))
+    if scene.excitation:
+        few[:] = 0.0
+    actions = np.tile(few, (1, lanes // compared, 1)).astype(np.float32)
+    exact = scene.replace(solver=tightest(scene))
+    truth = played(ours(exact, "", actions, np.empty(0)))
+    own = [ours(_at(scene, tolerance), "", actions, truth) for tolerance in TOLERANCES]
+    errors = [_error(one, compared) for one in own]
+    recorded = record(exact, actions[:, :compared])
+    recorded = recorded.repeated(lanes // compared)
+    wanted = sorted({*TOLERANCES, *errors}, reverse=True)
+    others = _attaining(scene, recorded, wanted, compared)
+    chosen = dict(others.values())
+    found = speeds([*own, *chosen.values()], ROUNDS)
+    fast = dict(zip(chosen, found[len(own) :], strict=True))
+    best = {level: (fast[count], count) for level, (count, _) in others.items()}
+    rows = zip(TOLERANCES, errors, found[: len(own)], strict=True)
+    return [Row(*row, best.get(row[0]), best.get(row[1])) for row in rows]
+
+
+def _at(scene: Scene, tolerance: float) -> Scene:
+    """Return a scene at a tolerance, if that has an effect."""
+    option = compile_scene(scene).method.option
+    if option is None or option.name != "tolerance":
+        return scene
+    return scene.replace(**{"solver.tolerance": tolerance})
+
+
+def _error(candidate: Candidate, compared: int) -> float:
+    few = slice(0, compared)
+    truth, state = candidate.truth[:, few], candidate.state
+    return max(error_of(replace(candidate, truth=truth, state=lambda: state()[:, few])), LEAST)
+
+
+def _attaining(
+    scene: Scene, recorded: Recorded, levels: list[float], compared: int
+) -> dict[float, tuple[int, Candidate]]:
+    """Return the fewest substeps that attain each level, coarse ones first, and their kernel."""
+    block, found = rk4(scene), {}
+    for count in SUBSTEPS:
+        candidate = by_hand(RK4, "", block, count, recorded)
+        error = _error(candidate, compared)
+        for level in levels:
+            if error <= level:
+                found.setdefault(level, (count, candidate))
+        if error <= levels[-1]:
+            break
+    return found
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    """Return the columns behind the combination."""
+    other = [
+        "-" if one is None else f"{one[0]:.3g} ({row.speed / one[0]:.2f}; {one[1]})"
+        for one in (row.asked, row.equal)
+    ]
+    return f"{row.tolerance:.0e}", f"{row.speed:.3g}", f"{row.error:.0e}", *other
+
+
+def _summary(rows: list[tuple[str, ...]]) -> str:
+    """Return in how many rows mm_gym is the faster one."""
+    texts = []
+    for name, column in (("the tolerance", -2), ("mm_gym's own error", -1)):
+        ratios = [
+            float(row[column].split("(")[1].split(";")[0]) for row in rows if row[column] != "-"
+        ]
+        ahead = sum(ratio >= 1.0 for ratio in ratios)
+        least = f", at least {min(ratios):.2f} times as fast" if ratios else ""
+        texts.append(
+            f"RK4 attains {name} in {len(ratios)} of {len(rows)} rows; in {ahead} of them mm_gym is"
+            f" not slower{least}."
+        )
+    return " ".join(texts)
