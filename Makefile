@@ -15,6 +15,7 @@ CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
 .PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check bench tasks results clean
 .DELETE_ON_ERROR:
+.PRECIOUS: .venv-numba-%/.installed
 
 demo: $(INSTALLED)
 	$(RUN) -m agents.demo
