@@ -27,7 +27,7 @@ from agents.comparison.entries import Episodes
 from agents.comparison.measure import Studies
 from agents.controllers.user_defined import user_defined
 from agents.errors import ERRORS, leave
-from agents.evaluation.baselines import baselines
+from agents.evaluation.baselines import NOT_SCORED, baselines
 from agents.evaluation.episodes import HELD_OUT_SEED, Evaluation, evaluate
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.figures import draw_costs, draw_response
@@ -142,11 +142,19 @@ def report(
     rewards_of: Rewards | None = None,
 ) -> list[Evaluation]:
     """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
-    results = [
-        evaluate(scene, controller, episodes=episodes, rewards_of=rewards_of)
-        for controller in (*baselines(scene), *controllers)
-    ]
-    print_ranking(results, scene)
+
+    def score(controller: Controller) -> Evaluation:
+        return evaluate(scene, controller, episodes=episodes, rewards_of=rewards_of)
+
+    (reference, *others), not_scored = baselines(scene)
+    results = [score(reference)]
+    for controller in others:
+        try:
+            results.append(score(controller))
+        except NOT_SCORED as error:
+            not_scored[controller.name] = str(error)
+    results += [score(controller) for controller in controllers]
+    print_ranking(results, scene, not_scored)
     if folder is not None:
         write_scores(results, folder / "scores.csv")
         write_episodes(results, folder / "episodes.csv")

@@ -16,6 +16,8 @@ from agents.report.comparison_figures import (
     draw_intervals,
     draw_robustness,
 )
+from agents.report.tables import not_scored_cells
+from mm_gym import SceneError
 from mm_gym.files import check_outputs
 
 if TYPE_CHECKING:
@@ -39,6 +41,11 @@ def compare(
         check_outputs([folder / "comparison.csv"])
     check_records(compared.scenes.values(), studies.records)
     results = measure(compared, episodes, studies, processes)
+    nothing = [
+        f"{one.task}: {text}" for one in results for text in not_scored_cells(one.not_scored)
+    ]
+    if nothing and all(len(one.labels) == 1 for one in results):
+        raise SceneError("\n".join(nothing))
     comparison = conclude(results, compared.scenes, episodes)
     print_comparison(comparison)
     if folder is not None:

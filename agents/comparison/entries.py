@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.evaluation.baselines import baselines, best_constant
+from agents.evaluation.baselines import Baselines, baselines, best_constant
 from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED, evaluate
-from mm_gym import SceneError
+from mm_gym import DesignError, SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,6 +76,8 @@ class Entry:
 
     label: str
     controllers: Sequence[Controller]
+    classical: bool = False
+    """Whether it is one of the baselines."""
 
     @property
     def trained(self) -> bool:
@@ -100,19 +102,27 @@ def penalties(scene: Scene, controller: Controller, episodes: Episodes) -> NDArr
     return result.penalties.reshape(seeds, each)
 
 
-def entries(field: Field, task: str) -> tuple[list[Entry], int | None]:
-    """Return the rows of a task, the best constant first, and which classical law was chosen."""
+def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
+    """Return the rows of a task, the best constant first, and why others cannot be designed."""
     scene = field.scenes[task]
-    made = baselines(scene) if field.baselines else []
+    made, not_scored = baselines(scene) if field.baselines else Baselines([], {})
     constant = made.pop(0) if made and scene.actuation.stretch is not None else best_constant(scene)
     rows = [Entry("best constant", [constant])]
-    rows += [Entry(controller.name, [controller]) for controller in made]
-    laws = [k for k, row in enumerate(rows) if k and row.controllers[0].reads == "observation"]
-    chosen = min(laws, key=lambda k: validation_cost(scene, rows[k].controllers[0]), default=None)
-    rows += [
-        Entry(one.label, one.make(task, scene)) for one in field.contestants if task in one.texts
-    ]
-    return rows, chosen
+    rows += [Entry(controller.name, [controller], classical=True) for controller in made]
+    for one in field.contestants:
+        try:
+            if task in one.texts:
+                rows.append(Entry(one.label, one.make(task, scene)))
+        except DesignError as error:
+            not_scored[one.label] = str(error)
+    return rows, not_scored
+
+
+def best_classical(scene: Scene, rows: Sequence[Entry]) -> int | None:
+    """Return the classical law that does best on the validation episodes, of those that observe."""
+    laws = [k for k, row in enumerate(rows) if row.classical]
+    laws = [k for k in laws if rows[k].controllers[0].reads == "observation"]
+    return min(laws, key=lambda k: validation_cost(scene, rows[k].controllers[0]), default=None)
 
 
 def validation_cost(scene: Scene, controller: Controller) -> float:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.comparison.effort import efforts
-from agents.comparison.entries import entries
+from agents.comparison.entries import best_classical, entries
 from agents.comparison.frequency import closed_loops
 from agents.comparison.robustness import outcomes
 from agents.evaluation.aggregates import Sample
+from agents.evaluation.baselines import NOT_SCORED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from agents.comparison.contestants import Field
@@ -68,6 +69,8 @@ class TaskResult:
         Index of the classical law of least cost on the validation episodes, or None.
     outcomes, loops, efforts
         What the studies gave, if they were asked for.
+    not_scored
+        Label of each controller that could not be scored -> the reason.
     """
 
     task: str
@@ -79,26 +82,37 @@ class TaskResult:
     outcomes: Sequence[Outcome] = field(default_factory=list)
     loops: Sequence[ClosedLoop] = field(default_factory=list)
     efforts: Sequence[Effort] = field(default_factory=list)
+    not_scored: Mapping[str, str] = field(default_factory=dict)
 
 
 def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: str) -> TaskResult:
     """Run all controllers of a task through the same episodes, and through the studies."""
     scene = compared.scenes[task]
-    rows, chosen = entries(compared, task)
+    made, not_scored = entries(compared, task)
+    rows, penalties = [], []
+    for row in made:
+        try:
+            penalties.append(row.penalties(scene, episodes))
+            rows.append(row)
+        except NOT_SCORED as error:
+            if not rows:  # what all others are compared with
+                raise
+            not_scored[row.label] = str(error)
     changes = studies.robustness or bool(studies.records)
     return TaskResult(
         task=task,
         labels=tuple(row.label for row in rows),
         reads=tuple(row.controllers[0].reads for row in rows),
         sample=Sample(
-            np.stack([row.penalties(scene, episodes) for row in rows]),
+            np.stack(penalties),
             np.array([row.trained for row in rows]),
         ),
         reference=0,
-        chosen=chosen,
+        chosen=best_classical(scene, rows),
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
         loops=closed_loops(scene, rows) if studies.frequency else [],
         efforts=efforts(scene, rows, episodes) if studies.effort else [],
+        not_scored=not_scored,
     )
 
 

@@ -35,7 +35,55 @@ STRETCHES = 9
 """Number of stretches at which the estimator's gain is computed; the nearest is used."""
 
 
-class ObservedState:
+class ObservedActuators:
+    """What the actuators have, from the first frame and the actions since; the state reads zero.
+
+    It is all that a law needs which does not read the state, whatever the sensors show.
+    """
+
+    reads: Reads = "observation"
+
+    def __init__(self, scene: Scene) -> None:
+        plant = compile_scene(scene)
+        self.scene, self.frame = scene, len(plant.observed)
+        self.zero = np.array([channel.zero for channel in plant.observed])
+        self.unit = np.array([1.0 / channel.factor for channel in plant.observed])
+        self.stretch = (
+            plant.channels.index("stretch")
+            if "stretch" in plant.channels and scene.actuation.stretch is not None
+            else None
+        )
+
+    def begin(self, lanes: int) -> None:
+        """Forget the last episodes."""
+        self.actuators = Actuators(self.scene)
+        self.step = 0
+
+    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
+        """Return zeros, and what the actuators have."""
+        if self.step == 0:
+            self.actuators.begin(self._first_applied(self._newest(observation)))
+        self.step += 1
+        return np.zeros((len(observation), 4)), self.actuators.applied
+
+    def send(self, action: Values) -> None:
+        """Advance the model of the actuators."""
+        self.actuators.advance(action)
+
+    def _newest(self, observation: NDArray[np.float32]) -> Values:
+        """Return the newest frame, in the channels' units."""
+        return observation[:, -self.frame :] * self.unit + self.zero
+
+    def _first_applied(self, frame: Values) -> Values:
+        """Return the first stretch where it is observed, else the middle; no force."""
+        actuators, lanes = self.actuators, len(frame)
+        applied = np.tile(0.5 * (actuators.low + actuators.high), (lanes, 1))
+        if self.stretch is not None:
+            applied[:, -1] = np.clip(frame[:, self.stretch], actuators.low[-1], actuators.high[-1])
+        return applied
+
+
+class ObservedState(ObservedActuators):
     """Estimate the state from what an agent observes.
 
     Without noise, if the channels show the whole state, it is read off. Otherwise the scene's own
@@ -50,13 +98,10 @@ class ObservedState:
         If the channels do not show the state: it is not detectable from them.
     """
 
-    reads: Reads = "observation"
-
     def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
         plant = compile_scene(scene)
-        self.scene, self.delay, self.frame = scene, plant.delay, len(plant.observed)
-        self.zero = np.array([channel.zero for channel in plant.observed])
-        self.unit = np.array([1.0 / channel.factor for channel in plant.observed])
+        self.delay = plant.delay
         self.shown = [i for i, name in enumerate(plant.channels) if name in ROWS]
         self.c = np.array([ROWS[plant.channels[i]] for i in self.shown]).reshape(-1, 4)
         noise = np.array([plant.observed[i].noise for i in self.shown])
@@ -64,23 +109,17 @@ class ObservedState:
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
         self.exact = bool(whole and not noise.any())
         self.predicts = self.delay > 0 or not self.exact
-        self.stretch = (
-            plant.channels.index("stretch")
-            if "stretch" in plant.channels and scene.actuation.stretch is not None
-            else None
-        )
         self.gains = np.linalg.pinv(self.c)[None] if self.exact else self._gains()
 
     def begin(self, lanes: int) -> None:
         """Forget the last episodes."""
-        self.actuators = Actuators(self.scene)
+        super().begin(lanes)
         self.model = Model(self.scene, lanes) if self.predicts else None
-        self.step = 0
         self.pending: list[Values] = []
 
     def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
         """Return the present estimates."""
-        frame = observation[:, -self.frame :] * self.unit + self.zero
+        frame = self._newest(observation)
         shown = frame[:, self.shown]
         if self.step == 0:
             self.actuators.begin(self._first_applied(frame))
@@ -112,14 +151,6 @@ class ObservedState:
         for applied in self.pending:
             state, _ = self.model.advance(applied)
         return state.copy()
-
-    def _first_applied(self, frame: Values) -> Values:
-        """Return the first stretch where it is observed, else the middle; no force."""
-        actuators, lanes = self.actuators, len(frame)
-        applied = np.tile(0.5 * (actuators.low + actuators.high), (lanes, 1))
-        if self.stretch is not None:
-            applied[:, -1] = np.clip(frame[:, self.stretch], actuators.low[-1], actuators.high[-1])
-        return applied
 
     def _grid(self) -> list[float | None]:
         actuator = self.scene.actuation.stretch

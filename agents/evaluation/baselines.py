@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -37,23 +38,28 @@ from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
-from agents.controllers.observed_state import ObservedState
+from agents.controllers.observed_state import ObservedActuators, ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.resetting_stiffness import ResettingStiffness
-from agents.controllers.stable_rest import has_stable_rest
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
-from mm_gym import DesignError
+from agents.policy_file import PolicyError
+from mm_gym import CompileError, DesignError, SimulationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller, Law
+    from agents.controllers.controller import Controller, Law, StateSource
     from mm_gym import Scene
+
+Designed = TypeVar("Designed", bound="Controller")
+
+TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
+"""Ways to look for the frequency of a harmonic force."""
 
 DECADES = np.linspace(-2.0, 2.0, 17)
 """Exponents of the gains and prices that are tried."""
@@ -82,43 +88,99 @@ REMEMBER = (
 """Laws with a memory: others do not start a plan from the middle of an episode."""
 
 
-def baselines(scene: Scene) -> list[Controller]:
-    """Return the classical controllers that apply to a scene, but for predictive control.
+NOT_SCORED = (CompileError, DesignError, PolicyError, SimulationError)
+"""What keeps a controller from being scored on a scene, though others can be."""
+
+
+class Baselines(NamedTuple):
+    """The classical controllers of a scene.
+
+    Attributes
+    ----------
+    controllers
+        Those that can be designed.
+    not_scored
+        The names of the others, with the reason.
+    """
+
+    controllers: list[Controller]
+    not_scored: dict[str, str]
+
+
+def baselines(scene: Scene) -> Baselines:
+    """Return the classical controllers of a scene, but for predictive control.
 
     The first is the one that ratios refer to: the best constant stretch, or no control where there
     is no stretch.
     """
-    still: list[Controller] = [Feedback(scene, no_control(scene))]
+    still: list[Controller] = [uncontrolled(scene)]
     if scene.actuation.stretch is not None:
         still.insert(0, best_constant_stretch(scene))
-    laws = [*classical_laws(scene), *output_feedback(scene), *informed_laws(scene)]
-    return [*still, *laws]
+    found, not_scored = designed(scene, {**classical(scene), **filtered(scene), **informed(scene)})
+    return Baselines([*still, *found], not_scored)
+
+
+def designed(
+    scene: Scene, makers: Mapping[str, Callable[[Scene], Designed]]
+) -> tuple[list[Designed], dict[str, str]]:
+    """Return the controllers that can be designed for a scene, and why the others cannot."""
+    found: list[Designed] = []
+    not_scored: dict[str, str] = {}
+    for name, make in makers.items():
+        try:
+            found.append(make(scene))
+        except NOT_SCORED as error:
+            not_scored[name] = str(error)
+    return found, not_scored
+
+
+def uncontrolled(scene: Scene) -> Feedback:
+    """Return no control, which needs no state."""
+    return Feedback(scene, no_control(scene), ObservedActuators(scene))
+
+
+def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
+    """Return what makes the tuned laws that read the observation, by name."""
+    match columns(scene):
+        case ("force",):
+            return {"LQR": regulator, "velocity feedback": best_velocity_feedback}
+        case ("stretch",):
+            return {
+                "phase law": best_phase_law,
+                "clipped LQR": best_clipped_lqr,
+                "on-off stiffness": best_on_off_stiffness,
+                "resetting stiffness, passive": partial(resetting_stiffness, passive=True),
+                "resetting stiffness": partial(resetting_stiffness, passive=False),
+                **{
+                    f"frequency tracking, {name}": partial(frequency_tracker, name)
+                    for name in trackers(scene)
+                },
+            }
+        case _:
+            switched = cache(lambda: best_lqr_with_clipped_lqr(scene))  # its search takes long
+            return {
+                "LQR + constant stretch": best_lqr_at_constant_stretch,
+                "LQR + clipped LQR": lambda _: switched(),
+                "LQR with feed-forward + clipped LQR": lambda scene: _with_feedforward(
+                    scene, switched()
+                ),
+            }
+
+
+def filtered(scene: Scene) -> Mapping[str, Callable[[Scene], Controller]]:
+    """Return what makes the controllers with a filter of their own, by name."""
+    return {"LQG": LQG} if columns(scene) == ("force",) else {}
+
+
+def informed(scene: Scene) -> Mapping[str, Callable[[Scene], Controller]]:
+    """Return what makes the controllers that know what an agent does not, by name."""
+    known = FREQUENCY in scene.randomization and columns(scene) == ("stretch",)
+    return {"matching stretch": MatchingStretch} if known else {}
 
 
 def classical_laws(scene: Scene) -> list[Feedback]:
-    """Return the tuned laws, from the observation.
-
-    Those that tune the springs about an unstable middle of the carriage are left out.
-    """
-    stable = has_stable_rest(scene)
-    match columns(scene):
-        case ("force",):
-            return [*regulators(scene), best_velocity_feedback(scene)]
-        case ("stretch",):
-            return tuning_laws(scene) if stable else []
-        case _:
-            held = best_lqr_at_constant_stretch(scene)
-            return [held, *switched_springs(scene)] if stable else [held]
-
-
-def output_feedback(scene: Scene) -> list[Controller]:
-    """Return the LQG of a force, which filters the observation, if one can be designed."""
-    if columns(scene) != ("force",):
-        return []
-    try:
-        return [LQG(scene)]
-    except DesignError:
-        return []
+    """Return the tuned laws that read the observation, those that can be designed."""
+    return designed(scene, classical(scene))[0]
 
 
 def further_laws(scene: Scene) -> list[Controller]:
@@ -131,39 +193,7 @@ def further_laws(scene: Scene) -> list[Controller]:
     gymnasium.error.DependencyNotInstalled
         Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
     """
-    found: list[Controller] = []
-    for make in FURTHER[columns(scene)].values():
-        with suppress(DesignError):
-            found.append(make(scene))
-    return found
-
-
-def tuning_laws(scene: Scene) -> list[Feedback]:
-    """Return the tuned laws of the stretch."""
-    return [
-        best_phase_law(scene),
-        best_clipped_lqr(scene),
-        best_on_off_stiffness(scene),
-        *resetting_laws(scene),
-        *frequency_trackers(scene),
-    ]
-
-
-def informed_laws(scene: Scene) -> list[Controller]:
-    """Return the laws that know what an agent does not."""
-    known = FREQUENCY in scene.randomization and has_stable_rest(scene)
-    if known and columns(scene) == ("stretch",):
-        return [MatchingStretch(scene)]
-    return []
-
-
-def switched_springs(scene: Scene) -> list[Feedback]:
-    """Return the clipped LQR beside a regulator of the force, and one with feed-forward."""
-    found = best_lqr_with_clipped_lqr(scene)
-    try:
-        return [found, _with_feedforward(scene, found)]
-    except DesignError:  # no noise
-        return [found]
+    return designed(scene, FURTHER[columns(scene)])[0]
 
 
 def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
@@ -172,8 +202,7 @@ def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
     Where there is none, it is no control.
     """
     simple = [controller for controller in laws if not _remembers(controller.law)]
-    still = Feedback(scene, no_control(scene))
-    return min(simple or [still], key=lambda controller: _cost(scene, controller)).law
+    return min(simple or [uncontrolled(scene)], key=lambda controller: _cost(scene, controller)).law
 
 
 def _remembers(law: Law) -> bool:
@@ -195,33 +224,39 @@ def predictive_control(scene: Scene, law: Law) -> Feedback:
     return Feedback(scene, PredictiveControl(scene, law, replace(SEARCH, horizon=horizon)))
 
 
-def regulators(scene: Scene) -> list[Feedback]:
-    """Return the LQR if one can be designed, without the stroke's weight if it must be."""
-    with suppress(DesignError):
-        return [Feedback(scene, LQR(scene))]
-    with suppress(DesignError):
-        regulator = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
-        regulator.name = "LQR, blind to the stroke"
-        return [Feedback(scene, regulator)]
-    return []
+def regulator(scene: Scene) -> Feedback:
+    """Return the LQR, without the stroke's weight if none can be designed with it."""
+    try:
+        return Feedback(scene, LQR(scene))
+    except DesignError as error:
+        with suppress(DesignError):
+            law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
+            law.name = "LQR, blind to the stroke"
+            return Feedback(scene, law)
+        raise error from None
 
 
-def resetting_laws(scene: Scene) -> list[Feedback]:
-    """Return both kinds of resetting stiffness."""
-    return [Feedback(scene, ResettingStiffness(scene, passive=p)) for p in (True, False)]
+def resetting_stiffness(scene: Scene, *, passive: bool) -> Feedback:
+    """Return either kind of resetting stiffness."""
+    return Feedback(scene, ResettingStiffness(scene, passive=passive))
 
 
-def frequency_trackers(scene: Scene) -> list[Feedback]:
-    """Return the laws that look for the frequency of a harmonic force."""
-    if {part.kind for part in scene.excitation} != {"harmonic"}:
-        return []
+def trackers(scene: Scene) -> tuple[str, ...]:
+    """Return the ways to look for the frequency, where all excitation is harmonic."""
+    return TRACKERS if {part.kind for part in scene.excitation} == {"harmonic"} else ()
+
+
+def frequency_tracker(name: str, scene: Scene) -> Feedback:
+    """Return the law that looks for the frequency of a harmonic force in one of the ways."""
     low, high = band = reachable_band(scene)
-    estimators = (
-        LinearPrediction(scene),
-        FrequencyLockedLoop(scene, 0.5 * (low + high)),
-        ShortTimeFourier(scene, band),
-    )
-    return [Feedback(scene, FrequencyTracking(scene, estimator)) for estimator in estimators]
+    match name:
+        case "linear-prediction":
+            estimator = LinearPrediction(scene)
+        case "frequency-locked-loop":
+            estimator = FrequencyLockedLoop(scene, 0.5 * (low + high))
+        case _:
+            estimator = ShortTimeFourier(scene, band)
+    return Feedback(scene, FrequencyTracking(scene, estimator))
 
 
 def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
@@ -232,12 +267,24 @@ def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
     actuator = scene.actuation.force
     if scene.actuation.stretch is not None or actuator is None:
         return best_constant_stretch(scene, seed)
-    return _search(scene, lambda force: ConstantForce(scene, force), actuator.limit * CENTRED, seed)
+    return _search(
+        scene,
+        lambda force: ConstantForce(scene, force),
+        actuator.limit * CENTRED,
+        seed,
+        ObservedActuators(scene),
+    )
 
 
 def best_constant_stretch(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
     """Search the constant stretch of least cost."""
-    return _search(scene, lambda s: constant_stretch(scene, s), _stretches(scene), seed)
+    return _search(
+        scene,
+        lambda s: constant_stretch(scene, s),
+        _stretches(scene),
+        seed,
+        ObservedActuators(scene),
+    )
 
 
 def best_phase_law(scene: Scene) -> Feedback:
@@ -303,9 +350,10 @@ def _search(
     make: Callable[[float], Law],
     grid: NDArray[np.float64],
     seed: int = VALIDATION_SEED,
+    source: StateSource | None = None,
 ) -> Feedback:
     """Return the law of least cost: the best of a grid, refined between its neighbours."""
-    source = ObservedState(scene)
+    source = source or ObservedState(scene)
 
     def controller(value: float) -> Feedback:
         return Feedback(scene, make(float(value)), source)

@@ -13,9 +13,10 @@ from agents.evaluation.baselines import (
     best_constant,
     best_without_memory,
     classical_laws,
+    designed,
+    filtered,
     further_laws,
-    informed_laws,
-    output_feedback,
+    informed,
     predictive_control,
 )
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
@@ -92,16 +93,18 @@ def headroom(
 
 
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
-    """Return all controllers that are scored on the scene, each behind its role."""
+    """Return all controllers that can be designed for the scene, each behind its role."""
     laws = classical_laws(scene)
     best = best_without_memory(scene, laws)
+    further = [*designed(scene, filtered(scene))[0], *further_laws(scene)]
+    predictive = {"predictive control": lambda scene: predictive_control(scene, best)}
     return [
         ("zero", ConstantAction(scene)),
         ("random", RandomActions(scene)),
         ("constant", best_constant(scene, HELD_OUT_SEED)),
-        *(("law", law) for law in [*laws, *output_feedback(scene), *further_laws(scene)]),
-        ("predictive", predictive_control(scene, best)),
-        *(("informed", law) for law in informed_laws(scene)),
+        *(("law", law) for law in [*laws, *further]),
+        *(("predictive", law) for law in designed(scene, predictive)[0]),
+        *(("informed", law) for law in designed(scene, informed(scene))[0]),
     ]
 
 

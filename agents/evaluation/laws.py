@@ -5,15 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from agents.controllers.constant import no_control
 from agents.controllers.controller import columns
-from agents.controllers.feedback import Feedback
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import force_price
 from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
     FURTHER,
+    TRACKERS,
     best_clipped_lqr,
     best_constant,
     best_feedforward_lqr_with_clipped_lqr,
@@ -24,10 +23,12 @@ from agents.evaluation.baselines import (
     best_velocity_feedback,
     best_without_memory,
     classical_laws,
-    frequency_trackers,
+    frequency_tracker,
     predictive_control,
-    regulators,
-    resetting_laws,
+    regulator,
+    resetting_stiffness,
+    trackers,
+    uncontrolled,
 )
 from mm_gym import DesignError, SceneError
 from mm_gym.errors import suggest
@@ -48,7 +49,7 @@ NOISES = ("noise", "kanai_tajimi", "clough_penzien")
 
 ALWAYS: Mapping[str, Make] = {
     RANDOM: RandomActions,
-    "no-control": lambda scene: Feedback(scene, no_control(scene)),
+    "no-control": uncontrolled,
     "best-constant": best_constant,
     "predictive-control": lambda scene: predictive_control(
         scene, best_without_memory(scene, classical_laws(scene))
@@ -58,7 +59,7 @@ ALWAYS: Mapping[str, Make] = {
 
 LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
     ("force",): {
-        "lqr": lambda scene: regulators(scene)[0],
+        "lqr": regulator,
         "lqg": LQG,
         "velocity-feedback": best_velocity_feedback,
     },
@@ -66,8 +67,8 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "phase-law": best_phase_law,
         "clipped-lqr": best_clipped_lqr,
         "on-off-stiffness": best_on_off_stiffness,
-        "resetting-stiffness-passive": lambda scene: resetting_laws(scene)[0],
-        "resetting-stiffness": lambda scene: resetting_laws(scene)[1],
+        "resetting-stiffness-passive": partial(resetting_stiffness, passive=True),
+        "resetting-stiffness": partial(resetting_stiffness, passive=False),
     },
     ("force", "stretch"): {
         "lqr": best_lqr_at_constant_stretch,
@@ -83,9 +84,6 @@ PRICED = (
 )
 """Laws that need a force with a price, commanded by value."""
 
-TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
-"""Laws that look for the frequency of a harmonic force, by how they do, as `frequency_trackers`."""
-
 
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
@@ -98,15 +96,10 @@ def laws(scene: Scene) -> dict[str, Make]:
     if not kinds.intersection(NOISES):
         found.pop(FEEDFORWARD, None)
     if columns(scene) == ("stretch",):
-        if kinds == {"harmonic"}:
-            found |= {name: partial(_tracker, number) for number, name in enumerate(TRACKERS)}
+        found |= {name: partial(frequency_tracker, name) for name in trackers(scene)}
         if FREQUENCY in scene.randomization:
             found[MATCHING] = MatchingStretch
     return found
-
-
-def _tracker(number: int, scene: Scene) -> Controller:
-    return frequency_trackers(scene)[number]
 
 
 def obstacle(name: str, scene: Scene) -> str | None:

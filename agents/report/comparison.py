@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from agents.comparison.conclusions import THRESHOLDS
-from agents.report.tables import markdown
+from agents.report.tables import markdown, not_scored_cells
 from mm_gym.files import write_csv, write_text
 
 if TYPE_CHECKING:
@@ -29,8 +29,10 @@ OVERALL = ("controller", "interquartile mean", "95 % interval")
 def print_comparison(comparison: Comparison) -> None:
     """Print the ranking of each task, then that over all tasks."""
     console = Console()
-    for task, rows in comparison.tables.items():
-        _print(console, task, PRINTED, [_printed_cells(row) for row in rows])
+    for result in comparison.results:
+        rows = [_printed_cells(row) for row in comparison.tables[result.task]]
+        without = [(cell,) for cell in not_scored_cells(result.not_scored)]
+        _print(console, result.task, PRINTED, [*rows, *without])
     if comparison.overall:
         _print(console, "all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
     console.print(_episodes(comparison), highlight=False)
@@ -96,6 +98,8 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
     none = [float("nan")] * 3
     scores = np.array([row.score or none for row in rows])
     costs = np.array([row.cost for row in rows])
+    without = [(r.task, *one) for r in comparison.results for one in r.not_scored.items()]
+    blank, nan = [""] * len(without), [none[0]] * len(without)
     write_csv(
         folder / "comparison.csv",
         [
@@ -105,17 +109,17 @@ def write_comparison(comparison: Comparison, folder: Path) -> None:
             "trainings",
             *("cost [-]", "cost, low [-]", "cost, high [-]"),
             *("score [-]", "score, low [-]", "score, high [-]"),
-            *("worst episode [-]", "worst tenth [-]"),
+            *("worst episode [-]", "worst tenth [-]", "not scored"),
         ],
         [
-            [task for task, _ in flat],
-            [row.label for row in rows],
-            [row.reads for row in rows],
-            [row.trainings for row in rows],
-            *costs.T,
-            *scores.T,
-            [row.worst for row in rows],
-            [row.tail for row in rows],
+            [*(task for task, _ in flat), *(task for task, _, _ in without)],
+            [*(row.label for row in rows), *(label for _, label, _ in without)],
+            [*(row.reads for row in rows), *blank],
+            [*(row.trainings for row in rows), *blank],
+            *([*column, *nan] for column in (*costs.T, *scores.T)),
+            [*(row.worst for row in rows), *nan],
+            [*(row.tail for row in rows), *nan],
+            [*([""] * len(rows)), *(reason for _, _, reason in without)],
         ],
     )
     _write_episodes(comparison, folder / "episodes.csv")
@@ -210,6 +214,7 @@ def as_data(comparison: Comparison) -> dict[str, object]:
             ]
             for task, rows in comparison.tables.items()
         },
+        "not_scored": {result.task: dict(result.not_scored) for result in comparison.results},
         "overall": [
             {
                 "controller": one.label,
@@ -231,9 +236,13 @@ def page(comparison: Comparison) -> str:
 def _sections(comparison: Comparison) -> Iterator[str]:
     yield "# Comparison"
     yield f"{_episodes(comparison)}."
-    for task, rows in comparison.tables.items():
-        yield f"## {task}"
-        yield markdown((*HEADER, *TAIL), [_cells(row) for row in rows])
+    header = (*HEADER, *TAIL)
+    for result in comparison.results:
+        rows = [_cells(row) for row in comparison.tables[result.task]]
+        texts = [cell.replace("|", r"\|") for cell in not_scored_cells(result.not_scored)]
+        without = [(text, *[""] * (len(header) - 1)) for text in texts]
+        yield f"## {result.task}"
+        yield markdown(header, [*rows, *without])
     if not comparison.overall:
         return
     yield "## All tasks"

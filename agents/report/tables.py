@@ -11,7 +11,7 @@ from rich.table import Table
 from mm_gym.files import write_csv
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from agents.evaluation.episodes import Evaluation
@@ -61,8 +61,10 @@ def write_episodes(results: Sequence[Evaluation], path: Path) -> None:
     )
 
 
-def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
-    """Print the controllers by their cost, the least first."""
+def print_ranking(
+    results: Sequence[Evaluation], scene: Scene, not_scored: Mapping[str, str]
+) -> None:
+    """Print the controllers by their cost, the least first, and why others have none."""
     count, reference = results[0].returns.size, results[0]
     table = Table(title=f"cost: root of the mean of -reward per step, {count} held-out episodes")
     table.add_column("controller")
@@ -78,6 +80,8 @@ def print_ranking(results: Sequence[Evaluation], scene: Scene) -> None:
             f"{result.rms:.3f}",
             f"{result.returns.mean():.2f}",
         )
+    for text in not_scored_cells(not_scored):
+        table.add_row(text)
     Console().print(
         table,
         f"ratio: cost / cost of {reference.name}",
@@ -92,6 +96,14 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def not_scored_cells(not_scored: Mapping[str, str]) -> list[str]:
+    """Return the cell of each controller that is not scored, in one line with the reason."""
+    return [
+        f"{name}: not scored: {'; '.join(reason.splitlines())}"
+        for name, reason in not_scored.items()
+    ]
 
 
 def percent(value: float) -> str:

@@ -331,6 +331,67 @@ def test_policy_files_of_one_name_have_rows_of_their_own(tmp_path, monkeypatch) 
     assert alone.label == "policy.npz"
 
 
+UNSEEN = """
+control.steps = 20
+initial.carriage_displacement = 0.01
+objective.effort_weight = 0.01
+sensors.channels = ["carriage_displacement", "carriage_acceleration"]
+"""
+"""Sensors that do not show where the sphere is."""
+
+
+def test_controllers_that_do_not_apply_say_why_and_the_others_are_scored(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "force.toml").write_text(f"{UNSEEN}actuation.force.limit = 4.0\n")
+    policy(1.0).save(tmp_path / "four.npz")
+    compared = read_field(["baselines", "lqr", "no-control", "four.npz"], ["force.toml"])
+    (found,) = measure(compared, EPISODES)
+    assert found.labels == ("best constant", "no control", "no-control")
+    assert np.array_equal(found.sample.penalties[1], found.sample.penalties[2])
+    assert set(found.not_scored) == {"LQR", "velocity feedback", "LQG", "lqr", "four.npz"}
+    for name in ("LQR", "velocity feedback", "LQG", "lqr"):
+        assert found.not_scored[name].startswith("sensors.channels: ")
+    assert "got 4 observed numbers" in found.not_scored["four.npz"]
+    assert found.labels[found.chosen or 0] == "no control"
+    concluded = conclude([found], compared.scenes, EPISODES)
+    (line,) = (line for line in page(concluded).splitlines() if line.startswith("| LQG"))
+    assert line.startswith("| LQG: not scored: sensors.channels: they do not show the mode")
+    assert line.count("|") == page(concluded).splitlines()[6].count("|")
+    write_comparison(concluded, tmp_path / "out")
+    with (tmp_path / "out" / "comparison.csv").open(newline="") as lines:
+        rows = {row["controller"]: row for row in csv.DictReader(lines)}
+    assert rows["LQG"]["cost [-]"] == "nan"
+    assert rows["LQG"]["not scored"] == found.not_scored["LQG"]
+    assert rows["no control"]["not scored"] == ""
+    words = ["evaluate", "baselines", "--tasks", "force.toml", "--episodes", "2", "--seeds", "1"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert command.main() is None
+    assert "LQG: not scored:" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", *words[2:]])
+    assert str(command.main()).startswith("error: force.toml: lqr: not scored: sensors.channels")
+
+
+def test_no_stretch_is_tuned_by_sensors_that_do_not_show_the_sphere(tmp_path) -> None:
+    file = tmp_path / "stretch.toml"
+    file.write_text(
+        f"{UNSEEN}springs.kind = 'small_on_large'\nactuation.stretch.rate_limit = 4.0\n"
+        "interface.kind = 'none'\n"
+    )
+    (found,) = measure(read_field(["baselines"], [str(file)]), EPISODES)
+    assert {"best constant", "no control"} <= set(found.labels)
+    assert len(found.labels) + len(found.not_scored) == 7
+
+
+def test_report_of_a_run_says_why_baselines_have_no_score(capsys) -> None:
+    scene = CARRIAGE_FORCE.replace(**{"objective.effort_weight": 0.0, "control.steps": 10})
+    command.report([], scene, 4, None)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "LQR: not scored:" in printed
+    assert "velocity feedback, " in printed
+
+
 def test_figures_of_two_scenes_have_names_of_their_own() -> None:
     assert _file_name(FORCE, [FORCE, DUFFING]) == "carriageforce-v0"
     scenes = ["a/own.toml", "b/own.toml", "own.toml, control.steps = 3"]

@@ -41,10 +41,11 @@ from agents.evaluation.baselines import (
     baselines,
     best_constant_stretch,
     best_phase_law,
+    classical,
     classical_laws,
     further_laws,
-    informed_laws,
-    regulators,
+    informed,
+    regulator,
 )
 from agents.evaluation.episodes import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
@@ -127,7 +128,7 @@ def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
 
 def test_regulator_beats_no_control_on_the_yardstick() -> None:
     zero, lqr, damper, lqg = (
-        evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE)
+        evaluate(CARRIAGE_FORCE, c, episodes=50) for c in baselines(CARRIAGE_FORCE).controllers
     )
     assert np.all(lqr.returns > zero.returns)
     assert lqr.cost < damper.cost < zero.cost
@@ -140,7 +141,7 @@ def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
     for extra in ("osqp", "slycot"):
         pytest.importorskip(extra)
     scene = TASKS[name].replace(**{"control.steps": 10})
-    return scene, [*baselines(scene), *further_laws(scene)]
+    return scene, [*baselines(scene).controllers, *further_laws(scene)]
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -194,8 +195,8 @@ def test_clipped_regulator_asks_for_the_force_of_its_regulator() -> None:
 
 
 def test_regulator_that_cannot_price_the_stroke_is_told_not_to() -> None:
-    (regulator,) = regulators(CARRIAGE_FORCE_FRICTION)
-    assert regulator.name == "LQR, blind to the stroke"
+    controller = regulator(CARRIAGE_FORCE_FRICTION)
+    assert controller.name == "LQR, blind to the stroke"
 
 
 def test_random_actions_repeat_themselves() -> None:
@@ -223,7 +224,10 @@ def test_laws_that_tune_springs_refuse_an_unstable_middle_by_name(
     for law in (MatchingStretch, PhaseLaw, lambda scene: ClippedLQR(scene, 2.0, 0.1)):
         with pytest.raises(DesignError, match=r"linear_coefficient: got .* at least 0"):
             law(scene)
-    assert classical_laws(scene) == informed_laws(scene) == []
+    assert classical_laws(scene) == []
+    not_scored = baselines(scene).not_scored
+    assert {*classical(scene), *informed(scene)} == set(not_scored)
+    assert all("linear_coefficient: got" in reason for reason in not_scored.values())
 
 
 def test_lead_moves_the_state_as_the_plant_does() -> None:

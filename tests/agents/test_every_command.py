@@ -81,7 +81,8 @@ def here(trials, _, report):
 def folder(tmp_path, monkeypatch):
     """A folder with a policy and a law; no other laws are tuned for reports."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("agents.evaluate.baselines", lambda s: [base_controller(s, "no-control")])
+    still = "no-control"
+    monkeypatch.setattr("agents.evaluate.baselines", lambda s: ([base_controller(s, still)], {}))
     monkeypatch.setattr("agents.sweep.work_here", here)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     ends = np.ones(1, np.float32)

@@ -20,7 +20,7 @@ from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.baselines import regulators
+from agents.evaluation.baselines import baselines, regulator
 from agents.evaluation.laws import laws
 from mm_gym import CompileError, DesignError, SceneError
 
@@ -104,5 +104,8 @@ def test_impossible_design_is_refused_with_the_reason(make, scene, arguments, me
 
 
 def test_scene_without_a_regulator_is_evaluated_without_it():
-    assert regulators(RATE) == regulators(NOTHING) == []
+    for scene in (RATE, NOTHING):
+        with pytest.raises(DesignError):
+            regulator(scene)
+        assert "LQR" in baselines(scene).not_scored
     assert "lqr" not in laws(RATE)

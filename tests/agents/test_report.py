@@ -54,7 +54,7 @@ def test_lines_of_the_figure_of_costs_differ_in_style_or_colour() -> None:
 
 
 def test_ranking_is_by_the_cost_of_the_task(capsys) -> None:
-    print_ranking([STILL, RESTLESS, BEST], CARRIAGE_FORCE)
+    print_ranking([STILL, RESTLESS, BEST], CARRIAGE_FORCE, {})
     lines = capsys.readouterr().out.splitlines()
     rows = [line.replace("\u2502", " ").split() for line in lines]
     found = [row for row in rows if row and row[0] in {"still", "restless", "best"}]
@@ -182,7 +182,7 @@ def test_nothing_gained_is_never_a_negative_zero(value, text) -> None:
 def test_ranking_shows_all_numbers_in_a_narrow_terminal(capsys, monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     long = evaluation("frequency tracking, linear prediction of the force", 0.3456, 0.3)
-    print_ranking([STILL, long], CARRIAGE_FORCE)
+    print_ranking([STILL, long], CARRIAGE_FORCE, {})
     printed = capsys.readouterr().out
     assert "0.346" in printed
     assert "observation" in printed

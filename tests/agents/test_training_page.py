@@ -62,7 +62,8 @@ def here(trials, _, report):
 
 def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
     # The laws are tuned for a report, which takes longer than all else here.
-    monkeypatch.setattr("agents.evaluate.baselines", lambda s: [base_controller(s, "no-control")])
+    still = "no-control"
+    monkeypatch.setattr("agents.evaluate.baselines", lambda s: ([base_controller(s, still)], {}))
     monkeypatch.setattr("agents.sweep.work_here", here)  # test_sweep.py has its processes
     run_here("../training", tmp_path)
     runs = tmp_path / "runs"

@@ -125,7 +125,7 @@ def test_command_says_what_is_wrong_with_its_argument(text, message, tmp_path, m
 
 def test_command_ranks_it_among_the_baselines(tmp_path, monkeypatch, capsys) -> None:
     still = Feedback(CARRIAGE_FORCE, VelocityFeedback(CARRIAGE_FORCE, 0.1))
-    monkeypatch.setattr(command, "baselines", lambda _: [still])
+    monkeypatch.setattr(command, "baselines", lambda _: ([still], {}))
     own = written(tmp_path, LAW) + ":Damper"
     monkeypatch.setattr(
         sys,
