@@ -25,6 +25,7 @@ from agents.comparison.command import compare
 from agents.comparison.contestants import BASELINES, read_field
 from agents.comparison.entries import Episodes
 from agents.comparison.measure import Studies
+from agents.comparison.robustness import Records
 from agents.controllers.user_defined import user_defined
 from agents.errors import ERRORS, leave
 from agents.evaluation.baselines import NOT_SCORED, baselines
@@ -69,6 +70,8 @@ class Arguments:
     """compare also under other masses, stiffnesses and dampings, noise and delay"""
     records: tuple[Path, ...] = ()
     """recorded motions that take the place of the excitation, besides"""
+    unit: str | None = None
+    """of the values of --records, as g or cm/s^2; by default g for AT2 files, else m/s^2 or N"""
     frequency: bool = False
     """measure the steady response of the closed loop over frequency"""
     effort: bool = False
@@ -95,6 +98,7 @@ class Arguments:
             self.seeds is not None,
             self.robustness,
             self.records,
+            self.unit,
             self.frequency,
         )
         if len(self.subjects) > 1 or self.effort or any(studies):
@@ -193,6 +197,9 @@ def compare_several(arguments: Arguments) -> None:
                 f"--{flag}: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
             )
             raise SceneError(msg)
+    if arguments.unit is not None and not arguments.records:
+        msg = f"--unit: got {arguments.unit!r} without --records; it is the unit of their values"
+        raise SceneError(msg)
     if arguments.processes < 1:
         msg = f"--processes: got {arguments.processes}; allowed: at least 1"
         raise SceneError(msg)
@@ -201,7 +208,10 @@ def compare_several(arguments: Arguments) -> None:
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
     )
     studies = Studies(
-        arguments.robustness, arguments.records, arguments.frequency, arguments.effort
+        arguments.robustness,
+        Records(arguments.records, arguments.unit) if arguments.records else None,
+        arguments.frequency,
+        arguments.effort,
     )
     compare(compared, episodes, studies, arguments.out, arguments.processes)
 

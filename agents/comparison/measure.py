@@ -19,13 +19,12 @@ from agents.evaluation.baselines import NOT_SCORED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from agents.comparison.contestants import Field
     from agents.comparison.effort import Effort
     from agents.comparison.entries import Episodes
     from agents.comparison.frequency import ClosedLoop
-    from agents.comparison.robustness import Outcome
+    from agents.comparison.robustness import Outcome, Records
     from agents.controllers.controller import Reads
 
 
@@ -46,7 +45,7 @@ class Studies:
     """
 
     robustness: bool = False
-    records: tuple[Path, ...] = ()
+    records: Records | None = None
     frequency: bool = False
     effort: bool = False
 
@@ -98,7 +97,7 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
             if not rows:  # what all others are compared with
                 raise
             not_scored[row.label] = str(error)
-    changes = studies.robustness or bool(studies.records)
+    changes = studies.robustness or studies.records is not None
     return TaskResult(
         task=task,
         labels=tuple(row.label for row in rows),

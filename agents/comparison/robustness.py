@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,22 @@ DELAYS = (0, 1, 2, 3)
 
 
 @dataclass(frozen=True)
+class Records:
+    """Recorded motions that take the place of the excitation.
+
+    Attributes
+    ----------
+    files
+        Their files.
+    unit
+        Of their values; by default g for AT2, else m/s^2 or N.
+    """
+
+    files: tuple[Path, ...] = ()
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What one controller did on one changed scene.
 
@@ -60,7 +77,7 @@ class Outcome:
     ratio: float
 
 
-def variants(scene: Scene, records: Sequence[Path] = ()) -> dict[tuple[str, float], Scene]:
+def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, float], Scene]:
     """Return the changed scenes by study and level, the scene as it is first.
 
     What the scene draws is drawn from a range that is changed by the same factor. A scene that
@@ -82,8 +99,8 @@ def variants(scene: Scene, records: Sequence[Path] = ()) -> dict[tuple[str, floa
         found[NOISE, level] = scene.replace(**{"sensors.noise": noise})
     for delay in DELAYS:
         found[DELAY, float(delay)] = scene.replace(**{"sensors.delay": delay})
-    for record in records:
-        found[f"{RECORD} {record.name}", 1.0] = _recorded(scene, record)
+    for file, unit in _files(records):
+        found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, unit)
     return found
 
 
@@ -94,18 +111,23 @@ def _scaled(scene: Scene, name: str, factor: float) -> dict[str, object]:
     return {name: factor * getattr(scene.carriage, name.partition(".")[2])}
 
 
-def check_records(scenes: Iterable[Scene], records: Sequence[Path]) -> None:
+def check_records(scenes: Iterable[Scene], records: Records | None) -> None:
     """Raise `SceneError` if a record cannot be read or does not suit one of the scenes."""
     for scene in scenes:
-        for record in records:
+        for file, unit in _files(records):
             try:
-                compile_scene(_recorded(scene, record))
+                compile_scene(_recorded(scene, file, unit))
             except SceneError as error:
-                msg = f"--records: {error}"
+                advice = re.sub(r"set unit = '(.*?)'", r"give --unit '\1'", str(error))
+                msg = f"--records: {advice}"
                 raise SceneError(msg) from None
 
 
-def _recorded(scene: Scene, record: Path) -> Scene:
+def _files(records: Records | None) -> list[tuple[Path, str | None]]:
+    return [] if records is None else [(file, records.unit) for file in records.files]
+
+
+def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
     """Return the scene with a record in place of its excitation."""
     drawn = {
         name: ends
@@ -113,7 +135,7 @@ def _recorded(scene: Scene, record: Path) -> Scene:
         if not str(name).startswith("excitation.")
     }
     target = scene.excitation[0].target if scene.excitation else "ground"
-    part = {"kind": "record", "file": str(record.absolute()), "target": target}
+    part = {"kind": "record", "file": str(file.absolute()), "target": target, "unit": unit}
     return scene.replace(excitation=[part], randomization=drawn)
 
 
@@ -121,7 +143,7 @@ def outcomes(
     scene: Scene,
     rows: Sequence[Entry],
     episodes: Episodes,
-    records: Sequence[Path] = (),
+    records: Records | None = None,
     *,
     studies: Sequence[str] = (),
 ) -> list[Outcome]:

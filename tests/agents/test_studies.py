@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH, TASKS
 
+from agents import evaluate as command
 from agents.comparison.conclusions import conclude
 from agents.comparison.contestants import Field
 from agents.comparison.effort import efforts
 from agents.comparison.entries import Entry, Episodes
 from agents.comparison.frequency import closed_loop
 from agents.comparison.measure import Studies, TaskResult, measure
-from agents.comparison.robustness import FACTORS, NOMINAL, check_records, outcomes, variants
+from agents.comparison.robustness import (
+    FACTORS,
+    NOMINAL,
+    Records,
+    check_records,
+    outcomes,
+    variants,
+)
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
@@ -38,7 +46,7 @@ def result(labels: tuple[str, ...], **studies: object) -> TaskResult:
 def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:
     record = tmp_path / "motion.csv"
     record.write_text("time [s],acceleration [m/s^2]\n0.0,0.5\n0.1,-0.5\n0.2,0.1\n")
-    found = variants(CARRIAGE_FORCE, [record])
+    found = variants(CARRIAGE_FORCE, Records((record,)))
     assert found[NOMINAL, 1.0] is CARRIAGE_FORCE
     assert found["carriage.mass", 0.8].carriage.mass == pytest.approx(0.08, rel=1e-14)
     assert found["carriage.damping", 1.3].carriage.damping == pytest.approx(1.3, rel=1e-14)
@@ -54,8 +62,29 @@ def test_changed_scenes_are_what_they_are_called(tmp_path) -> None:
         (0.11, 0.22), rel=1e-14
     )
     with pytest.raises(SceneError, match=r"--records: .*no such file"):
-        check_records([CARRIAGE_FORCE], [tmp_path / "none.csv"])
-    check_records([CARRIAGE_FORCE], [record])
+        check_records([CARRIAGE_FORCE], Records((tmp_path / "none.csv",)))
+    check_records([CARRIAGE_FORCE], Records((record,)))
+
+
+def test_record_in_g_is_refused_with_the_flag_and_read_with_it(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    record = tmp_path / "quake.csv"
+    record.write_text("time [s],acceleration [g]\n0.0,0.1\n0.5,-0.1\n1.0,0.1\n")
+    words = ["evaluate", "no-control", "--tasks", "CarriageForce", "--episodes", "2"]
+    words += ["--seeds", "1", "--records", str(record)]
+    monkeypatch.setattr("sys.argv", words)
+    assert "the header states units of G; got unit = 'm/s^2'; give --unit 'g'" in command.main()
+    monkeypatch.setattr("sys.argv", [*words, "--unit", "g", "--out", str(tmp_path / "out")])
+    assert command.main() is None
+    assert "no-control" in capsys.readouterr().out
+    (_, found) = variants(CARRIAGE_FORCE, Records((record,), "g")).popitem()
+    assert found.excitation[0].unit == "g"
+    monkeypatch.setattr("sys.argv", [*words, "--unit", "gg"])
+    assert "--records: " in command.main()
+    assert "'gg'" in command.main()
+    monkeypatch.setattr("sys.argv", [*words[:-2], "--unit", "g"])
+    assert "--unit: got 'g' without --records" in command.main()
 
 
 def test_controllers_are_not_told_of_the_change(tmp_path) -> None:
@@ -135,7 +164,9 @@ def test_studies_are_written_with_the_comparison(tmp_path) -> None:
     record = tmp_path / "motion.csv"
     record.write_text("0.0,0.5\n0.1,-0.5\n0.2,0.1\n")
     compared = Field({FORCE: CARRIAGE_FORCE}, (), baselines=False)
-    results = measure(compared, EPISODES, Studies(records=(record,), frequency=True, effort=True))
+    results = measure(
+        compared, EPISODES, Studies(records=Records((record,)), frequency=True, effort=True)
+    )
     write_comparison(conclude(results, TASKS, EPISODES), tmp_path)
     with (tmp_path / "robustness.csv").open(newline="") as lines:
         rows = list(csv.DictReader(lines))
