@@ -300,7 +300,9 @@ def cvode(method: int, iteration: str, motion: Motion, tolerance: float) -> Run:
     return run
 
 
-def heyoka(motion: Motion, tolerance: float, number: type = float) -> Run:
+def heyoka(
+    motion: Motion, tolerance: float, number: type = float, duration: float = DURATION
+) -> Run:
     """Return a run with heyoka's adaptive Taylor series, in double or long double numbers."""
     import heyoka as hy  # noqa: PLC0415 - an optional peer
 
@@ -313,29 +315,34 @@ def heyoka(motion: Motion, tolerance: float, number: type = float) -> Run:
     spring = k1 * (x1 + beta * x1**3) if beta else k1 * x1
     system = [(x1, v1), (x2, v2), (v1, (force - d * v1 - spring) / m1), (v2, -force / m2)]
     events = [hy.t_event(slip + side * vr, fp_type=number) for side in (-1, 1)]
-    start, regimes = [number(x) for x in motion.start], (-1, 0, 1)
-    pars = {regime: [number(x) for x in motion.interface(regime)] for regime in regimes}
+    start = np.array(motion.start, number)
+    own = {regime: np.array(motion.interface(regime), number) for regime in REGIMES}
+    has_events = bool(np.isfinite(vr))
     integrator = hy.taylor_adaptive(
         system,
-        start,
-        pars=pars[0],
+        list(start),
+        pars=list(own[0]),
         tol=number(tolerance),
-        t_events=events if np.isfinite(vr) else [],
+        t_events=events if has_events else [],
         fp_type=number,
     )
+    # What Python need not do in a run is done here.
+    state, pars, propagate = integrator.state, integrator.pars, integrator.propagate_until
+    begin, end, reached = number(0.0), number(duration), hy.taylor_outcome.time_limit
+    failures = {hy.taylor_outcome.step_limit, hy.taylor_outcome.err_nf_state}
 
     def run() -> State:
-        integrator.time, integrator.state[:], regime = number(0.0), start, 0
-        if np.isfinite(vr):
+        integrator.time, state[:], regime = begin, start, 0
+        if has_events:
             integrator.reset_cooldowns()
         for _ in range(MOST_EVENTS):
-            integrator.pars[:] = pars[regime]
-            outcome = integrator.propagate_until(number(DURATION), max_steps=MOST_STEPS)[0]
-            if outcome == hy.taylor_outcome.time_limit:
-                return np.array(integrator.state)
-            if outcome in {hy.taylor_outcome.step_limit, hy.taylor_outcome.err_nf_state}:
+            pars[:] = own[regime]
+            outcome = propagate(end, max_steps=MOST_STEPS)[0]
+            if outcome == reached:
+                return state
+            if outcome in failures:
                 break
-            regime = motion.next_regime(regime, integrator.state)
+            regime = motion.next_regime(regime, state)
         raise GaveUpError
 
     return run
@@ -347,8 +354,8 @@ def truth(motion: Motion) -> State:
     return np.array(run(), np.float64)
 
 
-def time_of_a_call(motion: Motion) -> tuple[float, float]:
-    """Return the time [µs] of a right-hand side that Python calls, and that compiled code calls."""
+def times_of_calls(motion: Motion) -> dict[str, float]:
+    """Return what calls take [µs]: a right-hand side by Python and by compiled code, and heyoka."""
     count = 1000
     start, own = motion.start, motion.interface(0)
     field = _field(motion.masses, own, own, np.inf)
@@ -359,9 +366,14 @@ def time_of_a_call(motion: Motion) -> tuple[float, float]:
             y = field(0.0, y)  # the next needs the last
         return y
 
-    called = {"Python": lambda: field(0.0, start), "compiled": lambda: compiled(start)}
+    called: dict[str, Callable[[], object]] = {
+        "python": lambda: field(0.0, start),
+        "compiled": lambda: compiled(start),
+    }
+    if installed("heyoka"):
+        called["heyoka"] = heyoka(motion, 1e-9, duration=0.0)
     timings = side_by_side(called, work={"compiled": count}, clock=time.process_time)
-    return 1e6 * timings["Python"].fastest, 1e6 * timings["compiled"].fastest
+    return {name: 1e6 * timing.fastest for name, timing in timings.items()}
 
 
 def families() -> dict[str, Family]:
