@@ -50,7 +50,9 @@ def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Val
     elif status in GROWN:
         lane = _runaway(values, lanes)
         if lane is not None:
-            text += f"; {growth_of(values[:, lane])}{_place(values[:, lane], age[lane], plant)}"
+            # A shorter control step, as the text advises, would not keep the motion from growing.
+            text = f"{text.partition('; ')[0]}; {growth_of(values[:, lane])}"
+            text += _place(values[:, lane], age[lane], plant)
             lanes = lanes if lanes.size else np.array([lane])
     return f"{plant.method.name}{_named(lanes, values.shape[1])}: {text}"
 

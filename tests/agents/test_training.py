@@ -175,7 +175,7 @@ def test_missing_agent_file_and_unknown_task_are_named(tmp_path: Path) -> None:
         read_settings(tmp_path / "absent.toml", TrainSettings)
     with pytest.raises(SceneError, match="task: "):
         TrainSettings(task="mm_gym/PreStretsh-v0").load_scene()
-    with pytest.raises(SceneError, match="task: got .CartPole-v1.; allowed"):
+    with pytest.raises(SceneError, match=r"task: got .CartPole-v1.; allowed"):
         TrainSettings(task="CartPole-v1").load_scene()
 
 
