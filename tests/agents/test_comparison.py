@@ -202,6 +202,10 @@ def test_unknown_names_and_files_are_refused_with_the_nearest(tmp_path, monkeypa
     assert "got 'lqx'; did you mean 'lqr'?; allowed for these tasks: baselines" in refused(
         SceneError, ["lqx"], (FORCE,)
     )
+    (tmp_path / "free.toml").write_text("actuation.force.limit = 4.0\n")
+    assert "got 'lqr', which cannot be designed: objective.effort_weight: got 0" in refused(
+        SceneError, ["lqr"], ("free.toml",)
+    )
     assert "phase-law" not in refused(SceneError, ["lqx"], (FORCE,))
     assert "is not a task of mm_gym; did you mean" in refused(SceneError, ["lqr"], (FORCE + "0",))
     assert "task or scene file: got 'Hybrit'; did you mean 'Hybrid'" in refused(
