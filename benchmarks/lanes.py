@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.by_hand import Physics, rk4, semi_implicit_euler, unrolled_taylor
 from benchmarks.recorded import record
-from benchmarks.report import installed, table
+from benchmarks.report import installed, table, three_digits
 from mm_gym import MovingMassVectorEnv, compile_scene, load_scene
 from mm_gym.drawing import COLOURS, legend_below, panels, save, style
 from mm_gym.methods import METHODS
@@ -73,8 +73,8 @@ processor time. Within {LEAST:g} nothing is told apart.
 
 heyoka advances one batch, whose numbers stay in the cache; listed is the fastest of batches of
 {", ".join(map(str, HEYOKA_LANES))} lanes. Each control step is a call from Python, since its action
-is new. Where the action is held for all {STEPS} control steps, one call of each makes them all: a
-table of its own.
+is new: that call is in its times. Where the action is held for all {STEPS} control steps, one call
+makes them all: a table of its own, which has mm_gym with one control step as long.
 
 Listed are million steps/s of the fastest setting that attains the error, and in brackets mm_gym's
 speed as a multiple of them; - where no setting does.
@@ -228,9 +228,11 @@ def _levels(found: list[Measured]) -> str:
     ahead: dict[str, list[str]] = {}
     for level in LEVELS:
         best = {name: _best(found, name, level) for name in families}
-        others = [f"{best[name]:.3g} ({best[OURS] / best[name]:.2f})" for name in families[1:]]
+        others = [
+            f"{three_digits(best[name])} ({best[OURS] / best[name]:.2f})" for name in families[1:]
+        ]
         cells = [x.replace("nan (nan)", "-") for x in others]
-        rows.append((f"{level:.0e}", f"{best[OURS]:.3g}", *cells))
+        rows.append((f"{level:.0e}", three_digits(best[OURS]), *cells))
         for name in families[1:]:
             if best[name] > best[OURS]:
                 ahead.setdefault(name, []).append(f"{level:.0e}")
@@ -362,7 +364,9 @@ def speeds(candidates: list[Candidate], rounds: int = ROUNDS) -> list[float]:
 
 def _undominated(found: list[Measured], family: str) -> list[Measured]:
     """Return a family's settings than which no more exact one is as fast, coarse ones first."""
-    own = sorted((one for one in found if one.family == family), key=lambda one: one.error)
+    own = sorted(
+        (one for one in found if one.family == family), key=lambda one: (one.error, -one.speed)
+    )
     best = [one for k, one in enumerate(own) if all(one.speed > other.speed for other in own[:k])]
     return [one for one in best[::-1] if one.error < 1.0]
 

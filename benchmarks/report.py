@@ -34,6 +34,12 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     )
 
 
+def three_digits(number: float) -> str:
+    """Return a number with three digits, and those before the point."""
+    text = f"{number:.3g}"
+    return f"{number:,.0f}" if "e" in text else text
+
+
 def machine() -> str:
     """Return processor, system and package versions as a line."""
     packages = ", ".join(f"{name} {found}" for name in PACKAGES if (found := installed(name)))

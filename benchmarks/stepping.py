@@ -12,7 +12,7 @@ import gymnasium
 import numba
 import numpy as np
 
-from benchmarks.report import table
+from benchmarks.report import table, three_digits
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
 from mm_gym.kernels import layout as at
@@ -109,7 +109,7 @@ def vector() -> str:
     rows = [
         (
             name,
-            f"{_three_digits(1e-6 / timing.median)} ± {timing.spread * 100:.0f} %",
+            f"{three_digits(1e-6 / timing.median)} ± {timing.spread * 100:.0f} %",
             f"{timing.times_faster_than(bare) * 100:.1f} %",
             f"{timing.times_faster_than(pole):.3g}",
         )
@@ -159,12 +159,6 @@ def _step_of_ages(scene: Scene, steps: int, mode: str, *, copy: bool) -> Callabl
     env.set_state(state | {"values": values})
     actions = _actions(env)
     return lambda: env.step(next(actions))
-
-
-def _three_digits(number: float) -> str:
-    """Return a number with three digits, and those before the point."""
-    text = f"{number:.3g}"
-    return f"{number:,.0f}" if "e" in text else text
 
 
 def threads() -> str:
