@@ -17,9 +17,10 @@ from gymnasium.error import DependencyNotInstalled
 from tqdm import tqdm
 
 from agents.errors import leave
-from agents.sweeps.trials import SweepSettings, result_file, write_results
+from agents.sweeps.trials import SweepSettings, check_scenes, result_file, write_results
 from agents.sweeps.workers import work_here, work_on_ray
 from agents.training.config import settings_from_command_line
+from agents.training.ending import notes_of
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import SceneError
 
@@ -55,7 +56,7 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | Non
     Raises
     ------
     SceneError
-        If a setting of a training is wrong. No folder is made.
+        If a setting of a training is wrong, or a scene differs. No folder is made.
     RunError
         If another process is at work on this sweep.
     """
@@ -63,6 +64,7 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | Non
     folder = Run(settings.name, root)
     with folder.locked():
         whole = folder.folder.resolve()
+        check_scenes(trials, whole)
         left = [trial for trial in trials if not result_file(Run(trial.name, whole)).exists()]
         problems: dict[str, str] = {}
         with tqdm(total=len(trials), initial=len(trials) - len(left), unit="training") as bar:
@@ -87,6 +89,9 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | int | Non
             finally:
                 path = write_results(trials, folder.folder)
     print(f"written: {path}")
+    for trial in trials:
+        for note in notes_of(Run(trial.name, whole)):
+            print(f"{trial.name}: {note}")
     return "\n".join(f"{name}: {problem}" for name, problem in problems.items()) or None
 
 

@@ -18,6 +18,7 @@ from agents.errors import leave
 from agents.evaluate import SINGLE, report_run
 from agents.policies import PolicyError
 from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.ending import notes_of
 from agents.training.reinforcement import train
 from agents.training.runs import INTERRUPTED, Run, RunError
 from mm_gym import CompileError, SceneError
@@ -55,6 +56,8 @@ def train_and_report(
     try:
         train(settings, run)
         report_run(run, episodes, name=name, beside=beside, trust=True)
+        for note in notes_of(run):
+            print(note)
     except (SceneError, CompileError, RunError, PolicyError, DependencyNotInstalled) as error:
         return f"error: {error}"
     except OSError as error:  # a full disk, a folder that cannot be written to
@@ -62,8 +65,8 @@ def train_and_report(
         if run.finished:
             kept = f"trained; score it when there is room: python -m agents.evaluate {run.folder}"
         return f"error: {error}\n{run.folder}: {kept}"
-    except KeyboardInterrupt:
-        print(run.advice, file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(run.advice(interrupt), file=sys.stderr)
         return INTERRUPTED
     return None
 

@@ -23,6 +23,7 @@ from agents.errors import leave
 from agents.policies import PolicyError
 from agents.training.algorithm_settings import Count  # noqa: TC001 - pydantic reads it
 from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.ending import read_ending, told_part
 from agents.training.reinforcement import train
 from agents.training.runs import INTERRUPTED, Run, RunError
 from agents.training.search_space import as_toml, suggested
@@ -70,7 +71,23 @@ def main() -> str | int | None:
         print("interrupted: give the same command again to continue", file=sys.stderr)
         return INTERRUPTED
     print(f"written: {path}")
+    for note in shortened(path.parent):
+        print(note)
     return None
+
+
+def shortened(folder: Path) -> list[str]:
+    """Return what is told of a study's trainings that their time budget ended, none or one line."""
+    runs = [Run(path.name, folder) for path in sorted(folder.glob("trial-*"))]
+    endings = [ending for run in runs if (ending := read_ending(run)) is not None]
+    early = [ending for ending in endings if ending.time_budget is not None]
+    if not early:
+        return []
+    first = min(early, key=lambda ending: ending.done)
+    return [
+        f"{len(early)} of {len(endings)} trainings were ended by their time budget of "
+        f"{first.time_budget:g} s, the first {told_part(first.done, first.total, first.unit)}"
+    ]
 
 
 def _in_one_line(error: BaseException) -> str:

@@ -95,7 +95,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
     sensors = system.sensor_noise + np.diag(floor)
-    units = _units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
+    units = state_units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
     start = _initial(scene, system)
     filters, error = _filter(system, noise, sensors, start, units=units, steps=scene.control.steps)
     rows = np.ix_(regulated, regulated)
@@ -182,7 +182,7 @@ def _initial(scene: Scene, system: LinearSystem) -> Array:
     return copies @ covariance @ copies.T
 
 
-def _units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
+def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
     """Return the size of each state: without it the equations lose their digits."""
     objective, actuator = scene.objective, scene.actuation.force
     sizes = {"x": objective.displacement_scale, "v": objective.velocity_scale}

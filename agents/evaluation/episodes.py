@@ -29,6 +29,9 @@ HELD_OUT_SEED = 1_000_000
 VALIDATION_SEED = 2_000_000
 """Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""
 
+VALIDATION_EPISODES = 100
+"""Of each of these evaluations."""
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -190,3 +193,11 @@ def evaluate(
         if work is None
         else work.injected(offset, np.concatenate([initial[None], applied[:, :, -1]])),
     )
+
+
+def validation_cost(
+    scene: Scene, controller: Controller, rewards_of: Rewards | None = None
+) -> float:
+    """Return a controller's cost on the episodes of all validations [-]."""
+    options = {"seed": VALIDATION_SEED, "episodes": VALIDATION_EPISODES}
+    return evaluate(scene, controller, **options, rewards_of=rewards_of).cost

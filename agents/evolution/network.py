@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.policies import Policy
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from agents.policies import Policy
     from agents.search.starts import Start
 
     Values = NDArray[np.float64]
@@ -86,20 +85,8 @@ class Network:
     def policy(self, vector: Values) -> Policy:
         """Return the policy of a vector."""
         ends = np.cumsum([np.prod(shape) for shape in self.shapes])[:-1]
-        parts = np.split(vector.astype(np.float32), ends)
+        parts = np.split(vector, ends)
         pairs, direct, hidden = (
             part.reshape(shape) for part, shape in zip(parts, self.shapes, strict=True)
         )
-        k = self.sizes[2]
-        return Policy(
-            weights=(hidden[:, 1:-k].copy(), hidden[:, -k:].T.copy()),
-            biases=(hidden[:, 0].copy(), direct[:, 0].copy()),
-            activation="rational",
-            low=np.full(k, -1.0, np.float32),
-            high=np.ones(k, np.float32),
-            direct=direct[:, 1:].copy(),
-            keep=self.start.keep.astype(np.float32),
-            enter=self.start.enter.astype(np.float32),
-            pairs=pairs.copy(),
-            units=self.start.units.astype(np.float32),
-        )
+        return replace(self.start, pairs=pairs, direct=direct).policy(hidden)

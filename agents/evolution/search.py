@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.evaluation.episodes import VALIDATION_SEED, spread_frequency
+from agents.evaluation.episodes import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
 from agents.evolution.network import Network
 from agents.evolution.population import Candidates, Population
-from agents.search.search import EPISODES, Search
-from agents.search.starts import start_of
+from agents.search.search import Search
+from agents.search.starts import IN_WORDS, start_of
 from agents.training.seeds import training_seeds
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ class Evolution(Search):
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
         self.network = Network(start, settings.hidden, odd=scene.actuation.stretch is None)
+        self.began_as = IN_WORDS[start.law]
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free
         tolerance = max(settings.tolerance, scene.solver.tolerance)
@@ -78,7 +79,7 @@ class Evolution(Search):
             self.population = Population(
                 coarse, self.network, settings.candidates, settings.episodes, settings.threads
             )
-        self.validation = Candidates(scene, self.network, 1, EPISODES)
+        self.validation = Candidates(scene, self.network, 1, VALIDATION_EPISODES)
         self.frames = self.population.frames
         self.strategy = self._strategy(self.first[self.free])
         self.costs: Values = np.empty((self.total, settings.candidates))
@@ -144,8 +145,8 @@ class Evolution(Search):
 
     def _cost(self, parameters: Arrays) -> float:
         """Return what `evaluate` does, from the compiled network: single precision, less time."""
-        seeds = range(VALIDATION_SEED, VALIDATION_SEED + EPISODES)
-        options = spread_frequency(self.scene, EPISODES)
+        seeds = range(VALIDATION_SEED, VALIDATION_SEED + VALIDATION_EPISODES)
+        options = spread_frequency(self.scene, VALIDATION_EPISODES)
         (penalty,) = self.validation.costs(parameters["vector"][None], seeds, options)
         return float(np.sqrt(penalty))
 

@@ -18,7 +18,7 @@ from agents.gradient.network import Network, hold_stable, parameters_of, policy_
 from agents.gradient.oscillators import with_oscillators
 from agents.policies import UNIT
 from agents.search.search import Search
-from agents.search.starts import start_of
+from agents.search.starts import IN_WORDS, start_of
 from agents.training.arrays import part_of
 from agents.training.seeds import training_seeds
 
@@ -76,6 +76,7 @@ class Descent(Search):
         self.settings: GradientSettings = settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
+        self.began_as = IN_WORDS[start.law]
         start = with_oscillators(start, settings.oscillators, generator)
         self.odd = scene.actuation.stretch is None
         evolved = Evolved(start, settings.hidden, odd=self.odd)

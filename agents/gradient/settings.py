@@ -34,4 +34,5 @@ class GradientSettings(SearchSettings):
     """of the correlation units' denominators; a smaller one switches more sharply"""
 
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
+    suffix: ClassVar[str] = "-gradient"
     folder: ClassVar[str | None] = "gradient"

@@ -10,6 +10,7 @@ from agents.errors import ERRORS
 from agents.evaluation.episodes import evaluate
 from agents.policies import load_policy
 from agents.training.config import settings_from_command_line
+from agents.training.ending import notes_of
 from agents.training.runs import INTERRUPTED, Run
 from mm_gym import SceneError
 
@@ -44,11 +45,12 @@ def search_and_score(
         search(settings, run)
         learned = Learned(load_policy(run.policy))
         cost = evaluate(settings.load_scene(), learned, episodes=EPISODES).cost
+        notes = notes_of(run)
     except ERRORS as error:
         return f"error: {error}"
-    except KeyboardInterrupt:
-        print(run.advice, file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(run.advice(interrupt), file=sys.stderr)
         return INTERRUPTED
     print(f"{cost:.4f} is its cost on {EPISODES} held-out episodes")
-    print(f"beside every law: python -m agents.evaluate {run.folder}")
+    print(f"beside every law: python -m agents.evaluate {run.folder}", *notes, sep="\n")
     return None

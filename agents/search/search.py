@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
@@ -9,13 +10,15 @@ from typing import TYPE_CHECKING, ClassVar
 from tqdm import tqdm
 
 from agents.controllers.learned import Learned
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.evaluation.episodes import validation_cost
+from agents.search.starts import without_control
 from agents.training.arrays import (
     check_like,
     damage_named,
     load_checkpoint,
     save_checkpoint,
 )
+from agents.training.ending import Ending, costs_of, told_part
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
@@ -27,9 +30,6 @@ if TYPE_CHECKING:
 
 BETWEEN_SAVES = 5.0
 """Time between checkpoints [s]."""
-
-EPISODES = 100
-"""Of a validation."""
 
 
 class Search(ABC):
@@ -45,10 +45,13 @@ class Search(ABC):
         Control steps of a round.
     progress
         The validations.
+    began_as
+        What it begins as, in words.
     """
 
     unit: ClassVar[str]
     frames: int
+    began_as: str
 
     def __init__(self, settings: TimedSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
@@ -119,6 +122,9 @@ class Search(ABC):
         every = -(-total // self.settings.evaluations)
         began = time.perf_counter() - progress.seconds
         saved, done = progress.seconds, self.rounds >= total
+        budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
+        if not len(progress.rows):
+            self._validate()
         self._note()
         with tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar) as shown:
             try:
@@ -127,8 +133,7 @@ class Search(ABC):
                     self.rounds += 1
                     shown.update()
                     progress.seconds = time.perf_counter() - began
-                    late = progress.seconds >= self.settings.time_budget
-                    done = late or self.rounds == total
+                    done = progress.seconds >= budget or self.rounds == total
                     if done or self.rounds % every == 0:
                         self._validate()
                         shown.set_postfix(cost=f"{progress.least_cost:.4f}")
@@ -138,9 +143,23 @@ class Search(ABC):
                         saved = progress.seconds
             except KeyboardInterrupt:
                 self._save(run)
-                raise
+                raise KeyboardInterrupt(told_part(self.rounds, total, self.unit)) from None
         progress.write_metrics(run)  # a process may have been killed before it did
-        self.policy().save(run.policy)
+        policy = self.policy()
+        ending = Ending(
+            unit=self.unit,
+            done=self.rounds,
+            total=total,
+            time_budget=self.settings.time_budget if self.rounds < total else None,
+            began_as=self.began_as,
+            **costs_of(progress, self.scene),
+        )
+        if ending.is_worse:
+            without = without_control(self.scene)
+            if validation_cost(self.scene, Learned(without)) < progress.least_cost:
+                policy, ending.replaced = without, True
+        ending.write(run)
+        policy.save(run.policy)
 
     def _validate(self) -> None:
         present = self._present()
@@ -151,8 +170,7 @@ class Search(ABC):
 
     def _cost(self, parameters: Arrays) -> float:
         """Return the cost of parameters on the episodes of all validations."""
-        learned = Learned(self._policy(parameters))
-        return evaluate(self.scene, learned, seed=VALIDATION_SEED, episodes=EPISODES).cost
+        return validation_cost(self.scene, Learned(self._policy(parameters)))
 
     def _note(self) -> None:
         """Note where an interrupted search begins again: between two rounds."""

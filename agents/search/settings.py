@@ -9,14 +9,14 @@ from pydantic import Field
 from agents.search.forecast import FUTURE
 from agents.training.config import Count, Positive, RunSettings
 
-LawName = Literal["auto", "regulator", "switching", "tracking", "none"]
+LawName = Literal["auto", "regulator", "lqg", "switching", "tracking", "none"]
 
 
 class TimedSettings(RunSettings):
     """What ends a search, and how often it is validated."""
 
-    time_budget: Positive = 300.0
-    """[s] without interruptions, after which it stops even if rounds are left"""
+    time_budget: Positive | None = None
+    """[s] without interruptions, after which it stops even if rounds are left; by default none"""
     evaluations: Count = 20
     """validations during the run; the best policy is kept"""
 
@@ -26,8 +26,9 @@ class SearchSettings(TimedSettings):
 
     law: LawName = "auto"
     """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
-    the stretch (both with both actuators), "tracking" an absorber tuned to the frequency it finds,
-    "none"; "auto" takes the one for the scene"""
+    the stretch (both with both actuators), "lqg" the LQG of the force, "tracking" an absorber tuned
+    to the frequency it finds, "none" no control; "auto" takes the one for the actuators, unless the
+    LQG or no control clearly costs less on the validation episodes"""
     hidden: Count = 8
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0

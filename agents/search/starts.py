@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import itertools
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.controller import columns
+from agents.controllers.learned import Learned
+from agents.controllers.lqg import design_lqg, state_units
 from agents.controllers.lqr import LQR
 from agents.controllers.observed_state import ROWS
 from agents.controllers.stretch_command import StretchCommand
+from agents.evaluation.episodes import validation_cost
+from agents.policies import Policy
 from agents.search.forecast import force_memory
 from mm_gym import DesignError, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -37,9 +42,33 @@ MEMORY = 0.97
 """Of the estimate of a frequency: some 30 control steps."""
 
 
+CLEARLY = 1.1
+"""By how much the start that suits the actuators may cost more than the cheapest one: on
+CarriageForceFriction the LQR costs 5 % more than no control, and evolution ends alike from both."""
+
+UNMODELLED = 1e-3, 1e-2, 0.1, 1.0
+"""Of the LQGs that are tried (`design_lqg`): with more the stationary filter is quicker, as an
+episode's first steps need it, and shows more noise."""
+
+CAUTION = 1.0, 10.0, 100.0
+"""Factors of the force's weight in these designs: with more the force is clipped less often, of
+which the memory does not know."""
+
+MOST_STATES = 64
+"""Of the memory of an LQG: each late frame adds some."""
+
 COARSE, FINE = 0.3, 0.01
 """Size of the changes of a switching function's weights, and of those of a frequency's estimate:
 they are of order one, and a hundredth changes the frequency by as much as the springs can."""
+
+
+IN_WORDS: dict[str, str] = {
+    "regulator": "the LQR of the force",
+    "lqg": "the LQG of the force",
+    "switching": "the clipped LQR of the stretch",
+    "tracking": "the absorber tuned to the frequency that it finds",
+    "none": "no control",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +85,8 @@ class Start:
         (r,) size of the changes of each pair's weights.
     keep, enter
         (m, m), (m, n): the linear memory, which is not searched.
+    law
+        The name of what it is.
     """
 
     pairs: Values
@@ -64,6 +95,44 @@ class Start:
     spreads: Values
     keep: Values = field(default_factory=lambda: np.empty((0, 0)))
     enter: Values = field(default_factory=lambda: np.empty((0, 0)))
+    law: LawName = "none"
+
+    def remembering(self, keep: Values, enter: Values) -> Start:
+        """Return it with a linear memory that has no part in the action."""
+        _, _, shown = self.pairs.shape
+        return replace(
+            self,
+            pairs=np.pad(self.pairs, ((0, 0), (0, 0), (0, len(keep)))),
+            direct=np.insert(self.direct, [1 + shown] * len(keep), 0.0, axis=1),
+            keep=keep,
+            enter=enter,
+        )
+
+    def policy(self, hidden: Values | None = None) -> Policy:
+        """Return the policy of it and of hidden units; see `agents.evolution.network.Network`.
+
+        Parameters
+        ----------
+        hidden
+            (units, 1 + n + m + r + k); by default one that has no part in the action.
+        """
+        k, inputs = self.direct.shape
+        units = np.zeros((1, inputs + k)) if hidden is None else hidden
+        single = [array.astype(np.float32) for array in (units, self.direct)]
+        bias, weights, output = np.split(single[0], [1, inputs], axis=1)
+        last, direct = np.split(single[1], [1], axis=1)
+        return Policy(
+            weights=(weights.copy(), output.T.copy()),
+            biases=(bias[:, 0].copy(), last[:, 0].copy()),
+            activation="rational",
+            low=np.full(k, -1.0, np.float32),
+            high=np.ones(k, np.float32),
+            direct=direct.copy(),
+            keep=self.keep.astype(np.float32),
+            enter=self.enter.astype(np.float32),
+            pairs=self.pairs.astype(np.float32),
+            units=self.units.astype(np.float32),
+        )
 
 
 def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
@@ -72,25 +141,33 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     Raises
     ------
     DesignError
-        If the law does not apply to the scene. "auto" takes none then.
+        If the law does not apply to the scene. "auto" takes another one then.
     """
     shown, law, extra = Shown(scene), settings.law, settings.extra
-    if law == "auto":
+    start = _best_start(scene, shown) if law == "auto" else _law(scene, law, shown)
+    if not start.keep.size:
+        start = start.remembering(*_memory(scene, shown, settings.memory))
+    drawn = 0.5 * generator.standard_normal((extra, *start.pairs.shape[1:]))
+    return replace(
+        start,
+        pairs=np.concatenate([start.pairs, drawn]),
+        units=np.concatenate([start.units, np.tile((0.0, FLOOR, 0.0, 1.0), (extra, 1))]),
+        spreads=np.concatenate([start.spreads, np.full(extra, COARSE)]),
+        direct=np.pad(start.direct, ((0, 0), (0, extra))),
+    )
+
+
+def _best_start(scene: Scene, shown: Shown) -> Start:
+    """Return the start that suits the actuators, or another one that clearly costs less."""
+    costs: dict[float, Start] = {}
+    for law in (natural_law(scene), "lqg", "none"):
         try:
-            start = _law(scene, natural_law(scene), shown)
+            start = _law(scene, law, shown)
         except DesignError:
-            start = _none(shown)
-    else:
-        start = _none(shown) if law == "none" else _law(scene, law, shown)
-    keep, enter = _memory(scene, shown, settings.memory)
-    pairs = np.pad(start.pairs, ((0, 0), (0, 0), (0, len(keep))))
-    drawn = 0.5 * generator.standard_normal((extra, *pairs.shape[1:]))
-    pairs = np.concatenate([pairs, drawn])
-    units = np.concatenate([start.units, np.tile((0.0, FLOOR, 0.0, 1.0), (extra, 1))])
-    spreads = np.concatenate([start.spreads, np.full(extra, COARSE)])
-    direct = np.pad(start.direct, ((0, 0), (0, extra)))
-    direct = np.insert(direct, [1 + shown.count] * len(keep), 0.0, axis=1)
-    return Start(pairs, units, direct, spreads, keep, enter)
+            continue
+        costs.setdefault(_cost(scene, start), start)
+    least = min(costs)
+    return next(start for cost, start in costs.items() if cost <= CLEARLY * least)
 
 
 def natural_law(scene: Scene) -> LawName:
@@ -151,24 +228,84 @@ def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Values, Values]:
     return force_memory(scene, _mean_force(scene, shown, 0), states)
 
 
-def _none(shown: Shown) -> Start:
+def without_control(scene: Scene) -> Policy:
+    """Return the policy of no force, and of the stretch that an episode begins with.
+
+    Of a range of stretches it keeps the middle.
+    """
+    return _none(scene, Shown(scene)).policy()
+
+
+def _none(scene: Scene, shown: Shown) -> Start:
     direct = np.zeros((shown.actions, 1 + shown.count))
+    if scene.actuation.stretch is not None:
+        own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
+        present = np.full(1, np.mean(own))
+        direct[-1, :1] = StretchCommand(scene)(present, present)[0]
     return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
 
 
 def _law(scene: Scene, law: LawName, shown: Shown) -> Start:
+    return replace(_start(scene, law, shown), law=law)
+
+
+def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     actuation = scene.actuation
+    if law == "none":
+        return _none(scene, shown)
+    if law == "lqg":
+        return _lqg(scene, shown)
     if law != "regulator" and actuation.stretch is None:
         msg = f"law: {law!r} tunes springs; actuation.stretch is missing"
         raise DesignError(msg)
     if law == "tracking":
         return _tracking(scene, shown)
-    start = _switching(scene, shown) if actuation.stretch is not None else _none(shown)
+    switches = actuation.stretch is not None
+    start = _switching(scene, shown) if switches else _none(scene, shown)
     if actuation.force is not None:
         start.direct[0, 1 : 1 + shown.count] = _regulator(scene) @ shown.state
     elif law == "regulator":
         msg = "law: 'regulator' pushes; actuation.force is missing"
         raise DesignError(msg)
+    return start
+
+
+def _lqg(scene: Scene, shown: Shown) -> Start:
+    """Return the LQG of the least validation cost, each with its stationary filter."""
+    designs = itertools.product(CAUTION, UNMODELLED)
+    found = [_one_lqg(scene, shown, *design) for design in designs]
+    return min(found, key=lambda start: _cost(scene, start))
+
+
+def _cost(scene: Scene, start: Start) -> float:
+    cost = validation_cost(scene, Learned(start.policy()))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> Start:
+    """Return an LQG, whose estimate is the linear memory.
+
+    The estimate x is corrected by the observation y, and the regulator's own force is known:
+    x = (1 - F C) (A - B K) x + F y.
+    """
+    if scene.actuation.stretch is not None:
+        msg = "law: 'lqg' pushes, and tunes no springs; actuation.stretch is there"
+        raise DesignError(msg)
+    weight = caution * scene.objective.effort_weight
+    design = design_lqg(scene.replace(**{"objective.effort_weight": weight}), unmodelled=unmodelled)
+    system, limit = design.system, scene.actuation.force.limit
+    if len(system.A) > MOST_STATES:
+        msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
+        raise DesignError(msg)
+    columns_of = [shown.channels.index(signal.name) for signal in system.outputs]
+    units, gains = state_units(scene, compile_scene(scene), system), design.filters[-1]
+    closed = system.A - system.B[:, :1] @ design.gain[None]
+    keep = (np.eye(len(closed)) - gains @ system.C) @ closed * units / units[:, None]
+    enter = np.zeros((len(closed), shown.count))
+    newest = shown.count - shown.frame
+    enter[:, [newest + k for k in columns_of]] = gains * shown.units[columns_of] / units[:, None]
+    start = _none(scene, shown).remembering(keep, enter)
+    start.direct[0, 1 + shown.count :] = -design.gain * units / limit
     return start
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import json
-import reprlib
+import os
 from copy import deepcopy
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
-from pydantic import Field, JsonValue, Strict
+from pydantic import BaseModel, Field, JsonValue, Strict
 
 from agents.controllers.learned import Learned
 from agents.evaluation.episodes import evaluate
@@ -26,12 +26,12 @@ from agents.training.config import (
     short_name,
 )
 from agents.training.parts import make_parts
-from agents.training.runs import Run, RunError
+from agents.training.runs import Run, read_as
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
 from mm_gym import SceneError
 from mm_gym.errors import suggest
-from mm_gym.files import MOST_BYTES, read_json, write_csv, write_text
+from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Part
 from mm_gym.tasks import ids
 
@@ -45,6 +45,9 @@ RESIDUAL = "residual"
 of its own, such as the law to which it is added; the others are those of agents.train."""
 
 Learner: TypeAlias = Literal["evolution", "gradient", "value_iteration", "residual", Algorithm]
+
+FIXED = {"task": "tasks", "algorithm": "algorithms", "seed": "seeds", "name": "name"}
+"""Settings of a training that its sweep makes, and of what."""
 
 LEARNERS = (EVOLUTION, GRADIENT, VALUES, RESIDUAL, *get_args(Algorithm))
 
@@ -75,9 +78,9 @@ class SweepSettings(Part):
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])
-    """settings that all have in common, by dotted name: '{"ppo.epochs": 4}'; those of
-    evolution, gradient, value_iteration and residual alone begin with their names, as
-    "evolution.hidden", and go over the task's file of good settings"""
+    """settings that all have in common, by dotted name: '{"scene": "my.toml"}'; those of one
+    algorithm begin with its name, as "ppo.epochs" or "evolution.hidden", and go over the task's
+    file of good settings; what an algorithm of the sweep does not have is refused"""
     algorithm_settings: Changes = Field(default_factory=dict[str, JsonValue])
     """for each algorithm the settings in which it differs, by dotted name"""
     task_settings: Changes = Field(default_factory=dict[str, JsonValue])
@@ -101,7 +104,9 @@ class SweepSettings(Part):
         _check_names("task_settings", self.task_settings, [short_name(task) for task in ids()])
         _check_names("algorithm_settings", self.algorithm_settings, LEARNERS)
         choices = itertools.product(tasks, self.algorithms, self.variants, range(self.seeds))
-        return [self._trial(*choice) for choice in choices]
+        trials = [self._trial(*choice) for choice in choices]
+        check_scenes(trials)
+        return trials
 
     def _trial(self, task: str, algorithm: Learner, variant: str, seed: int) -> RunSettings:
         name = f"{task}-{algorithm}-{variant}-{seed}"
@@ -115,19 +120,85 @@ class SweepSettings(Part):
         own = {learner: data.pop(learner, {}) for learner in (*SEARCHES, RESIDUAL)}
         fixed: dict[str, JsonValue] = {"task": f"mm_gym/{task}-v0", "seed": seed, "name": name}
         try:
-            if algorithm in SEARCHES:
-                kind, _ = SEARCHES[algorithm]
-                alone = {"threads": 1} if "threads" in kind.model_fields else {}
-                table = _table(own, algorithm)
-                good = {} if table.keys() & kind.fitted else _good(f"mm_gym/{task}-v0", kind)
-                return kind.of({**good, **table, **fixed, **alone})
-            if algorithm == RESIDUAL:
-                data = _nested([*data.items(), *_table(own, RESIDUAL).items()])
-                algorithm = "ppo"
-            return TrainSettings.of({**data, **fixed, "algorithm": algorithm})
+            if algorithm in own:
+                data = _nested([*data.items(), *_table(own, algorithm).items()])
+            if algorithm not in SEARCHES:
+                _check_settings(algorithm, TrainSettings, data)
+                chosen = "ppo" if algorithm == RESIDUAL else algorithm
+                return TrainSettings.of({**data, **fixed, "algorithm": chosen})
+            kind, _ = SEARCHES[algorithm]
+            table = {key: value for key, value in data.items() if key not in LEARNERS}
+            _check_settings(algorithm, kind, table)
+            alone = {"threads": 1} if "threads" in kind.model_fields else {}
+            good = {} if table.keys() & kind.fitted else _good(f"mm_gym/{task}-v0", kind)
+            return kind.of({**alone, **good, **table, **fixed})
         except SceneError as error:
             msg = "\n".join(f"{name}: {line}" for line in str(error).splitlines())
             raise SceneError(msg) from None
+
+
+def _check_settings(
+    algorithm: str, kind: type[RunSettings], table: Mapping[str, JsonValue]
+) -> None:
+    """Refuse settings that only other algorithms have, and those that the sweep itself makes."""
+    for name in table:
+        if name in FIXED:
+            msg = f"{name}: made by the sweep, from its {FIXED[name]}"
+            raise SceneError(msg)
+        having = [other for other in LEARNERS if name in _kind(other).model_fields]
+        if having and name not in kind.model_fields:
+            msg = (
+                f"{name}: {algorithm} has no such setting; give it to those that have it, in the "
+                f"table algorithm_settings.NAME of each; allowed: {', '.join(having)}"
+            )
+            raise SceneError(msg)
+
+
+def _kind(algorithm: str) -> type[RunSettings]:
+    """Return the settings of an algorithm."""
+    return SEARCHES[algorithm][0] if algorithm in SEARCHES else TrainSettings
+
+
+def check_scenes(trials: Iterable[RunSettings], folder: Path | None = None) -> None:
+    """Refuse a sweep that would compare trainings on different scenes.
+
+    Trainings of one task and one variant have to have the same scene.
+
+    Parameters
+    ----------
+    folder
+        The sweep's; the scene of a run there is that of its record.
+
+    Raises
+    ------
+    SceneError
+        If a scene differs, or cannot be read; the message names the trainings.
+    RunError
+        If a run's record cannot be read.
+    """
+    scenes: dict[str, str] = {}
+    first: dict[tuple[str, str], tuple[str, str]] = {}
+    for trial in trials:
+        place = trial.model_dump_json(include={"task", "scene", "changes"})
+        run = None if folder is None else Run(trial.name, folder)
+        if run is not None and os.path.lexists(run.record):
+            digest = run.read()["scene_digest"]
+        elif place in scenes:
+            digest = scenes[place]
+        else:
+            try:
+                digest = scenes[place] = trial.load_scene().digest
+            except SceneError as error:
+                msg = "\n".join(f"{trial.name}: {line}" for line in str(error).splitlines())
+                raise SceneError(msg) from None
+        name, other = first.setdefault((trial.task, variant_of(trial)), (trial.name, digest))
+        if other != digest:
+            msg = (
+                f"scene: that of {trial.name} is not that of {name}; allowed: the same for all "
+                "trainings of a task and a variant; begin another sweep with --name, or let "
+                "variants have what differs"
+            )
+            raise SceneError(msg)
 
 
 def _good(task: str, kind: type[RunSettings]) -> dict[str, JsonValue]:
@@ -184,8 +255,7 @@ def do_trial(text: str, folder: str | Path) -> None:
         The sweep's folder.
     """
     data = json.loads(text)
-    kind, _ = SEARCHES.get(_algorithm(data["name"]), (TrainSettings, None))
-    settings = kind.of(data)
+    settings = _kind(_algorithm(data["name"])).of(data)
     run = Run(settings.name, folder)
     if not result_file(run).exists():
         cost = _cost_of_training(settings, run)
@@ -207,6 +277,11 @@ def _cost_of_training(settings: RunSettings, run: Run) -> float:
     return evaluate(parts.scene, agent, episodes=EPISODES, rewards_of=parts.rewards_of).cost
 
 
+def variant_of(trial: RunSettings) -> str:
+    """Return the variant of a training of a sweep, by its name."""
+    return trial.name.split("-", 2)[2].rpartition("-")[0]
+
+
 def algorithm_of(trial: RunSettings) -> str:
     """Return the algorithm of a training of a sweep, by its name."""
     return _algorithm(trial.name)
@@ -217,6 +292,12 @@ def _algorithm(name: str) -> str:
     return name.split("-")[1]
 
 
+class Score(BaseModel, strict=True, allow_inf_nan=False):
+    """What ``result.json`` holds."""
+
+    cost: float
+
+
 def result_file(run: Run) -> Path:
     """Return the path of the file with a training's score."""
     return run.folder / "result.json"
@@ -224,31 +305,29 @@ def result_file(run: Run) -> Path:
 
 def read_cost(run: Run) -> float:
     """Return a training's score [-]; raise `RunError` if its file has none."""
-    file = result_file(run)
-    try:
-        data = read_json(file, most=MOST_BYTES)
-    except SceneError as error:
-        raise RunError(str(error)) from None
-    cost = cast("dict[str, object]", data).get("cost") if isinstance(data, dict) else None
-    if isinstance(cost, bool) or not isinstance(cost, int | float):
-        msg = f"{file}: cost: got {reprlib.repr(cost)}; allowed: a number"
-        raise RunError(msg)
-    return cost
+    return read_as(Score, result_file(run), "a training's score").cost
 
 
 def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
-    """Write ``results.csv``, a row for each training that is done, in the order of the sweep."""
+    """Write ``results.csv``, a row for each training that is done, in the order of the sweep.
+
+    Raises
+    ------
+    SceneError
+        If trainings that are compared had different scenes; see `check_scenes`.
+    RunError
+        If a run's files are damaged.
+    """
     rows: list[tuple[object, ...]] = []
-    for trial in trials:
+    done = [trial for trial in trials if result_file(Run(trial.name, folder)).exists()]
+    check_scenes(done, folder)
+    for trial in done:
         run = Run(trial.name, folder)
-        if not result_file(run).exists():
-            continue
         steps, costs, _ = run.validations()
         cost = read_cost(run)
-        variant = trial.name.split("-", 2)[2].rpartition("-")[0]
         rows.append(
             (
-                *(short_name(trial.task), algorithm_of(trial), variant, trial.seed),
+                *(short_name(trial.task), algorithm_of(trial), variant_of(trial), trial.seed),
                 *(steps[-1], costs.min(), cost),
             )
         )

@@ -71,6 +71,9 @@ class RunSettings(Part):
     growing: ClassVar[tuple[str, ...]] = ()
     """Settings of which a finished run can be given more to go on; its size comes first."""
 
+    suffix: ClassVar[str] = ""
+    """After the task's name in a run's default name, so that commands do not take each other's."""
+
     folder: ClassVar[str | None] = None
     """Of `configs`, with a file of good settings for each task of which they are known."""
 
@@ -123,8 +126,9 @@ class TrainSettings(RunSettings):
     """environments side by side"""
     steps: Count = 1_000_000
     """control steps of all lanes together"""
-    time_budget: Positive = 3600.0
-    """[s] of training, without interruptions, after which it stops even if steps are left"""
+    time_budget: Positive | None = None
+    """[s] of training, without interruptions, after which it stops even if steps are left; by
+    default none"""
     evaluations: Count = 10
     """validations during training; the best model is kept"""
     threads: Count = 1
@@ -191,14 +195,14 @@ def read_settings(path: str | Path, kind: type[Settings]) -> Settings:
 
 
 def good_settings(task: str, kind: type[OfRun]) -> OfRun:
-    """Return what is known to be good for a task, or the defaults; the run has the task's name.
+    """Return what is known to be good for a task, or the defaults; the run is named after it.
 
     Raises
     ------
     SceneError
         If there is no such task, or its file of settings cannot be read.
     """
-    own = {"task": task, "name": short_name(task)}
+    own = {"task": task, "name": short_name(task) + kind.suffix}
     file = CONFIGS / (kind.folder or "") / path_of(task).name
     if kind.folder is None or not file.exists():
         return kind.of(own)
@@ -222,7 +226,7 @@ def settings_from_command_line(kind: type[Settings], description: str) -> Settin
         default = read_settings(arguments.pop(0), kind)
     elif arguments and not arguments[0].startswith("-"):
         task = task_called(arguments.pop(0), "settings file", ", before the flags")
-        default = kind.of({"task": task, "name": short_name(task)})
+        default = kind.of({"task": task, "name": short_name(task) + getattr(kind, "suffix", "")})
         if issubclass(kind, RunSettings):
             good = good_settings(task, kind)
             found = cli(kind, default=good, args=arguments, description=description)

@@ -16,12 +16,13 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import TqdmExperimentalWarning
 
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate
+from agents.evaluation.episodes import validation_cost
 from agents.policies import policy_in
 from agents.training.algorithms import algorithm_class, make_model
 from agents.training.archive import policy_of
 from agents.training.arrays import damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
+from agents.training.ending import Ending, costs_of, told_part
 from agents.training.lanes import make_lanes
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
     from agents.training.runs import Run
 
     Report = Callable[[int, float], None]
+
+UNIT = "control step"
+"""What is counted."""
 
 CHECKPOINT_PERIOD = 60.0
 """Longest time of training [s] that a kill undoes, but for a rollout."""
@@ -107,9 +111,18 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
             if validation.progress.best:
                 policy_in(validation.progress.best["policy"].tobytes())
     progress = validation.progress
-    if model.num_timesteps < settings.steps and progress.seconds < settings.time_budget:
+    if model.num_timesteps < settings.steps and progress.seconds < validation.budget:
         learn(model, settings.steps - model.num_timesteps, validation, bar=bar)
     progress.write_metrics(run)
+    parts, untrained = validation.parts, "an untrained network"
+    Ending(
+        unit=UNIT,
+        done=model.num_timesteps,
+        total=settings.steps,
+        time_budget=settings.time_budget if model.num_timesteps < settings.steps else None,
+        began_as=untrained if settings.base is None else settings.base,
+        **costs_of(progress, parts.scene, parts.rewards_of),
+    ).write(run)
     write_bytes(run.policy, progress.best["policy"].tobytes())
 
 
@@ -129,7 +142,8 @@ def learn(model: BaseAlgorithm, steps: int, validation: Validation, *, bar: bool
             )
         except KeyboardInterrupt:
             validation.save()
-            raise
+            done = told_part(model.num_timesteps, validation.settings.steps, UNIT)
+            raise KeyboardInterrupt(done) from None
         finally:
             # Left open, the garbage collector closes it, perhaps in the thread that draws it.
             if hasattr(drawn, "pbar"):
@@ -171,6 +185,7 @@ class Validation(BaseCallback):
         self.settings, self.parts, self.run, self.report = settings, parts, run, report
         self.progress = Progress()
         self.every = -(-settings.steps // settings.evaluations)
+        self.budget = np.inf if settings.time_budget is None else settings.time_budget
         self.state: Arrays | None = None
         self.interrupted = self.out_of_time = False
 
@@ -178,6 +193,8 @@ class Validation(BaseCallback):
         self.saved = time.perf_counter()
         self.began = self.saved - self.progress.seconds
         self.next = self.every * (self.num_timesteps // self.every + 1)
+        if not len(self.progress.rows):
+            self._validate()
 
     def _on_rollout_start(self) -> None:
         validates = self.num_timesteps >= self.next
@@ -186,7 +203,7 @@ class Validation(BaseCallback):
             self._validate()
         now = time.perf_counter()
         self.progress.seconds = now - self.began
-        self.out_of_time = self.progress.seconds >= self.settings.time_budget
+        self.out_of_time = self.progress.seconds >= self.budget
         late = now - self.saved >= CHECKPOINT_PERIOD
         saves = validates or late or self.interrupted
         if saves or self.out_of_time or isinstance(self.model, OnPolicyAlgorithm):
@@ -208,19 +225,14 @@ class Validation(BaseCallback):
 
     def _validate(self) -> None:
         policy = policy_of(self.model)
-        cost = evaluate(
-            self.parts.scene,
-            self.parts.controller(policy),
-            seed=VALIDATION_SEED,
-            episodes=100,
-            rewards_of=self.parts.rewards_of,
-        ).cost
+        agent = self.parts.controller(policy)
+        cost = validation_cost(self.parts.scene, agent, self.parts.rewards_of)
         self.logger.record("validation/cost", cost)
         if cost < self.progress.least_cost:
             self.progress.best = {"policy": np.frombuffer(policy.to_bytes(), np.uint8)}
         self.progress.seconds = time.perf_counter() - self.began
         self.progress.add(self.num_timesteps, cost)
-        if self.report is not None:
+        if self.report is not None and self.num_timesteps:
             self.report(self.num_timesteps, cost)
 
     def save(self) -> None:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 Settings = TypeVar("Settings", bound="RunSettings")
+Contents = TypeVar("Contents", bound=BaseModel)
 
 PACKAGES = (
     "mm-gym",
@@ -105,8 +106,8 @@ class Run:
 
     ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
     from which an interrupted run continues; ``metrics.csv`` the validations and ``times.csv`` when
-    they were made; ``policy.npz`` the best policy, written when training is over. Each is written
-    whole, and none is ever deleted.
+    they were made; ``policy.npz`` the best policy, written when training is over, after
+    ``end.json``, which tells how it ended. Each is written whole, and none is ever deleted.
     """
 
     def __init__(self, name: str, root: str | Path = "runs") -> None:
@@ -115,6 +116,7 @@ class Run:
         self.checkpoint = self.folder / "checkpoint.npz"
         self.metrics = self.folder / "metrics.csv"
         self.times = self.folder / "times.csv"
+        self.ending = self.folder / "end.json"
         self.policy = self.folder / "policy.npz"
 
     @property
@@ -140,13 +142,13 @@ class Run:
             raise RunError(msg)
         return steps, costs, seconds
 
-    @property
-    def advice(self) -> str:
-        """What to do after Ctrl-C."""
+    def advice(self, interrupt: KeyboardInterrupt) -> str:
+        """Return what to do after Ctrl-C, and how far the run came, if the interrupt tells it."""
         advice = "give the same command again to continue"
         if self.finished:
             advice = f"trained; score it: python -m agents.evaluate {self.folder}"
-        return f"interrupted: {self.folder}: {advice}"
+        done = f" {interrupt}" if interrupt.args else ""
+        return f"interrupted{done}: {self.folder}: {advice}"
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -199,7 +201,8 @@ class Run:
 
     def _delete_partial_files(self) -> None:
         """Delete the temporary files of a process that was killed while it wrote."""
-        for file in (self.record, self.checkpoint, self.metrics, self.times, self.policy):
+        files = self.record, self.checkpoint, self.metrics, self.times, self.ending, self.policy
+        for file in files:
             delete_partial(file)
 
     def open(self, settings: RunSettings) -> None:
@@ -272,18 +275,7 @@ class Run:
         if not os.path.lexists(self.record):
             msg = f"{self.folder}: no run.json here; train first: python -m agents.train"
             raise RunError(msg)
-        try:
-            data = read_json(self.record, most=MOST_BYTES)
-            Record.model_validate(data)
-        except SceneError as error:
-            raise RunError(str(error)) from None
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"])) or "its content"
-            got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
-            msg = f"{self.record}: not a run's record: {where}: {got}{first['msg']}"
-            raise RunError(msg) from None
-        return cast("dict[str, Any]", data)
+        return read_as(Record, self.record, "a run's record").model_dump(exclude_unset=True)
 
     def scene(self) -> Scene:
         """Return the scene of the run; raise `RunError` if its record has none that is valid."""
@@ -299,8 +291,30 @@ class Run:
             raise RunError(msg) from None
 
 
-def _has_grown(before: object, now: float) -> bool:
-    """Tell whether a setting of a run is at least what it was."""
+def read_as(kind: type[Contents], file: Path, what: str) -> Contents:
+    """Return what a JSON file of a run's folder holds.
+
+    Raises
+    ------
+    RunError
+        If the file cannot be read, or does not hold what is wanted.
+    """
+    try:
+        return kind.model_validate(read_json(file, most=MOST_BYTES))
+    except SceneError as error:
+        raise RunError(str(error)) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "its content"
+        got = "" if first["type"] == "missing" else f"got {reprlib.repr(first['input'])}; "
+        msg = f"{file}: not {what}: {where}: {got}{first['msg']}"
+        raise RunError(msg) from None
+
+
+def _has_grown(before: object, now: float | None) -> bool:
+    """Tell whether a setting of a run is at least what it was; None is a time without end."""
+    if before is None or now is None:
+        return now is None
     return isinstance(before, int | float) and before <= now
 
 

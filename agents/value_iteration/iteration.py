@@ -66,6 +66,7 @@ class ValueIteration(Search):
     """
 
     unit = "sweep"
+    began_as = "the best action for the present step"
 
     def __init__(self, settings: IterateSettings, scene: Scene) -> None:
         super().__init__(settings, scene)

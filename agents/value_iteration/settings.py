@@ -33,6 +33,7 @@ class IterateSettings(TimedSettings):
     """among which a sweep is divided; results do not depend on it"""
 
     growing: ClassVar[tuple[str, ...]] = ("sweeps", "time_budget")
+    suffix: ClassVar[str] = "-values"
 
     @model_validator(mode="after")
     def _fits_a_file(self) -> Self:

@@ -28,6 +28,7 @@ from agents.search.search import Search
 from agents.sweeps.trials import read_cost
 from agents.training.arrays import save_checkpoint
 from agents.training.config import RunSettings, TrainSettings, read_settings
+from agents.training.ending import Ending, read_ending
 from agents.training.runs import METRICS, TIMES, Run, RunError
 from agents.user_code import source
 from agents.value_table.kernel import NODES
@@ -117,6 +118,12 @@ def write_run(path):
     run_of(path).open(RunSettings.of(settings))
 
 
+def write_end(path):
+    costs = {"cost": 0.5, "began_with": 0.6, "no_control": 0.7}
+    ending = Ending(unit="sweep", done=1, total=2, time_budget=3.0, began_as="a law", **costs)
+    ending.write(run_of(path))
+
+
 def write_validations(path):
     write_csv(path, METRICS, [[100.0, 200.0], [0.5, 0.4]])
     write_csv(path.with_name("times.csv"), TIMES, [[100.0, 200.0], [1.0, 2.0]])
@@ -191,6 +198,7 @@ READERS = {
         lambda path: path.write_text('{"cost": 0.25}\n'),
         lambda path: read_cost(run_of(path)),
     ),
+    "end of a run": Reader("end.json", write_end, lambda path: read_ending(run_of(path))),
     "scores of tasks": Reader(
         "scores.json",
         lambda path: path.write_bytes(SCORES.read_bytes()),
@@ -325,6 +333,7 @@ WHOLE = {
     *((name, "without its last byte") for name in ("scene", "settings", "record in columns")),
     *((name, "without its last byte") for name in ("record of PEER", "run", "scene of a run")),
     *((name, "without its last byte") for name in ("validations", "score", "scores of tasks")),
+    *(("end of a run", kind) for kind in ("missing", "without its last byte")),  # of an earlier run
 }
 """What is left whole, or is only read as text: then the reader returns something."""
 

@@ -253,7 +253,7 @@ class TestRuns:
         assert record["versions"]["cma"]
         rows = unbroken.metrics.read_text().splitlines()
         assert rows[0] == "steps [-],cost [-]"
-        assert [row.split(",")[0] for row in rows[1:]] == ["12800.0", "25600.0", "38400.0"]
+        assert [row.split(",")[0] for row in rows[1:]] == ["0.0", "12800.0", "25600.0", "38400.0"]
 
     def test_run_interrupted_in_any_generation_ends_as_if_unbroken(
         self, unbroken, tmp_path, monkeypatch

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import signal
 import time
 
@@ -142,7 +143,7 @@ def test_evolution_killed_ten_times_at_random_instants_ends_as_if_uninterrupted(
 
 
 def written(run):
-    return run.record, run.checkpoint, run.metrics, run.times, run.policy
+    return run.record, run.checkpoint, run.metrics, run.times, run.ending, run.policy
 
 
 class TestInterrupts:
@@ -185,7 +186,11 @@ class TestInterrupts:
         process.join()
         assert process.exitcode == 130
         *_, line = (tmp_path / "errors").read_text().splitlines()
-        assert line == "interrupted: runs/tiny: give the same command again to continue"
+        assert re.fullmatch(
+            r"interrupted after [\d,]+ of 1,000,000 control steps: runs/tiny: "
+            "give the same command again to continue",
+            line,
+        )
         assert "Traceback" not in (tmp_path / "errors").read_text()
         assert load_checkpoint(run.checkpoint)["model/steps"] > 0
 

@@ -89,7 +89,8 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     settings = SweepSettings(
         tasks=("CarriageForce", "PreStretch"),
         algorithms=("evolution", "ppo"),
-        settings={"evolution.hidden": 4, "steps": 10},
+        settings={"evolution.hidden": 4, "evaluations": 3},
+        algorithm_settings={"ppo": {"steps": 10}},
         task_settings={"CarriageForce": {"evolution.generations": 2, "evolution.candidates": 4}},
     )
     trials = settings.trials()
@@ -101,6 +102,7 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     assert (evolution.hidden, evolution.generations, evolution.threads) == (4, 2, 1)
     assert (other.hidden, other.generations) == (4, EvolveSettings().generations)
     assert ppo.steps == 10
+    assert {trial.evaluations for trial in trials} == {3}  # what is common reaches all
     do_trial(evolution.model_dump_json(), tmp_path)
     alone = Run(evolution.name, tmp_path / "alone")
     evolve(evolution, alone, bar=False)
@@ -112,7 +114,7 @@ def test_evolution_is_an_algorithm_with_settings_of_its_own(tmp_path):
     assert float(rows[1].split(",")[-1]) == cost
 
 
-def test_search_begins_with_the_good_settings_of_the_task_but_not_on_an_own_scene():
+def test_search_begins_with_the_good_settings_of_the_task_but_not_on_an_own_scene(tmp_path):
     task = {"tasks": ("PreStretchNoise",), "algorithms": ("gradient",)}
     good = good_settings("mm_gym/PreStretchNoise-v0", GradientSettings)
     name = {"name": "PreStretchNoise-gradient-plain-0"}
@@ -121,8 +123,11 @@ def test_search_begins_with_the_good_settings_of_the_task_but_not_on_an_own_scen
     assert trial.hidden != GradientSettings().hidden
     (trial,) = SweepSettings(settings={"gradient.hidden": 3}, **task).trials()
     assert trial == good.model_copy(update={"hidden": 3, **name})
-    (trial,) = SweepSettings(settings={"gradient.scene": "own.toml"}, **task).trials()
-    assert trial == GradientSettings(task=good.task, scene="own.toml", **name)
+    own = tmp_path / "own.toml"
+    own.write_text(SCENE)
+    for setting in ("gradient.scene", "scene"):
+        (trial,) = SweepSettings(settings={setting: str(own)}, **task).trials()
+        assert trial == GradientSettings(task=good.task, scene=str(own), **name)
 
 
 def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
@@ -169,6 +174,26 @@ def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
             {"algorithms": ("evolution",), "settings": {"evolution": 3}},
             "settings.evolution: got 3; allowed: a table",
         ),
+        (
+            {"algorithms": ("ppo", "evolution"), "settings": {"lanes": 4}},
+            "PreStretch-evolution-plain-0: lanes: evolution has no such setting; give it to those",
+        ),
+        (
+            {"algorithms": ("evolution", "ppo"), "settings": {"generations": 4}},
+            "PreStretch-ppo-plain-0: generations: ppo has no such setting; give it to those",
+        ),
+        ({"settings": {"seed": 4}}, "seed: made by the sweep, from its seeds"),
+        (
+            {"settings": {"scene": "absent.toml"}},
+            "PreStretch-ppo-plain-0: absent.toml: no such file",
+        ),
+        (
+            {
+                "algorithms": ("evolution", "ppo"),
+                "settings": {"evolution.changes": {"control.steps": 5}},
+            },
+            "that of PreStretch-ppo-plain-0 is not that of PreStretch-evolution-plain-0",
+        ),
         ({"algorithm_settings": {"pqo": {}}}, "algorithm_settings: got 'pqo'; did you mean 'ppo'"),
         ({"algorithm_settings": {"ppo": 3}}, "algorithm_settings.ppo: got 3; allowed: a table"),
     ],
@@ -178,6 +203,71 @@ def test_wrong_sweep_is_refused_before_a_folder_is_made(tmp_path, fields, words)
         sweep(SweepSettings(**fields), tmp_path)
     assert words in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+SCENE = "[carriage]\nmass = 0.2\n[actuation.force]\n[objective]\neffort_weight = 0.01\n"
+
+LEARNERS = {
+    "name": "own",
+    "tasks": ("CarriageForce",),
+    "algorithms": ("evolution", "gradient", "ppo", "residual"),
+    "processes": 1,
+    "algorithm_settings": {
+        "evolution": {"candidates": 4, "generations": 1, "episodes": 2},
+        "gradient": {"iterations": 1, "episodes": 2},
+        "ppo": {"lanes": 8, "steps": 80, "ppo.rollout": 10},
+        "residual": {"lanes": 8, "steps": 80, "ppo.rollout": 10, "base": "lqr"},
+    },
+}
+
+
+def here(work, _, report):
+    """Train in this process, in the place of those of `work_here`."""
+    for number, (text, folder) in enumerate(work):
+        do_trial(text, folder)
+        report(number, None)
+
+
+def test_common_scene_reaches_every_algorithm_and_another_one_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "work_here", here)
+    file = tmp_path / "own.toml"
+    file.write_text(SCENE)
+    common = {"scene": str(file), "changes": {"control.steps": 20}, "evaluations": 1}
+    settings = SweepSettings(settings=common, **LEARNERS)
+    assert sweep(settings, tmp_path) is None
+    records = [Run(trial.name, tmp_path / "own").read() for trial in settings.trials()]
+    assert len(records) == 4
+    assert {record["settings"]["scene"] for record in records} == {str(file)}
+    assert {record["scene"]["carriage"]["mass"] for record in records} == {0.2}
+    assert {record["scene"]["control"]["steps"] for record in records} == {20}
+    file.write_text(SCENE.replace("0.2", "0.3"))
+    before = (tmp_path / "own" / "results.csv").read_bytes()
+    more = settings.model_copy(update={"seeds": 2})
+    with pytest.raises(SceneError, match="scene: that of CarriageForce-evolution-plain-1 is not"):
+        sweep(more, tmp_path)  # before it trains
+    assert len(list((tmp_path / "own").glob("*-1"))) == 0
+    assert (tmp_path / "own" / "results.csv").read_bytes() == before
+
+
+def test_results_of_different_scenes_are_not_written_beside_each_other(tmp_path):
+    trials = SweepSettings(tasks=("CarriageForce",), seeds=2).trials()
+    for trial, mass in zip(trials, (0.2, 0.3), strict=True):
+        run = Run(trial.name, tmp_path)
+        run.open(trial.model_copy(update={"changes": {"carriage.mass": mass}}))
+        (run.folder / "result.json").write_text('{"cost": 0.5}')
+    with pytest.raises(SceneError, match="the same for all trainings of a task and a variant"):
+        write_results(trials, tmp_path)
+    assert not (tmp_path / "results.csv").exists()
+
+
+def test_tasks_and_variants_may_have_scenes_of_their_own():
+    settings = SweepSettings(
+        tasks=("CarriageForce", "Hybrid"),
+        algorithms=("evolution", "ppo"),
+        variants={"light": {"changes": {"carriage.mass": 0.05}}, "plain": {}},
+        task_settings={"Hybrid": {"changes": {"control.steps": 30}}},
+    )
+    assert len({trial.load_scene().digest for trial in settings.trials()}) == 4
 
 
 @pytest.mark.parametrize(

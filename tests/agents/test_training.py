@@ -12,7 +12,7 @@ from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.evaluate import report_run
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty
+from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty, validation_cost
 from agents.policies import load_policy
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
@@ -74,7 +74,7 @@ def test_run_folder_holds_what_is_needed_to_repeat_it(finished: Run) -> None:
     assert record["versions"]["torch"].startswith("2.")
     rows = (finished.folder / "metrics.csv").read_text().splitlines()
     assert rows[0] == "steps [-],cost [-]"
-    assert len(rows) == 1 + QUICK.evaluations
+    assert len(rows) == 2 + QUICK.evaluations  # with the header, and what it begins as
     assert list((finished.folder / "tensorboard").rglob("events*"))
 
 
@@ -103,13 +103,13 @@ def test_killed_run_continues_from_its_checkpoint(tmp_path: Path) -> None:
         msg = "as if the process had died"
         raise Killed(msg)
 
-    calls = iter([evaluate, evaluate, kill])
+    calls = iter([*[validation_cost] * 3, kill])
 
-    def next_evaluate(*arguments: object, **options: object) -> object:
+    def next_validation(*arguments: object, **options: object) -> object:
         return next(calls)(*arguments, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.training.reinforcement.evaluate", next_evaluate)
+        patch.setattr("agents.training.reinforcement.validation_cost", next_validation)
         with pytest.raises(Killed):
             train(settings, run)
     drawing = [t for t in threading.enumerate() if type(t).__module__.startswith("rich")]
@@ -202,7 +202,7 @@ def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path)
     run = Run("limited", tmp_path)
     settings = changed(steps=800, evaluations=1, scene=str(file))
     train(settings, run)
-    cost = float((run.folder / "metrics.csv").read_text().splitlines()[1].split(",")[1])
+    cost = run.validations()[1].min()
     learned, scene = Learned(load_policy(run.policy)), settings.load_scene()
     assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
     # Most episodes begin beyond the limit, so the cost is above that of the limit itself.

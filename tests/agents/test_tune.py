@@ -9,9 +9,10 @@ import optuna
 import pytest
 
 from agents.training.config import TrainSettings, read_settings
-from agents.training.runs import RunError
+from agents.training.ending import Ending
+from agents.training.runs import Run, RunError
 from agents.training.search_space import as_toml, suggested
-from agents.tune import TuneSettings, tune
+from agents.tune import TuneSettings, shortened, tune
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
@@ -25,6 +26,18 @@ def quiet():
 
 def study_of(folder):
     return optuna.load_study(study_name=None, storage=f"sqlite:///{folder}/study.db")
+
+
+def test_trainings_that_their_time_ended_are_told(tmp_path):
+    assert shortened(tmp_path) == []
+    costs = {"cost": 0.5, "began_with": 0.6, "no_control": 0.7, "began_as": "a law"}
+    for number, (done, budget) in enumerate([(9000, None), (2000, 3.0), (1000, 3.0)]):
+        counted = {"unit": "control step", "done": done, "total": 9000}
+        Ending(**counted, time_budget=budget, **costs).write(Run(f"trial-{number}", tmp_path))
+    assert shortened(tmp_path) == [
+        "2 of 3 trainings were ended by their time budget of 3 s, "
+        "the first after 1,000 of 9,000 control steps"
+    ]
 
 
 def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):

@@ -1,0 +1,132 @@
+"""How a run ended: what was done of how much, and what its agent costs next to no control."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel
+
+from agents.controllers.constant import no_control
+from agents.controllers.feedback import Feedback
+from agents.controllers.true_state import TrueState
+from agents.evaluation.episodes import validation_cost
+from agents.training.runs import read_as
+from mm_gym.files import write_text
+
+if TYPE_CHECKING:
+    from agents.evaluation.episodes import Rewards
+    from agents.training.progress import Progress
+    from agents.training.runs import Run
+    from mm_gym import Scene
+
+ROUND_OFF = 1e-4
+"""Relative difference of costs that counts as none: some are of networks in single precision."""
+
+
+class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+    """What ``end.json`` holds; its costs are those on the validation episodes [-].
+
+    Attributes
+    ----------
+    unit, done, total
+        What is counted, as "sweep": how many were done, and how many the settings ask for.
+    time_budget
+        Time after which the run ended before all were done [s], or None.
+    cost
+        Of the best agent; None if it is not finite.
+    began_as, began_with
+        What the run began as, and its cost; None of a run that began before it was noted.
+    no_control
+        Cost of no control.
+    replaced
+        Whether the policy that was written is no control, as all agents were worse.
+    """
+
+    unit: str
+    done: int
+    total: int
+    time_budget: float | None
+    cost: float | None
+    began_as: str
+    began_with: float | None
+    no_control: float | None
+    replaced: bool = False
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the best agent costs more than no control."""
+        if self.cost is None or self.no_control is None:
+            return self.cost is None
+        return self.cost > self.no_control * (1.0 + ROUND_OFF)
+
+    def write(self, run: Run) -> None:
+        """Write it to the run's folder."""
+        write_text(run.ending, json.dumps(self.model_dump(), indent=2) + "\n")
+
+    @property
+    def notes(self) -> list[str]:
+        """What the agent's user has to know, a line each; how far a shortened run came is last."""
+        told: list[str] = []
+        if self.is_worse:
+            kept = "policy.npz is no control" if self.replaced else "policy.npz is the best of them"
+            told.append(
+                "warning: on the validation episodes all agents were worse than no control: "
+                f"{_told(self.cost)}, and {_told(self.no_control)} without; {kept}"
+            )
+        elif self.cost == self.began_with:
+            told.append(
+                "note: on the validation episodes no agent was better than what it began as, "
+                f"{self.began_as}: {_told(self.cost)}"
+            )
+        if self.time_budget is not None:
+            told.append(
+                f"ended by its time budget of {self.time_budget:g} s "
+                f"{told_part(self.done, self.total, self.unit)}; "
+                "with a larger --time-budget it goes on"
+            )
+        return told
+
+
+def told_part(done: int, total: int, unit: str) -> str:
+    """Return the words for how much of a run is done."""
+    return f"after {done:,} of {total:,} {unit}s"
+
+
+def costs_of(
+    progress: Progress, scene: Scene, rewards_of: Rewards | None = None
+) -> dict[str, float | None]:
+    """Return the costs of an `Ending`, by name, None where they are not finite."""
+    without = Feedback(scene, no_control(scene), TrueState())  # it needs no estimate of the motion
+    steps, _, cost = progress.rows[0]
+    costs = {
+        "cost": progress.least_cost,
+        "began_with": float(cost) if steps == 0 else math.inf,
+        "no_control": validation_cost(scene, without, rewards_of),
+    }
+    return {name: cost if math.isfinite(cost) else None for name, cost in costs.items()}
+
+
+def _told(cost: float | None) -> str:
+    return "not finite" if cost is None else f"{cost:.6g}"
+
+
+def read_ending(run: Run) -> Ending | None:
+    """Return how a run ended, or None where an earlier version did not note it.
+
+    Raises
+    ------
+    RunError
+        If its file is damaged.
+    """
+    if not os.path.lexists(run.ending):
+        return None
+    return read_as(Ending, run.ending, "the end of a run")
+
+
+def notes_of(run: Run) -> list[str]:
+    """Return what is told of how a finished run ended; raise as `read_ending` does."""
+    ending = read_ending(run)
+    return [] if ending is None else ending.notes
