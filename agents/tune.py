@@ -84,10 +84,9 @@ def shortened(folder: Path) -> list[str]:
     if not early:
         return []
     first = min(early, key=lambda ending: ending.done)
-    return [
-        f"{len(early)} of {len(endings)} trainings were ended by their time budget of "
-        f"{first.time_budget:g} s, the first {told_part(first.done, first.total, first.unit)}"
-    ]
+    budget = f"their time budget of {first.time_budget:g} s"
+    part = told_part(first.done, first.total, first.unit)
+    return [f"{len(early)} of {len(endings)} trainings were ended by {budget}, the first {part}"]
 
 
 def _in_one_line(error: BaseException) -> str:

@@ -199,5 +199,10 @@ def validation_cost(
     scene: Scene, controller: Controller, rewards_of: Rewards | None = None
 ) -> float:
     """Return a controller's cost on the episodes of all validations [-]."""
-    options = {"seed": VALIDATION_SEED, "episodes": VALIDATION_EPISODES}
-    return evaluate(scene, controller, **options, rewards_of=rewards_of).cost
+    return evaluate(
+        scene,
+        controller,
+        seed=VALIDATION_SEED,
+        episodes=VALIDATION_EPISODES,
+        rewards_of=rewards_of,
+    ).cost

@@ -18,7 +18,7 @@ from agents.training.arrays import (
     load_checkpoint,
     save_checkpoint,
 )
-from agents.training.ending import Ending, costs_of, told_part
+from agents.training.ending import Ending, told_part
 from agents.training.progress import Progress
 
 if TYPE_CHECKING:
@@ -146,13 +146,14 @@ class Search(ABC):
                 raise KeyboardInterrupt(told_part(self.rounds, total, self.unit)) from None
         progress.write_metrics(run)  # a process may have been killed before it did
         policy = self.policy()
-        ending = Ending(
+        ending = Ending.of(
+            progress,
+            self.scene,
             unit=self.unit,
             done=self.rounds,
             total=total,
             time_budget=self.settings.time_budget if self.rounds < total else None,
             began_as=self.began_as,
-            **costs_of(progress, self.scene),
         )
         if ending.is_worse:
             without = without_control(self.scene)

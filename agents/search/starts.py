@@ -239,6 +239,7 @@ def without_control(scene: Scene) -> Policy:
 def _none(scene: Scene, shown: Shown) -> Start:
     direct = np.zeros((shown.actions, 1 + shown.count))
     if scene.actuation.stretch is not None:
+        assert scene.springs.kind != "none"  # noqa: S101 - the scene guarantees it
         own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
         present = np.full(1, np.mean(own))
         direct[-1, :1] = StretchCommand(scene)(present, present)[0]
@@ -288,12 +289,13 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
     The estimate x is corrected by the observation y, and the regulator's own force is known:
     x = (1 - F C) (A - B K) x + F y.
     """
-    if scene.actuation.stretch is not None:
+    force = scene.actuation.force
+    if scene.actuation.stretch is not None or force is None:
         msg = "law: 'lqg' pushes, and tunes no springs; actuation.stretch is there"
         raise DesignError(msg)
     weight = caution * scene.objective.effort_weight
     design = design_lqg(scene.replace(**{"objective.effort_weight": weight}), unmodelled=unmodelled)
-    system, limit = design.system, scene.actuation.force.limit
+    system, limit = design.system, force.limit
     if len(system.A) > MOST_STATES:
         msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
         raise DesignError(msg)

@@ -55,6 +55,31 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     no_control: float | None
     replaced: bool = False
 
+    @classmethod
+    def of(
+        cls, run: Progress, scene: Scene, rewards_of: Rewards | None = None, **told: object
+    ) -> Ending:
+        """Return the ending of a run.
+
+        Parameters
+        ----------
+        run
+            Its validations.
+        scene, rewards_of
+            What they were on.
+        told
+            The other attributes, without the costs.
+        """
+        without = Feedback(scene, no_control(scene), TrueState())  # no estimate is needed
+        steps, _, cost = run.rows[0]
+        costs = {
+            "cost": run.least_cost,
+            "began_with": float(cost) if steps == 0 else math.inf,
+            "no_control": validation_cost(scene, without, rewards_of),
+        }
+        finite = {name: cost if math.isfinite(cost) else None for name, cost in costs.items()}
+        return cls.model_validate({**told, **finite})
+
     @property
     def is_worse(self) -> bool:
         """Whether the best agent costs more than no control."""
@@ -93,20 +118,6 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
 def told_part(done: int, total: int, unit: str) -> str:
     """Return the words for how much of a run is done."""
     return f"after {done:,} of {total:,} {unit}s"
-
-
-def costs_of(
-    progress: Progress, scene: Scene, rewards_of: Rewards | None = None
-) -> dict[str, float | None]:
-    """Return the costs of an `Ending`, by name, None where they are not finite."""
-    without = Feedback(scene, no_control(scene), TrueState())  # it needs no estimate of the motion
-    steps, _, cost = progress.rows[0]
-    costs = {
-        "cost": progress.least_cost,
-        "began_with": float(cost) if steps == 0 else math.inf,
-        "no_control": validation_cost(scene, without, rewards_of),
-    }
-    return {name: cost if math.isfinite(cost) else None for name, cost in costs.items()}
 
 
 def _told(cost: float | None) -> str:

@@ -22,7 +22,7 @@ from agents.training.algorithms import algorithm_class, make_model
 from agents.training.archive import policy_of
 from agents.training.arrays import damage_named, load_checkpoint, save_checkpoint
 from agents.training.checkpoint import restore, state_of
-from agents.training.ending import Ending, costs_of, told_part
+from agents.training.ending import Ending, told_part
 from agents.training.lanes import make_lanes
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
@@ -115,13 +115,15 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
         learn(model, settings.steps - model.num_timesteps, validation, bar=bar)
     progress.write_metrics(run)
     parts, untrained = validation.parts, "an untrained network"
-    Ending(
+    Ending.of(
+        progress,
+        parts.scene,
+        parts.rewards_of,
         unit=UNIT,
         done=model.num_timesteps,
         total=settings.steps,
         time_budget=settings.time_budget if model.num_timesteps < settings.steps else None,
         began_as=untrained if settings.base is None else settings.base,
-        **costs_of(progress, parts.scene, parts.rewards_of),
     ).write(run)
     write_bytes(run.policy, progress.best["policy"].tobytes())
 

@@ -34,10 +34,9 @@ def test_trainings_that_their_time_ended_are_told(tmp_path):
     for number, (done, budget) in enumerate([(9000, None), (2000, 3.0), (1000, 3.0)]):
         counted = {"unit": "control step", "done": done, "total": 9000}
         Ending(**counted, time_budget=budget, **costs).write(Run(f"trial-{number}", tmp_path))
-    assert shortened(tmp_path) == [
-        "2 of 3 trainings were ended by their time budget of 3 s, "
-        "the first after 1,000 of 9,000 control steps"
-    ]
+    (told,) = shortened(tmp_path)
+    assert told.startswith("2 of 3 trainings were ended by their time budget of 3 s, ")
+    assert told.endswith("the first after 1,000 of 9,000 control steps")
 
 
 def test_best_trial_is_a_file_of_settings_and_more_trials_go_on(tmp_path):
