@@ -193,23 +193,24 @@ LANES = "lanes = 3\n[ppo]\nepochs = 2\n[sac]\ntau = 0.5\n"
 @pytest.mark.usefixtures("known")
 def test_task_stands_for_its_good_settings_and_flags_go_over_them(monkeypatch):
     settings = read_from(monkeypatch, GradientSettings, "Hybrid", "--rate", "0.2")
-    own = {"task": "mm_gym/Hybrid-v0", "name": "Hybrid"}
+    own = {"task": "mm_gym/Hybrid-v0", "name": "Hybrid-gradient"}
     assert settings == GradientSettings(hidden=5, rate=0.2, **own)
     trained = read_from(monkeypatch, TrainSettings, "mm_gym/Hybrid-v0", "--ppo.rollout", "4")
     assert (trained.name, trained.lanes) == ("Hybrid", 3)
     assert (trained.ppo.epochs, trained.ppo.rollout) == (2, 4)
     alone = read_from(monkeypatch, GradientSettings, "PreStretch")
-    assert alone == GradientSettings(task="mm_gym/PreStretch-v0", name="PreStretch")
+    assert alone == GradientSettings(task="mm_gym/PreStretch-v0", name="PreStretch-gradient")
 
 
 @pytest.mark.usefixtures("known")
 def test_own_scene_and_another_algorithm_have_the_defaults(monkeypatch):
     scene = ["--scene", "own.toml", "--rate", "0.2"]
     settings = read_from(monkeypatch, GradientSettings, "Hybrid", *scene)
-    own = {"task": "mm_gym/Hybrid-v0", "name": "Hybrid"}
+    task = "mm_gym/Hybrid-v0"
+    own = {"task": task, "name": "Hybrid-gradient"}
     assert settings == GradientSettings(scene="own.toml", rate=0.2, **own)
     trained = read_from(monkeypatch, TrainSettings, "Hybrid", "--algorithm", "sac")
-    assert trained == TrainSettings(algorithm="sac", **own)
+    assert trained == TrainSettings(algorithm="sac", task=task, name="Hybrid")
 
 
 @pytest.mark.usefixtures("known")
