@@ -35,10 +35,9 @@ HEAD = """# Results
 
 trains on all tasks, continues where it was stopped, and writes this page; `--no-train` writes it
 from what is trained already. `python -m agents.sweep configs/results.toml` only trains, also on a
-Ray cluster. Generations, iterations or steps end a training, unless it first reaches its time
-budget. So each cost can be repeated with the same code on the same kind of processor; another kind
-can round differently, and a search then ends elsewhere. This page was made on {machine}, one
-processor a training.
+Ray cluster. Generations, iterations or steps end a training, and no clock does. So each cost can be
+repeated with the same code on the same kind of processor; another kind can round differently, and a
+search then ends elsewhere. This page was made on {machine}, one processor a training.
 
 Costs are those of `docs/tasks.md`, on the same 100 held-out episodes. No training runs on them
 ([what they have served for](evaluation.md#the-held-out-episodes)). The **reference controller** is

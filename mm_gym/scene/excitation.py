@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic_core import PydanticKnownError
 
 from mm_gym.scene.part import Part, listed
 from mm_gym.scene.rules import Ratio, Rule, ordered
@@ -16,6 +17,12 @@ NumberOrRange = float | Range
 Target = Literal["force", "ground"]
 ForceUnit = Literal["N", "kN", "lbf"]
 AccelerationUnit = Literal["m/s^2", "cm/s^2", "mm/s^2", "gal", "g", "ft/s^2", "in/s^2"]
+
+UNITS = {
+    "force": (get_args(ForceUnit), "a force"),
+    "ground": (get_args(AccelerationUnit), "an acceleration of the ground"),
+}
+"""Target -> the units that its records may have, and what they are units of."""
 
 FIXED_FIELDS = ("sample_time", "time_step")
 """Numbers that are the same in every episode."""
@@ -170,12 +177,16 @@ class Impulse(Part):
     rules: ClassVar[tuple[Rule, ...]] = (Rule(("rate", "time"), _some_impulse),)
 
 
-def _unit_of_target(target: Target, unit: str | None) -> str | None:
-    units = get_args(ForceUnit if target == "force" else AccelerationUnit)
-    if unit is None or unit in units:
-        return None
-    allowed = ", ".join(map(repr, units))
-    return f"unit: got {unit!r}; allowed with target = {target!r}: {allowed}"
+def _unit_of_target(unit: object, info: ValidationInfo) -> object:
+    """Return a unit; refuse what the target cannot have as pydantic's `Literal` does."""
+    if unit is None or "target" not in info.data:  # a wrong target is reported by itself
+        return unit
+    units, quantity = UNITS[info.data["target"]]
+    if unit in units:
+        return unit
+    *others, last = map(repr, units)
+    expected = f"{', '.join(others)} or {last} for {quantity}"
+    raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
 
 
 class Recorded(Sampled):
@@ -188,7 +199,9 @@ class Recorded(Sampled):
     file: Annotated[str, Field(min_length=1)]
     """a PEER AT2 file, or a CSV file of times [s] and values; a path in a scene file is relative to
     that file's folder"""
-    unit: ForceUnit | AccelerationUnit | None = None
+    unit: Annotated[
+        Literal[ForceUnit, AccelerationUnit] | None, BeforeValidator(_unit_of_target)
+    ] = None
     """unit of the values; by default g for AT2, else m/s^2 or N"""
     time_step: Positive | None = None
     """[s] between the samples of a file with one column, which states no times"""
@@ -198,8 +211,6 @@ class Recorded(Sampled):
     """factor of the times [-]; below 1 the record runs faster"""
     start: NonNegative = 0.0
     """time of the record [s] at which an episode begins"""
-
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("target", "unit"), _unit_of_target),)
 
 
 Excitation = Annotated[

@@ -6,8 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mm_gym import SceneError
-from mm_gym.records import ACCELERATION_UNITS, LARGEST, UNITS, read_record, resample
+from mm_gym.records import (
+    ACCELERATION_UNITS,
+    FORCE_UNITS,
+    LARGEST,
+    UNITS,
+    read_record,
+    resample,
+)
 from mm_gym.records.text import BLOCK, MOST_BYTES
+from mm_gym.scene.excitation import Recorded
 
 from .files import COUNTS, GOOD, QUANTITY, SAMPLES, TITLE, peer, read
 
@@ -398,3 +406,23 @@ def test_unit_is_g_by_default_in_peers_format_and_needed_elsewhere(tmp_path):
     contradicted = peer(SAMPLES).replace("UNITS OF G", "UNITS OF CM/S2")
     with pytest.raises(SceneError, match="unit"):
         read(tmp_path, contradicted, unit=None)
+
+
+@pytest.mark.parametrize(
+    ("target", "wrong", "nearest", "units"),
+    [
+        ("ground", "gg", "; did you mean 'g'?", ACCELERATION_UNITS),
+        ("ground", "kN", "", ACCELERATION_UNITS),
+        ("force", "gg", "", FORCE_UNITS),
+        ("force", "g", "", FORCE_UNITS),
+    ],
+)
+def test_wrong_unit_in_a_scene_lists_exactly_those_of_the_target(target, wrong, nearest, units):
+    data = {"kind": "record", "file": "motion.csv", "target": target, "unit": wrong}
+    with pytest.raises(SceneError) as caught:
+        Recorded(**data)
+    found, allowed = str(caught.value).split("; allowed: ")
+    assert found == f"unit: got {wrong!r}{nearest}"
+    assert set(allowed.split("'")[1::2]) == set(units)
+    for unit in units:
+        assert Recorded(**(data | {"unit": unit})).unit == unit
