@@ -42,10 +42,10 @@ search then ends elsewhere. This page was made on {machine}, one processor a tra
 Costs are those of `docs/tasks.md`, on the same 100 held-out episodes. No training runs on them
 ([what they have served for](evaluation.md#the-held-out-episodes)). The **reference controller** is
 the best, in these very episodes, of the LQR, velocity feedback, the controllers of the stretch and
-their combinations; figures call it "best law". The best controller of all classical ones,
-predictive control and the clairvoyant optimum (best found), which knows the episode, are those of
-`docs/ranking.md`; [controllers](controllers.md#known-but-not-in-the-tables) has what is known of
-others.
+their combinations; figures call it "best law", and names of controllers a control weight "price".
+The best controller of all classical ones, predictive control and the clairvoyant optimum (best
+found), which knows the episode, are those of `docs/ranking.md`;
+[controllers](controllers.md#known-but-not-in-the-tables) has what is known of others.
 """
 
 KINDS = {
@@ -91,7 +91,7 @@ PROFILE = """## Performance profile
 The fraction of all trainings, over the tasks, above a score: of the algorithms that were run on all
 tasks, and of the best algorithm of each task.
 
-![Part of all trainings above a score]({profile})
+![Fraction of all trainings above a score]({profile})
 """
 
 ENERGY = """## Energy that the stretch puts in
