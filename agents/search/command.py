@@ -51,6 +51,6 @@ def search_and_score(
     except KeyboardInterrupt as interrupt:
         print(run.advice(interrupt), file=sys.stderr)
         return INTERRUPTED
-    print(f"{cost:.4f} is its cost on {EPISODES} held-out episodes")
-    print(f"beside every law: python -m agents.evaluate {run.folder}", *notes, sep="\n")
+    compare = f"compare it with every controller: python -m agents.evaluate {run.folder}"
+    print(f"{cost:.4f} is its cost on {EPISODES} held-out episodes", compare, *notes, sep="\n")
     return None
