@@ -38,6 +38,7 @@ def sources() -> list[Path]:
     places = (
         "compiler/*.py",
         "kernels/*.py",
+        "law/*.py",
         "**/*kernel.py",
         "methods/*/layout.py",
         "sensitivity/*layout.py",

@@ -14,14 +14,13 @@ from mm_gym.kernels.elementary import cosine_and_sine
 from mm_gym.kernels.groups import read, write_state
 from mm_gym.kernels.jets import jet_value
 from mm_gym.kernels.laws import (
-    carriage_force,
     escape_distance,
     has_escaped,
-    pair_force,
     stiffness,
 )
 from mm_gym.kernels.simd import LANES, element, everywhere, with_element
 from mm_gym.kernels.simd_masks import none, where
+from mm_gym.law.motion import Coefficients, rates
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -36,7 +35,7 @@ def propagate_rk4(model, lanes, first, last):
     half, sixth = 0.5 * h, h / 6.0
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        (p, held), (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
@@ -45,13 +44,13 @@ def propagate_rk4(model, lanes, first, last):
                 _excitation(model, lanes, i, count, (k + 0.5) * h),
                 _excitation(model, lanes, i, count, (k + 1.0) * h),
             )
-            a1, a2 = _field(p, finite, start, x1, x2, v1, v2)
+            a1, a2 = _field(p, finite, held, start, x1, x2, v1, v2)
             p1, p2 = v1 + half * a1, v2 + half * a2
-            b1, b2 = _field(p, finite, middle, x1 + half * v1, x2 + half * v2, p1, p2)
+            b1, b2 = _field(p, finite, held, middle, x1 + half * v1, x2 + half * v2, p1, p2)
             q1, q2 = v1 + half * b1, v2 + half * b2
-            c1, c2 = _field(p, finite, middle, x1 + half * p1, x2 + half * p2, q1, q2)
+            c1, c2 = _field(p, finite, held, middle, x1 + half * p1, x2 + half * p2, q1, q2)
             r1, r2 = v1 + h * c1, v2 + h * c2
-            d1, d2 = _field(p, finite, end, x1 + h * q1, x2 + h * q2, r1, r2)
+            d1, d2 = _field(p, finite, held, end, x1 + h * q1, x2 + h * q2, r1, r2)
             y1 = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)
             y2 = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
             w1 = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
@@ -74,11 +73,13 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     h = model[at.SAMPLE_INTERVAL] / substeps
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        (p, held), (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
-            a1, a2 = _field(p, finite, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2)
+            a1, a2 = _field(
+                p, finite, held, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2
+            )
             w1, w2 = v1 + h * a1, v2 + h * a2
             y1, y2 = x1 + h * w1, x2 + h * w2
             if may_escape:
@@ -128,38 +129,30 @@ def _state(lanes, i, count):
 
 @inlined_kernel
 def _constants(lanes, i, count):
-    """Return what the equations of the lanes i .. i + count - 1 need, in SI units."""
+    """Return the coefficients of the lanes i .. i + count - 1, and the force held [N]."""
     k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
-    return (
-        (1.0 / read(lanes, at.M1, i, count), 1.0 / read(lanes, at.M2, i, count)),
-        (read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)),
-        (read(lanes, at.BETA, i, count), read(lanes, at.D, i, count)),
-        (read(lanes, at.C, i, count), read(lanes, at.FORCE, i, count)),
-        (k0, read(lanes, at.L0, i, count), stretch, stiffness(k0, stretch)),
+    k1, nothing = read(lanes, at.K1, i, count), everywhere(0.0)  # smooth plants have no friction
+    p = Coefficients(
+        1.0 / read(lanes, at.M1, i, count),
+        1.0 / read(lanes, at.M2, i, count),
+        k1 * read(lanes, at.ALPHA, i, count),
+        k1 * read(lanes, at.BETA, i, count),
+        read(lanes, at.D, i, count),
+        read(lanes, at.C, i, count),
+        nothing,
+        stiffness(k0, stretch),
+        k0 + k0,
+        1.0 / read(lanes, at.L0, i, count),
+        stretch,
     )
+    return p, read(lanes, at.FORCE, i, count)
 
 
 @inlined_kernel
-def _field(p, finite, excitation, x1, x2, v1, v2):
-    """Return the accelerations [m/s^2].
-
-    Parameters
-    ----------
-    p
-        Coefficients of the lanes, see `_constants`.
-    finite
-        Whether the springs are of finite stretch.
-    excitation
-        Force on the carriage [N] and acceleration of the ground [m/s^2].
-    x1, x2, v1, v2
-        State [m, m/s].
-    """
-    (by_m1, by_m2), (k1, alpha), (beta, d), (c, held), (k0, l0, stretch, k2) = p
-    (force, ground), offset = excitation, x2 - x1
-    springs = pair_force(k0, l0, stretch, offset) if finite else k2 * offset
-    inner = c * (v2 - v1) + springs  # (3) of docs/model.md: smooth plants have no friction
-    outer = carriage_force(k1, alpha, beta, x1) + d * v1 - held
-    return (inner - outer + force) * by_m1 - ground, -inner * by_m2 - ground  # (1), (2)
+def _field(p, finite, held, excitation, x1, x2, v1, v2):
+    """Return the accelerations [m/s^2] under a force held and an excitation."""
+    force, ground = excitation
+    return rates(p, finite, x1, x2 - x1, v1, v2 - v1, held + force, ground)
 
 
 @inlined_kernel

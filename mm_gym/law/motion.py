@@ -1,0 +1,96 @@
+"""The equations of motion: (1) and (2) of docs/model.md, over every kind of number.
+
+A number is a float, a vector of lanes, or an array.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from mm_gym.compiler.jit import inlined_kernel
+from mm_gym.kernels.arithmetic import fma
+from mm_gym.kernels.simd_masks import larger, where
+
+LONGEST_WAY = 2.0
+"""Of a step, in units of what is left of the way to a spring's collapse."""
+
+
+class Coefficients(NamedTuple):
+    """What the equations of motion read of a lane's parameters, in SI units.
+
+    Attributes
+    ----------
+    by_m1, by_m2
+        1 / m1 and 1 / m2 [1/kg].
+    linear, cubic
+        k1 alpha [N/m] and k1 beta [N/m^3] of the carriage's spring.
+    d
+        Damping of the carriage [N s/m].
+    slope, intercept
+        Of the line that the interface's force follows in the present regime [N s/m, N].
+    k2
+        Stiffness of springs small on large [N/m].
+    twice_k0, by_l0, stretch
+        2 k0 [N/m], 1 / l0 [1/m] and stretch of springs of finite stretch.
+    """
+
+    by_m1: Any
+    by_m2: Any
+    linear: Any
+    cubic: Any
+    d: Any
+    slope: Any
+    intercept: Any
+    k2: Any
+    twice_k0: Any
+    by_l0: Any
+    stretch: Any
+
+
+@inlined_kernel
+def rates(p, is_finite, x1, offset, v1, slip, push, shake):
+    """Return the accelerations [m/s^2] of carriage and sphere.
+
+    Parameters
+    ----------
+    p
+        `Coefficients`.
+    is_finite
+        Whether the sphere's springs are of finite stretch. A collapsed spring has no number as its
+        force.
+    x1, offset
+        Displacement of the carriage, and of the sphere relative to it [m].
+    v1, slip
+        Velocity of the carriage, and of the sphere relative to it [m/s].
+    push, shake
+        Force on the carriage [N], and acceleration of the ground [m/s^2].
+    """
+    if is_finite:
+        shortened = offset * p.by_l0
+        product = fma(-shortened, shortened, p.stretch * p.stretch)  # of both sides' stretches
+        product = where(product > 0.0, product, math.nan)
+        springs = p.twice_k0 * offset * (1.0 + (p.stretch + p.stretch) / (product * product))  # (6)
+    else:
+        springs = p.k2 * offset  # (5)
+    inner = fma(p.slope, slip, p.intercept + springs)  # (3), (4)
+    outer = fma(fma(p.cubic * x1, x1, p.linear), x1, fma(p.d, v1, -push))
+    return fma(inner - outer, p.by_m1, -shake), fma(-inner, p.by_m2, -shake)
+
+
+@inlined_kernel
+def is_resolved(p, before, after):
+    """Tell whether a step sees the force of springs of finite stretch rise towards a collapse.
+
+    It grows with the inverse square of what is left of the way to the collapse, so a step's way
+    must not be much longer than that.
+
+    Parameters
+    ----------
+    p
+        `Coefficients`.
+    before, after
+        Displacement of the sphere relative to the carriage [m] at the step's start and end.
+    """
+    left = p.stretch - p.by_l0 * larger(abs(before), abs(after))
+    return p.by_l0 * abs(after - before) <= LONGEST_WAY * left
