@@ -17,6 +17,7 @@ from numba.extending import intrinsic, overload
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.kernels.arithmetic import fma, stay_apart
+from mm_gym.kernels.simd import alike
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,7 +93,7 @@ def _value(coefficients, x):
     Even and odd powers are summed apart (Horner), so that one sum hides the other's latency.
     """
     square, count = x * x, len(coefficients)
-    total, other = coefficients[count - 1], coefficients[count - 2]
+    total, other = alike(x, coefficients[count - 1]), alike(x, coefficients[count - 2])
     for k in range(count - 3, -1, -2):
         total = fma(total, square, coefficients[k])
         if k > 0:

@@ -7,6 +7,7 @@ from mm_gym.methods.exponential_action.method import ExponentialAction
 from mm_gym.methods.fixed_step.method import RK4, SemiImplicitEuler
 from mm_gym.methods.linear.massless import Massless
 from mm_gym.methods.linear.method import Linear
+from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.splitting.method import Splitting
 from mm_gym.methods.switched.method import Switched
 from mm_gym.methods.switched.series_method import SwitchedSeries
@@ -20,8 +21,9 @@ METHODS: tuple[Method, ...] = (
     CayleyHamilton(),
     ExponentialAction(),
     Switched(),
-    SwitchedSeries(),
     Splitting(),
+    RungeKutta(),
+    SwitchedSeries(),
     Taylor(),
     RK4(),
     SemiImplicitEuler(),

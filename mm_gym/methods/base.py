@@ -68,7 +68,7 @@ class Method(ABC):
     entries: ClassVar[Entries]
     option: ClassVar[Option | None] = None
 
-    def deferral(self, settings: Settings) -> str | None:  # noqa: ARG002 - most defer to none
+    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002 - most defer to none
         """Return why `auto` prefers a later method although this one applies, or None."""
         return None
 

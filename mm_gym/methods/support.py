@@ -198,9 +198,14 @@ class Support:
             raise SceneError(msg) from None
 
 
-def fastest_oscillation(support: Support) -> float:
-    """Return the fastest undamped frequency about rest that the support reaches [rad/s]."""
+def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
+    """Return the fastest undamped frequency about rest that the support reaches [rad/s].
+
+    A stiffening spring is taken for the linear one of an oscillation's first harmonic, of an
+    amplitude [m].
+    """
     m1, m2, k1 = _fastest(support)
+    k1 += 0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude**2
     return math.sqrt(plain(laws.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 
@@ -214,6 +219,12 @@ def fastest_rate(support: Support) -> float:
     d, harmonics = float(support.high[at.D]), support.frequencies.max(initial=0.0)
     rate = plain(laws.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
     return float(max(rate, harmonics))
+
+
+def fastest_decay(support: Support) -> float:
+    """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
+    m1, m2, d = float(support.low[at.M1]), float(support.low[at.M2]), float(support.high[at.D])
+    return float(plain(laws.largest_eigenvalue)(m1, m2, d, support.steepest))
 
 
 def _fastest(support: Support) -> tuple[float, float, float]:

@@ -23,16 +23,15 @@ the same otherwise, or with randomised           parametric linear   Taylor seri
 dry friction that provably never slips           as a viscous interface of damping mu1 F_N / v_r
 dry friction, cubic coefficient 0, only the      switched linear     transition matrices, crossings
   start randomised                                                   bisected
-the same with actuated stretch, randomised       parametric          Taylor series for each regime
-  parameters or excitation frequency, or         switched linear
-  excitation beyond harmonics and impulses
+the same with actuated stretch, randomised       parametric          Runge-Kutta pairs, or a Taylor
+  parameters or excitation frequency, or         switched linear     series for each regime at
+  excitation beyond harmonics and impulses                           tolerances of 1e-9 and below
 cubic coefficient above 0, only the start        smooth nonlinear    splitting, extrapolated
   randomised, short control steps, no
   excitation, tolerance above 1e-9
-cubic coefficient other than 0 otherwise, or     smooth nonlinear    adaptive Taylor series
-  finite stretch
-the same with dry friction                       switched nonlinear  adaptive Taylor series,
-                                                                     crossings located
+cubic coefficient other than 0 otherwise, or     smooth nonlinear    Runge-Kutta pairs, or a Taylor
+  finite stretch                                                     series at tight tolerances
+the same with dry friction                       switched nonlinear  the same, crossings located
 ===============================================  ==================  ==============================
 
 A rigid lock needs no plant of its own: the linear one keeps its bound for any damping of the
@@ -72,7 +71,7 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     asked, settings = solver.method, settings_of(solver)
     obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
-    deferrals = {method: method.deferral(settings) for method in applicable[:-1]}
+    deferrals = {method: method.deferral(support, settings) for method in applicable[:-1]}
     chosen = next((m for m in applicable if deferrals.get(m) is None), applicable[0])
     reasons = _reasons(support, obstacles | deferrals, chosen)
     if asked in ("auto", chosen.name):

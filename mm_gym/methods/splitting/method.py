@@ -120,7 +120,7 @@ class Splitting(Method):
             return f"its round-off is beyond solver.tolerance = {settings.tolerance:g}"
         return None
 
-    def deferral(self, settings: Settings) -> str | None:
+    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
         """Return why `auto` takes the Taylor series at tight tolerances."""
         if settings.tolerance > TIGHT:
             return None

@@ -53,7 +53,7 @@ class TruncatedSeries(Method):
             return f"solver.tolerance is below {TIGHTEST:g}"
         return obstacle
 
-    def deferral(self, settings: Settings) -> str | None:
+    def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
         """Return why `auto` takes an exact method at tight tolerances."""
         if settings.tolerance > TIGHT:
             return None

@@ -1,0 +1,206 @@
+"""Embedded Runge-Kutta pairs: the method for any law of motion and any parameters over lanes."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.control_step import build
+from mm_gym.methods.base import Method, Option, Settings
+from mm_gym.methods.runge_kutta import kernel
+from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.tableau import Tableau, tableaus
+from mm_gym.methods.support import (
+    PARAMETRIC_SWITCHED_LINEAR,
+    SMOOTH_NONLINEAR,
+    SWITCHED_LINEAR,
+    SWITCHED_NONLINEAR,
+    fastest_decay,
+    fastest_oscillation,
+)
+from mm_gym.methods.taylor.method import Taylor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.methods.support import Support
+
+TIGHTEST = 1e-12
+"""Smallest tolerance: the round-off of the steps must not pass for their error."""
+
+TIGHT = 1e-9
+"""Tolerance below which `auto` prefers a series, as it does at it where one is as quick: for the
+plain cubic spring, and for friction that a series follows to round-off."""
+
+LOOSEST = 5e-3
+"""Tolerance that looser ones are taken for: estimates of larger errors are none."""
+
+MARGIN = 0.125
+"""Part of the tolerance that the estimates of all steps may reach together."""
+
+MOST_EVALUATIONS = 150
+"""Of the forces in a sample interval: beyond, a series is cheaper."""
+
+COARSER = 0.5
+"""Part that a step may have of the second estimate that a harmonic oscillation has where the first
+is at the limit. The errors of an oscillation on a cubic spring are larger."""
+
+LONGEST_TURN = 0.25 * math.pi
+"""Of a harmonic in a sample interval [rad]: as far as `kernels.elementary.on_circle` goes."""
+
+SHORTEST = 1e-3
+"""Phase [rad] that shorter sample intervals are taken for: any step does."""
+
+_BENT = (
+    0.125  # times the phase's square: what the slip velocity's bend says of its fourth derivative
+)
+_NEAR = 0.5  # of the time in which what a shift in time leaves out grows to the tolerance
+
+_SERIES = Taylor()
+
+
+class Plan(NamedTuple):
+    """The steps of a sample interval."""
+
+    tableau: Tableau
+    steps: int
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces."""
+        return self.steps * len(self.tableau.times)
+
+
+class RungeKutta(Method):
+    """Runge-Kutta pairs on all lanes side by side; events are located for many lanes at once."""
+
+    name = "runge_kutta"
+    title = "the Runge-Kutta method"
+    how = (
+        "Runge-Kutta pairs, in a few equal steps or, where a lane's error estimate or a change of "
+        "regime asks for it, in steps of its own; what is in doubt is redone by the Taylor series"
+    )
+    kinds = (SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR)
+    entries = build(kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
+    option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
+
+    def deferral(self, support: Support, settings: Settings) -> str | None:
+        """Return why `auto` prefers a series, or None."""
+        if settings.tolerance < TIGHT:
+            return f"solver.tolerance is below {TIGHT:g}, where a series costs no more"
+        if settings.tolerance > TIGHT:
+            return None
+        if support.kind == SMOOTH_NONLINEAR and not (support.varying or support.high[at.L0] > 0.0):
+            return f"solver.tolerance is {TIGHT:g}, where the series costs no more in one motion"
+        if support.kind == PARAMETRIC_SWITCHED_LINEAR:
+            return f"solver.tolerance is {TIGHT:g}, where a series has an error of round-off only"
+        return None
+
+    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
+        """Return why the method does not apply, or None if it does."""
+        obstacle = super().obstacle(support)
+        if obstacle is not None or settings is None:
+            return obstacle
+        if settings.tolerance < TIGHTEST:
+            return f"solver.tolerance is below {TIGHTEST:g}"
+        if plan_of(support, settings) is None:
+            return f"it takes more than {MOST_EVALUATIONS} evaluations of the forces"
+        return None
+
+    def limit(self, support: Support) -> str | None:
+        """Return why not, where a carriage can escape or the excitation is fast or manifold."""
+        if support.low[at.BETA] < 0.0:
+            return "carriage.cubic_coefficient is negative"
+        turn = support.frequencies.max(initial=0.0) * support.sample_interval
+        if not turn <= LONGEST_TURN:
+            return (
+                f"a harmonic turns by {turn:.3g} rad in a sample interval; at most "
+                f"{LONGEST_TURN:.3g}"
+            )
+        rows = 2 * support.terms + of.HARMONIC_ROWS * len(support.ground)
+        if rows > of.MOST_SOURCES:
+            return f"the excitation has {rows} numbers in a lane; at most {of.MOST_SOURCES}"
+        return None
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
+        """Return the model of the Taylor series, then the steps and their weights."""
+        series = _SERIES.model(support, settings)
+        plan = None if self.limit(support) else plan_of(support, settings)
+        if plan is None:  # in an interval that is longer than the scene's
+            return np.append(series, 0.0)
+        tableau, steps = plan
+        rate, limit = _rate(support), _limit(support, settings)
+        phase = rate * support.sample_interval / steps
+        own = {
+            of.STEPS: steps,
+            of.STAGES: tableau.stages,
+            of.LIMIT: limit,
+            of.COARSE: (COARSER * tableau.estimates(tableau.longest(limit / steps))[1]) ** 2,
+            of.IS_COMBINED: tableau.is_combined,
+            of.BEND: min(1.0, _BENT * phase**2),
+            of.NEAR: _NEAR * math.sqrt(limit) / rate,
+        }
+        return np.concatenate([series, [own[slot] for slot in sorted(own)], tableau.slots()])
+
+    def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
+        """Return the orders of the pairs."""
+        return "3, 5 or 8, whichever is cheapest"
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work expected."""
+        steps = int(model[of.STEPS])
+        evaluations = steps * (int(model[of.STAGES]) + 1)
+        return f"{evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
+
+    def bound(self, settings: Settings) -> str:
+        """Return the tolerance."""
+        return f"{settings.tolerance:g} of the state's scale over a control step, and round-off"
+
+
+def _limit(support: Support, settings: Settings) -> float:
+    """Return the sum of the relative errors that the steps of a sample interval may have.
+
+    About an unstable place they grow until the control step's end.
+    """
+    growth = support.growth_rate * support.sample_interval * support.intervals_per_step
+    tolerance = min(settings.tolerance, LOOSEST) / support.intervals_per_step
+    return MARGIN * tolerance * math.exp(-growth)
+
+
+def _rate(support: Support) -> float:
+    """Return the fastest rate [1/s] at the amplitudes that episodes begin with, as it is usual."""
+    starts = support.start_low[at.X1], support.start_high[at.X1]
+    oscillation = fastest_oscillation(support, float(np.abs(starts).max()))
+    harmonics = float(support.frequencies.max(initial=0.0))
+    return max(oscillation, fastest_decay(support), harmonics)
+
+
+def plan_of(support: Support, settings: Settings) -> Plan | None:
+    """Return the steps with the fewest evaluations whose error is expected to be small enough.
+
+    The error is that on an undamped oscillation at the fastest rate of the scene.
+    """
+    phase = max(_rate(support) * support.sample_interval, SHORTEST)
+    return _plan(phase, _limit(support, settings))
+
+
+@lru_cache(maxsize=256)
+def _plan(phase: float, limit: float) -> Plan | None:
+    plans = [
+        next((plan for plan in _plans(pair) if _is_enough(plan, phase, limit)), None)
+        for pair in tableaus()
+    ]
+    return min(filter(None, plans), key=lambda plan: plan.evaluations, default=None)
+
+
+def _plans(pair: Tableau) -> list[Plan]:
+    return [Plan(pair, steps) for steps in range(1, MOST_EVALUATIONS // len(pair.times) + 1)]
+
+
+def _is_enough(plan: Plan, phase: float, limit: float) -> bool:
+    pair, steps = plan
+    return phase / steps <= pair.longest(limit / steps, COARSER)

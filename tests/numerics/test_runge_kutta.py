@@ -1,0 +1,183 @@
+"""Does the general method keep its tolerance, event by event, whatever else moves beside a lane?"""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from mm_gym import Scene, compile_scene
+from mm_gym.compiler.jit import plain
+from mm_gym.kernels import layout as at
+from mm_gym.kernels.laws import carriage_force, interface_force, spring_force, stiffness
+from mm_gym.law.motion import Coefficients, rates
+from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.tableau import tableaus
+from mm_gym.simulation.lanes import Lanes
+
+LANES = 150
+CARRIAGES = {"linear": 0.0, "cubic": 2e4}
+INTERFACES = {
+    "viscous": {"kind": "viscous", "damping": 1.0},
+    "friction": {
+        "kind": "dry_friction",
+        "static_coefficient": 0.5,
+        "kinetic_coefficient": 0.25,
+        "reference_velocity": 0.1,
+        "slip_damping": 0.1,
+    },
+}
+SPRINGS = {
+    "free": {"kind": "none"},
+    "small": {"kind": "small_on_large", "stretch": 1.5},
+    "finite": {"kind": "finite_stretch", "stretch": 1.5, "rest_length": 0.1},
+}
+EXCITATIONS = {
+    "held": [],
+    "shaken": [
+        {"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0},
+        {"kind": "noise", "target": "ground", "rms": 2.0, "high_frequency": 60.0},
+    ],
+}
+COMBINATIONS = [
+    parts
+    for parts in itertools.product(CARRIAGES, INTERFACES, SPRINGS)
+    if parts[:2] != ("linear", "viscous") or parts[2] == "finite"
+]
+
+
+def _scene(parts, tolerance, method="runge_kutta", excitation="held"):
+    carriage, interface, springs = parts
+    return Scene(
+        carriage={"cubic_coefficient": CARRIAGES[carriage]},
+        interface=INTERFACES[interface],
+        springs=SPRINGS[springs],
+        excitation=EXCITATIONS[excitation],
+        initial={"carriage_displacement": [-0.01, 0.01], "sphere_offset": [-0.01, 0.01]},
+        actuation={"force": {"limit": 4.0}},
+        randomization={"carriage.mass": [0.08, 0.12]},
+        control={"time_step": 0.005, "steps": 1000},
+        solver={"method": method, "tolerance": tolerance},
+    )
+
+
+def _lanes(scene, count=LANES):
+    lanes = Lanes(compile_scene(scene), count)
+    lanes.seed(1)
+    lanes.restart()
+    return lanes
+
+
+def _move(lanes, method=None):
+    """Advance all lanes by a sample interval without a new command; return the status."""
+    plant = method or lanes.plant
+    return plant.method.entries.propagate(plant.model, lanes._values, 0, lanes.count)
+
+
+def _steps(parts, tolerance, *, excitation="held", steps=6):
+    """Yield states before and after steps, and those of a series at 1e-13 from the same starts."""
+    lanes = _lanes(_scene(parts, tolerance, excitation=excitation))
+    exact = compile_scene(_scene(parts, 1e-13, "taylor", excitation))
+    rng = np.random.default_rng(2)
+    for _ in range(steps):
+        lanes.advance(rng.uniform(-1.0, 1.0, LANES))  # the excitation goes on
+        values = lanes._values
+        before = values[:, :LANES].copy()
+        assert _move(lanes) == at.OK
+        after = values[:4, :LANES].copy()
+        values[:, :LANES] = before
+        assert _move(lanes, exact) == at.OK
+        yield before[:4], after, values[:4, :LANES].copy()
+
+
+def _errors(steps):
+    for before, after, want in steps:
+        scale = np.maximum(abs(before), abs(want)).reshape(2, 2, -1).max(axis=1)
+        yield (abs(after - want).reshape(2, 2, -1) / scale[:, None]).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("parts", COMBINATIONS, ids="-".join)
+def test_every_combination_keeps_its_tolerance(parts, tolerance):
+    assert max(_errors(_steps(parts, tolerance))) < tolerance
+
+
+@pytest.mark.parametrize("parts", [("cubic", "friction", "finite")], ids="-".join)
+def test_excitation_within_a_step_is_followed(parts):
+    assert max(_errors(_steps(parts, 1e-7, excitation="shaken"))) < 1e-7
+
+
+def test_many_lanes_change_their_regime_in_a_step():
+    # Else the test of the combinations would say nothing of events.
+    changes = 0
+    for before, _, want in _steps(("linear", "friction", "free"), 1e-6):
+        slips = [np.abs(state[3] - state[2]) > 0.1 for state in (before, want)]
+        changes += int((slips[0] != slips[1]).sum())
+    assert changes > LANES
+
+
+@pytest.mark.parametrize("excitation", EXCITATIONS)
+@pytest.mark.parametrize("parts", COMBINATIONS, ids="-".join)
+def test_lanes_side_by_side_equal_lanes_alone(parts, excitation):
+    lanes = _lanes(_scene(parts, 1e-4, excitation=excitation), 41)
+    plant, values = lanes.plant, lanes._values
+    lanes.advance(np.linspace(-1.0, 1.0, 41))
+    before = values.copy()
+    _move(lanes)
+    together = values[:4].copy()
+    for groups in ([(i, i + 1) for i in range(41)], [(0, 5), (5, 23), (23, 41)]):
+        values[:] = before
+        for first, last in groups:
+            plant.method.entries.propagate(plant.model, values, first, last)
+        assert (values[:4] == together).all()
+
+
+def test_law_of_motion_is_that_of_the_forces():
+    rng = np.random.default_rng(3)
+    m1, m2, k1, alpha, beta, c, d, k0, l0, stretch = rng.uniform(0.5, 2.0, 10)
+    x1, offset, v1, slip, push, shake = rng.uniform(-0.3, 0.3, 6)
+    force = plain(carriage_force)(k1, alpha, beta, x1)
+    coupling = plain(interface_force)(c, 0.0, 0.0, 0.0, slip)
+    for length in (0.0, l0):
+        p = Coefficients(
+            *(1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, c, 0.0),
+            *(plain(stiffness)(k0, stretch), 2.0 * k0, 1.0 / l0, stretch),
+        )
+        spring = plain(spring_force)(k0, length, stretch, offset)
+        got = plain(rates)(p, length > 0.0, x1, offset, v1, slip, push, shake)
+        want = (
+            (coupling + spring - force - d * v1 + push) / m1 - shake,
+            (-coupling - spring) / m2 - shake,
+        )
+        assert got == pytest.approx(want, rel=1e-14)  # some ten roundings
+
+
+@pytest.mark.parametrize(("pair", "power"), [(0, 3), (1, 5), (2, 8)])
+def test_estimates_fall_with_their_power_of_the_step(pair, power):
+    tableau = tableaus()[pair]
+    # The next power adds a tenth at most.
+    ratio = tableau.estimates(0.2)[0] / tableau.estimates(0.1)[0]
+    assert np.log2(ratio) == pytest.approx(power, abs=0.15)
+
+
+def test_intervals_longer_than_the_scenes_are_left_to_the_series():
+    plant = compile_scene(_scene(("cubic", "friction", "free"), 1e-6))
+    longer = plant.at_interval(2.0)
+    assert plant.model[of.STEPS] > 0.0
+    assert longer.model[of.STEPS] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("parts", "tolerance", "name"),
+    [
+        (("cubic", "viscous", "free"), 1e-3, "runge_kutta"),
+        (("cubic", "viscous", "free"), 1e-9, "runge_kutta"),
+        (("cubic", "viscous", "free"), 1e-10, "taylor"),
+        (("linear", "friction", "free"), 1e-8, "runge_kutta"),
+        (("linear", "friction", "free"), 1e-9, "switched"),
+        (("cubic", "friction", "finite"), 1e-9, "runge_kutta"),
+    ],
+)
+def test_auto_takes_it_where_parameters_are_drawn(parts, tolerance, name):
+    plant = compile_scene(_scene(parts, tolerance, "auto"))
+    assert plant.method.name == name
+    assert name == "runge_kutta" or "Runge-Kutta method: solver.tolerance is" in plant.explain()
