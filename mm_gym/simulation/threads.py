@@ -145,7 +145,7 @@ def _after_fork() -> None:
     """Use one thread if numba's threads ran: OpenMP ends a forked process that calls it again."""
     global _forked  # noqa: PLW0603 - a fact about the process
     try:
-        numba.threading_layer()
+        numba.threading_layer()  # pyright: ignore[reportPrivateImportUsage] - documented
     except ValueError:  # none ran
         return
     _forked = True

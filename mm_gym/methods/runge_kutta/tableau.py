@@ -107,9 +107,9 @@ def _tableau(
     """Return a pair; without another estimate, the difference from a quadrature of some stages."""
     weights = np.zeros((pair.n_stages + 1, pair.n_stages + 1))
     weights[:-1, : pair.A.shape[1]], weights[-1, :-1] = pair.A, pair.B
-    times, is_combined = np.append(pair.C, 1.0), other is not None
-    if other is None:
-        powers = np.arange(len(nodes))
-        other = weights[-1].copy()
-        other[nodes] -= np.linalg.solve(times[nodes] ** powers[:, None], 1.0 / (powers + 1.0))
-    return Tableau(times, weights, np.stack([error, other]), is_combined)
+    times = np.append(pair.C, 1.0)
+    if other is not None:
+        return Tableau(times, weights, np.stack([error, other]), is_combined=True)
+    powers, second = np.arange(len(nodes)), weights[-1].copy()
+    second[nodes] -= np.linalg.solve(times[nodes] ** powers[:, None], 1.0 / (powers + 1.0))
+    return Tableau(times, weights, np.stack([error, second]), is_combined=False)
