@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from mm_gym import compile_scene
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym import compile_scene
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, run
 

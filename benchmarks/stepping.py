@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.report import table, three_digits
 from benchmarks.timing import side_by_side
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, compile_scene, load_scene
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tasks import ids
 

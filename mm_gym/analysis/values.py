@@ -8,8 +8,8 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 from mm_gym.plant.support_of import support_of
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
         raise SceneError(msg)
     row = support.start_low.copy()
     row[at.X2] += row[at.X1]
-    plain(laws.write_regimes)(row[:, None], 0, 1)
+    plain(forces.write_regimes)(row[:, None], 0, 1)
     return row
 
 
@@ -50,12 +50,12 @@ def linear_values(scene: Scene) -> Linear:
     """Return the coefficients: the middle of each range, friction with its slope in stick."""
     support = support_of(scene)
     p = 0.5 * (support.start_low + support.start_high)
-    plain(laws.write_regimes)(p[:, None], 0, 1)
+    plain(forces.write_regimes)(p[:, None], 0, 1)
     return Linear(
         m1=float(p[at.M1]),
         m2=float(p[at.M2]),
         k1=float(p[at.K1] * p[at.ALPHA]),
-        k2=float(plain(laws.stiffness)(p[at.K0], p[at.STRETCH])),
+        k2=float(plain(forces.stiffness)(p[at.K0], p[at.STRETCH])),
         c=float(p[at.C]),
         d=float(p[at.D]),
     )

@@ -37,8 +37,10 @@ def sources() -> list[Path]:
     package = Path(__file__).parents[1]
     places = (
         "compiler/*.py",
-        "kernels/*.py",
+        "lanes/*.py",
         "law/*.py",
+        "excitation/*.py",
+        "step/*.py",
         "**/*kernel.py",
         "methods/*/layout.py",
         "sensitivity/*layout.py",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from gymnasium.spaces import Box
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.lanes import layout as at
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -32,7 +32,7 @@ from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
 from mm_gym.env.terms import TERMS, Terms, checked_level
 from mm_gym.errors import SceneError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.playback import frames_per_second
 from mm_gym.simulation.lanes import Lanes

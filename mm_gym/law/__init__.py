@@ -1,1 +1,1 @@
-"""The law of motion, written once in the form of values, for any method and kind of number."""
+"""The law of motion: forces, regimes and equations, for any method and kind of number."""

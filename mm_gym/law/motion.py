@@ -9,8 +9,8 @@ import math
 from typing import Any, NamedTuple
 
 from mm_gym.compiler.jit import inlined_kernel
-from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.simd_masks import larger, where
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.simd_masks import larger, where
 
 LONGEST_WAY = 2.0
 """Of a step, in units of what is left of the way to a spring's collapse."""

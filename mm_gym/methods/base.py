@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from numpy.typing import NDArray
 
-    from mm_gym.kernels.control_step import Entries
     from mm_gym.methods.support import Support
+    from mm_gym.step.control_step import Entries
 
 ROUND_OFF = 2.0**-54
 """Relative size below which a term of a series changes nothing."""

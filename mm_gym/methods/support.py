@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,7 +65,7 @@ class Support:
         slips; infinite without it.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
-        see `mm_gym.kernels.excitation`.
+        see `mm_gym.excitation.kinds`.
     """
 
     start_low: NDArray[np.float64]
@@ -152,7 +152,7 @@ class Support:
     @property
     def stiffest(self) -> float:
         """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
-        return float(plain(laws.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+        return float(plain(forces.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
 
     @property
     def outer_stiffness(self) -> float:
@@ -184,7 +184,7 @@ class Support:
         high, vr = self.high, float(self.low[at.VR])
         if vr == 0.0:
             return float(high[at.C])
-        stick = plain(laws.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
+        stick = plain(forces.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
         return float(max(stick, high[at.CHI]))
 
     def row_of(self, name: str) -> int:
@@ -206,25 +206,25 @@ def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
     """
     m1, m2, k1 = _fastest(support)
     k1 += 0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude**2
-    return math.sqrt(plain(laws.largest_eigenvalue)(m1, m2, k1, support.stiffest))
+    return math.sqrt(plain(forces.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 
 def fastest_rate(support: Support) -> float:
     """Return a bound of the excitation's frequencies and of the norm of A [1/s].
 
-    See `mm_gym.kernels.laws.fastest_rate`: it rises with stiffness and damping and falls with the
+    See `mm_gym.law.forces.fastest_rate`: it rises with stiffness and damping and falls with the
     masses.
     """
     m1, m2, k1 = _fastest(support)
     d, harmonics = float(support.high[at.D]), support.frequencies.max(initial=0.0)
-    rate = plain(laws.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
+    rate = plain(forces.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
     return float(max(rate, harmonics))
 
 
 def fastest_decay(support: Support) -> float:
     """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
     m1, m2, d = float(support.low[at.M1]), float(support.low[at.M2]), float(support.high[at.D])
-    return float(plain(laws.largest_eigenvalue)(m1, m2, d, support.steepest))
+    return float(plain(forces.largest_eigenvalue)(m1, m2, d, support.steepest))
 
 
 def _fastest(support: Support) -> tuple[float, float, float]:

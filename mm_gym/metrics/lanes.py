@@ -8,10 +8,10 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.outputs import derive
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 from mm_gym.metrics.totals import End, Totals
+from mm_gym.step.outputs import derive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,7 +88,7 @@ def _spring_energy(values: Array) -> Array:
     """Return the energy [J] of the sphere's springs in each lane."""
     rest = values[at.L0] if values[at.L0].any() else 0.0  # all of a scene are of one kind
     offset = values[at.X2] - values[at.X1]
-    return plain(laws.spring_energy)(values[at.K0], rest, values[at.STRETCH], offset)
+    return plain(forces.spring_energy)(values[at.K0], rest, values[at.STRETCH], offset)
 
 
 def _end(values: Array) -> End:

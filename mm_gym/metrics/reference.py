@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.env.vector import MovingMassVectorEnv
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.metrics.lanes import LaneResponse
 from mm_gym.tuning import tune
 

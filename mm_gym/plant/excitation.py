@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import filters as shaping
-from mm_gym.kernels import impulse_process, interpolation, noise, record
-from mm_gym.kernels import layout as at
+from mm_gym.excitation import filters as shaping
+from mm_gym.excitation import impulse_process, interpolation, noise, record
+from mm_gym.excitation import kinds as kernels
+from mm_gym.lanes import layout as at
 from mm_gym.plant.filters import filter_matrices
 from mm_gym.records import read_record
 from mm_gym.scene.scene import bounds
@@ -63,7 +63,7 @@ class Kind(Generic[P]):
     drawn_rows
         Returns the number of rows of what follows from fields that are drawn.
     code
-        Of its branches in `mm_gym.kernels.excitation`; harmonics have none.
+        Of its branches in `mm_gym.excitation.kinds`; harmonics have none.
     terms
         Coefficients of what it adds to a jet.
     constants
@@ -240,7 +240,7 @@ def _is_level(placed: Placed[FilteredNoise]) -> bool:
 def _filtered(
     fields: dict[str, int], *, passes_velocity: bool, constants: dict[int, float] | None = None
 ) -> Kind[FilteredNoise]:
-    """Return a kind of filtered noise, see `mm_gym.kernels.filters.write_matrices`."""
+    """Return a kind of filtered noise, see `mm_gym.excitation.filters.write_matrices`."""
     filters = {name: row for name, row in fields.items() if row in noise.FILTER}
     frequencies = {noise.LOW_PASS, noise.HIGH_PASS}
 

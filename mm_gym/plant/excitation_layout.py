@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import interpolation
-from mm_gym.kernels import layout as at
+from mm_gym.excitation import interpolation
+from mm_gym.excitation import kinds as kernels
+from mm_gym.lanes import layout as at
 from mm_gym.plant.excitation import HARMONIC, KINDS, Placed
 from mm_gym.scene.excitation import Sampled
 
@@ -57,7 +57,7 @@ class Layout:
     values
         Row -> value or range, also of the rows that no field sets.
     description
-        See `mm_gym.kernels.excitation`.
+        See `mm_gym.excitation.kinds`.
     jets, terms, size
         Row of the first jet, its terms, and the number of a lane's rows.
     intervals_per_step

@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SceneError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.excitation import KINDS
 from mm_gym.plant.idle_friction import without_idle_friction

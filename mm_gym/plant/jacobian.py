@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.episodes import complete
-from mm_gym.kernels.excitation import begin_excitation
+from mm_gym.excitation.kinds import begin_excitation
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.idle_friction import require_stick
 from mm_gym.plant.point import lane_at, require_parameters
 from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
 from mm_gym.sensitivity.layout import CAUSED
+from mm_gym.step.episodes import complete
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.lanes import layout as at
 from mm_gym.plant.linearise import DRIVERS, Tangent
 from mm_gym.state_space.linear_system import Signal
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym import methods
 from mm_gym.errors import CompileError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import MASSLESS
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mm_gym.errors import CompileError, SceneError
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import FIRST
+from mm_gym.excitation.kinds import FIRST
+from mm_gym.lanes import layout as at
 from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.coefficients import linear_system, values_of

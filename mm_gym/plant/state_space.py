@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.kernels.channels import CHANNELS
 from mm_gym.plant.filters import random_impulses, shaping_filters
 from mm_gym.plant.linear_parts import (
     DISTURBANCE,
@@ -27,6 +26,7 @@ from mm_gym.plant.linearise import DRIVERS, tangent
 from mm_gym.plant.point import lane_at
 from mm_gym.state_space.linear_system import LinearSystem, Signal
 from mm_gym.state_space.matrix_exponential import decimals, exponential
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY

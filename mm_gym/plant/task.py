@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS
-from mm_gym.kernels.excitation import FILTER, FIRST, KIND, OWN, SIZE
-from mm_gym.kernels.noise import PLACE
+from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
+from mm_gym.excitation.noise import PLACE
+from mm_gym.lanes import layout as at
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,9 +61,9 @@ def _observed(scene: Scene, name: str) -> Observed:
 
 
 def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actuators, objective and channels in the slots of `mm_gym.kernels.layout`.
+    """Return actuators, objective and channels in the slots of `mm_gym.lanes.layout`.
 
-    The excitation is its description, see `mm_gym.kernels.excitation`.
+    The excitation is its description, see `mm_gym.excitation.kinds`.
     """
     channels = observed(scene)
     task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import fastest_oscillation
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes

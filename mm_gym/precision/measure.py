@@ -10,7 +10,7 @@ import numpy as np
 
 from mm_gym import methods
 from mm_gym.errors import CompileError, SceneError, SimulationError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
 from mm_gym.precision.episode import episodes_of, truth_of

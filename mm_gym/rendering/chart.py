@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.numbers import FINE_STEPS, MINUS, round_up, text_of

@@ -12,7 +12,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import SceneError
 from mm_gym.files import write_bytes
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.chart import columns

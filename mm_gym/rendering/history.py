@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import expm  # pyright: ignore[reportUnknownVariableType] - SciPy ships no types
 
 from mm_gym.compiler.jit import plain
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.outputs import excitation
+from mm_gym.lanes import layout as at
+from mm_gym.step.outputs import excitation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.laws import carriage_force, interface_force, spring_force
+from mm_gym.lanes import layout as at
+from mm_gym.law.forces import carriage_force, interface_force, spring_force
 from mm_gym.rendering import history as rows
 
 if TYPE_CHECKING:

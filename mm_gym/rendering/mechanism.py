@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import cos, floor, pi, sin, sqrt
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering import view as place

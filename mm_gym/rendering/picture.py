@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.canvas import Canvas

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.error import ResetNeeded
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.chart import columns
 from mm_gym.rendering.history import History

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering.playback import frames_per_second, natural_period, speed_text
 from mm_gym.scene.excitation import Impulse
 from mm_gym.scene.scene import bounds

@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.actuators import Actuation
 from mm_gym.scene.dotted_names import put
 from mm_gym.scene.draft import draft_of, findings_of
@@ -25,6 +24,7 @@ from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Sprin
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from mm_gym.scene.dotted_names import Data

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.layout import FIRST_ROW, IS_CUBIC, IS_FINITE, TIME
 

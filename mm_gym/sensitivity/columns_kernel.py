@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.layout import (
     CAUSES,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.simd import LANES, element, everywhere
-from mm_gym.kernels.simd_masks import larger, none
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.simd import LANES, element, everywhere
+from mm_gym.lanes.simd_masks import larger, none
 from mm_gym.methods.taylor import blocks_kernel as motion
 from mm_gym.methods.taylor import layout as rows
 

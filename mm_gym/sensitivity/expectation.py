@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import filters as shaping
-from mm_gym.kernels import impulse_process as process
-from mm_gym.kernels import layout as at
-from mm_gym.kernels import noise
+from mm_gym.excitation import filters as shaping
+from mm_gym.excitation import impulse_process as process
+from mm_gym.excitation import kinds as kernels
+from mm_gym.excitation import noise
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

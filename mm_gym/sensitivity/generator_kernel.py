@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.groups import read, write
-from mm_gym.kernels.laws import stiffness
-from mm_gym.kernels.simd import alike, everywhere
-from mm_gym.kernels.simd_masks import where
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.groups import read, write
+from mm_gym.lanes.simd import alike, everywhere
+from mm_gym.lanes.simd_masks import where
+from mm_gym.law.forces import stiffness
 
 ORDERS = 32
 """More than the terms of any series: with a phase of 2, 25 are enough."""

@@ -8,9 +8,9 @@ that to an acceleration.
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.simd import LANES, everywhere
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.simd import LANES, everywhere
 from mm_gym.sensitivity.generator_kernel import (
     ORDERS,
     add,

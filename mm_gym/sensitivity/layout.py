@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 # Slots of the model: which forces there are, the first row behind the plant's own, how many series
 # of which degree cover a sample interval of a linear plant, and how many a control step, whether

@@ -11,12 +11,12 @@ interval.
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.groups import read, write, write_state
-from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, everywhere
-from mm_gym.kernels.simd_memory import rows_of
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.groups import read, write, write_state
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES, everywhere
+from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.sensitivity.generator_kernel import (
     ACCELERATION,
     COUPLING,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import degree, header
 from mm_gym.methods.exponential_action.method import LONGEST_PIECE
 from mm_gym.methods.linear.kernel import TRANSITION

@@ -8,9 +8,9 @@ part that counts, and their terms are derivatives, as in `generator_kernel`.
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.simd import everywhere
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.simd import everywhere
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.causes_kernel import friction_slope, harmonic_slope
 from mm_gym.sensitivity.generator_kernel import (

@@ -15,20 +15,20 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.kernels.jets import write_series
-from mm_gym.kernels.laws import (
+from mm_gym.excitation.jets import write_series
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES
+from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
+from mm_gym.law.forces import (
     fastest_harmonic,
     fastest_rate,
     interface_line,
     slip_intercept,
     stiffness,
 )
-from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES
-from mm_gym.kernels.simd_memory import rows_of
 from mm_gym.sensitivity import regime_kernel as regime
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.causes_kernel import cause

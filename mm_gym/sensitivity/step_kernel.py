@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.crossing import by_pieces, by_superposition
-from mm_gym.kernels.excitation import excite, excited, has_corners
-from mm_gym.kernels.harmonics import rotate
-from mm_gym.kernels.memory import copy_row, fill, span
-from mm_gym.kernels.outputs import pass_frame
-from mm_gym.kernels.task import command
+from mm_gym.excitation.harmonics import rotate
+from mm_gym.excitation.kinds import excite, excited, has_corners
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.memory import copy_row, fill, span
 from mm_gym.sensitivity import cubic_kernel, linear_kernel
 from mm_gym.sensitivity.held_kernel import write_held
 from mm_gym.sensitivity.layout import (
@@ -25,6 +22,9 @@ from mm_gym.sensitivity.layout import (
 )
 from mm_gym.sensitivity.response_kernel import respond
 from mm_gym.sensitivity.series_kernel import propagate
+from mm_gym.step.crossing import by_pieces, by_superposition
+from mm_gym.step.outputs import pass_frame
+from mm_gym.step.task import command
 
 if TYPE_CHECKING:
     from collections.abc import Callable

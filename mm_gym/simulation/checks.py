@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 
 from mm_gym.errors import SceneError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -11,7 +11,7 @@ from numba import types
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import COMPILED, compiled_for, entry_point
 from mm_gym.errors import SimulationError
-from mm_gym.kernels.closed_loop import LAW_FAILED, run
+from mm_gym.step.closed_loop import LAW_FAILED, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.laws import escape_distance, stiffness
+from mm_gym.lanes import layout as at
+from mm_gym.law.forces import escape_distance, stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +39,7 @@ def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Val
     rewards
         (count,) those of the step.
     status
-        One of the codes of `mm_gym.kernels.layout` above NOT_FINITE.
+        One of the codes of `mm_gym.lanes.layout` above NOT_FINITE.
     age
         (count,) control steps since each episode's start, the present one included.
     """

@@ -13,17 +13,17 @@ import numpy as np
 from mm_gym.compiler.jit import entry_point, plain
 from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
-from mm_gym.kernels import episodes
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import begin_excitation
-from mm_gym.kernels.lane_memory import rows_of
-from mm_gym.kernels.laws import write_regimes
-from mm_gym.kernels.outputs import copy_ends, copy_observed, copy_outputs
-from mm_gym.kernels.random import COUNT, EPISODE, KEY, seed_streams, uniform
-from mm_gym.kernels.restarts import restart_gathered, rows_of_start
+from mm_gym.excitation.kinds import begin_excitation
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.lane_memory import rows_of
+from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
+from mm_gym.law.forces import write_regimes
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
+from mm_gym.step import episodes
+from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
+from mm_gym.step.restarts import restart_gathered, rows_of_start
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -47,7 +47,7 @@ class Lanes:
     Attributes
     ----------
     values
-        (rows, count) float64, see `mm_gym.kernels.layout`.
+        (rows, count) float64, see `mm_gym.lanes.layout`.
     streams
         (2, count) uint64: key and counter of each lane's random numbers.
     frames, observed

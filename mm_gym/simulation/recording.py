@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.kernels import layout as at
-from mm_gym.kernels import record
-from mm_gym.kernels.corners import next_corner, write_rows_of_jets
-from mm_gym.kernels.excitation import (
+from mm_gym.excitation import record
+from mm_gym.excitation.corners import next_corner, write_rows_of_jets
+from mm_gym.excitation.impulses import pass_impulses, write_impulses
+from mm_gym.excitation.interpolation import ROUND_OFF
+from mm_gym.excitation.kinds import (
     CORNERS,
     FIRST,
     IMPULSES,
@@ -23,8 +24,7 @@ from mm_gym.kernels.excitation import (
     SIZE,
     TARGET,
 )
-from mm_gym.kernels.impulses import pass_impulses, write_impulses
-from mm_gym.kernels.interpolation import ROUND_OFF
+from mm_gym.lanes import layout as at
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,9 +8,9 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,18 +30,18 @@ def spring_force(p: Array, state: Array, stretch: Array) -> Array:
     stretch
         (n,) [-].
     """
-    force = plain(laws.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
+    force = plain(forces.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
     return np.broadcast_to(force, len(state)).astype(np.float64)
 
 
 def interface_force(p: Array, slip: Array) -> Array:
     """Return the force (n,) [N] of the interface on the carriage at slip velocities (n,) [m/s]."""
     c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
-    intercept = plain(laws.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
-    regime = np.where(np.abs(slip) <= plain(laws.threshold)(vr), 0.0, np.sign(slip))
+    intercept = plain(forces.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
+    regime = np.where(np.abs(slip) <= plain(forces.threshold)(vr), 0.0, np.sign(slip))
     force = np.empty(len(slip))
     for side in (-1.0, 0.0, 1.0):
-        slope, constant = plain(laws.interface_line)(side, c, chi, intercept)
+        slope, constant = plain(forces.interface_line)(side, c, chi, intercept)
         force[regime == side] = slope * slip[regime == side] + constant
     return force
 
@@ -53,7 +53,7 @@ def base_force(p: Array, state: Array, force: Array) -> Array:
     whose actuator stands on the base.
     """
     x1, v1 = state[:, 0], state[:, 2]
-    spring = plain(laws.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    spring = plain(forces.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     return spring + p[at.D] * v1 - force
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import ActionError, SimulationError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.failures import growth_of

@@ -19,8 +19,8 @@ import numpy as np
 
 from mm_gym.compiler.addresses import address_of
 from mm_gym.compiler.jit import LINKED, entry_point
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.threads import in_threads, nothing
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.threads import in_threads, nothing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

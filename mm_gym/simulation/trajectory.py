@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import write_csv
-from mm_gym.kernels.channels import CHANNELS
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
 from mm_gym.simulation.response import (
@@ -21,6 +20,7 @@ from mm_gym.simulation.response import (
     root_mean_square,
     spring_force,
 )
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 from mm_gym.files import write_text
-from mm_gym.kernels.channels import CHANNELS
 from mm_gym.scene.toml_text import toml_of
+from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.result import columns_of, own_stretch
 
 if TYPE_CHECKING:

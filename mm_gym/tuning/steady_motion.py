@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import SimulationError
-from mm_gym.kernels.channels import CHANNELS
-from mm_gym.kernels.layout import NO_ROW
+from mm_gym.lanes.layout import NO_ROW
 from mm_gym.simulation.simulate import simulate
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

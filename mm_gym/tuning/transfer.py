@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.analysis.values import Linear, characteristic
 from mm_gym.errors import DesignError, suggest
-from mm_gym.kernels.channels import CHANNELS as ALL_CHANNELS
+from mm_gym.step.channels import CHANNELS as ALL_CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -6,7 +6,7 @@ from rollouts import random_actions, rollout
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, SceneError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 
 def test_options_fix_what_would_be_drawn(make):

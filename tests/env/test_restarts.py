@@ -5,7 +5,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 
 from mm_gym import compile_scene
-from mm_gym.kernels.layout import BLOCK
+from mm_gym.lanes.layout import BLOCK
 from mm_gym.simulation.lanes import SEVERAL, Lanes
 
 COUNT = 2 * BLOCK + 76  # in three blocks

@@ -19,9 +19,9 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
+from mm_gym.step.channels import CHANNELS
 
 SHAKEN = Scene(
     carriage={"cubic_coefficient": 2e5},
@@ -235,8 +235,8 @@ import sys, types
 package = types.ModuleType("mm_gym")  # so that the table alone is imported
 package.__path__ = [sys.argv[1]]
 sys.modules["mm_gym"] = package
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.channels import CHANNELS, Channel
+from mm_gym.lanes import layout as at
+from mm_gym.step.channels import CHANNELS, Channel
 CHANNELS["push"] = Channel(at.FORCE, at.NO_ROW, "N", "force", "control force on the carriage")
 del sys.modules["mm_gym"]
 

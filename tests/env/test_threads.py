@@ -11,7 +11,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
 from mm_gym import ActionError, MovingMassVectorEnv, SimulationError
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 LANES = 3 * at.BLOCK - 100
 """Two or three ranges of lanes, the last one short and no multiple of a vector."""

@@ -16,9 +16,9 @@ from mm_gym import (
     compile_scene,
     load_scene,
 )
-from mm_gym.kernels import episodes
-from mm_gym.kernels.layout import BLOCK
+from mm_gym.lanes.layout import BLOCK
 from mm_gym.simulation.lanes import Lanes
+from mm_gym.step import episodes
 
 LANES, STEPS, SEED = 5, 160, 11
 MODES = list(AutoresetMode)

@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import mpmath as mp
 import numpy as np
 
-from mm_gym.kernels import excitation as kernels
-from mm_gym.kernels import impulse_process, noise, record
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.excitation import excite
-from mm_gym.kernels.harmonics import rotate
-from mm_gym.kernels.impulses import pass_impulses
-from mm_gym.kernels.task import command
+from mm_gym.excitation import impulse_process, noise, record
+from mm_gym.excitation import kinds as kernels
+from mm_gym.excitation.harmonics import rotate
+from mm_gym.excitation.impulses import pass_impulses
+from mm_gym.excitation.kinds import excite
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
+from mm_gym.step.task import command
 
 from . import double_double_kernel as precise
 from .random_scenes import METHODS, STEPS, method_of, random_plant

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
 
 GOLDEN = Path(__file__).parents[1] / "golden"

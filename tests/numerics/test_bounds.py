@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mm_gym import Scene, compile_scene
-from mm_gym.kernels import extended
+from mm_gym.lanes import extended
 from mm_gym.simulation.lanes import Lanes
 
 from .bounds import advance, outcome

@@ -1,6 +1,7 @@
 """Are elementary functions right to a double's digits, and rounded alike in any lane?"""
 
 import ast
+import itertools
 from pathlib import Path
 
 import mpmath
@@ -8,7 +9,7 @@ import numba
 import numpy as np
 
 import mm_gym
-from mm_gym.kernels import elementary
+from mm_gym.lanes import elementary
 
 FOLDER = Path(mm_gym.__file__).parent
 VECTORISED = {"sin", "cos", "tan", "exp", "log", "log2", "log10", "pow", "hypot", "atan2"}
@@ -18,7 +19,7 @@ ONE_AT_A_TIME = {
     "extended.logarithm_of_ratio": {"log"},  # beside a call that no loop is vectorised over
     "filters._halvings_of": {"log2"},  # never inlined into a loop
     "impulse_process._wait": {"log"},  # within a loop that ends early
-    "laws.largest_eigenvalue": {"hypot"},  # for a bound of the rates
+    "forces.largest_eigenvalue": {"hypot"},  # for a bound of the rates
 }
 """Kernels that call such functions in no loop that can be vectorised."""
 
@@ -80,7 +81,8 @@ def library_calls(path):
 
 def test_no_loop_over_lanes_can_take_functions_from_a_vector_library():
     found = {}
-    for path in [*FOLDER.glob("kernels/*.py"), *FOLDER.glob("methods/*/*kernel.py")]:
+    rooms = "lanes/*.py", "law/*.py", "excitation/*.py", "step/*.py", "methods/*/*kernel.py"
+    for path in itertools.chain(*(FOLDER.glob(room) for room in rooms)):
         if path.name != "elementary.py":
             for function, name in library_calls(path):
                 found.setdefault(function, set()).add(name)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.plant.excitation import KINDS
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.excitation import FIXED_FIELDS, Excitation

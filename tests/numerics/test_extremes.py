@@ -19,7 +19,7 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.env.single import MovingMassEnv
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.actuators import ForceActuator
 from mm_gym.scene.mechanics import Carriage, DryFriction

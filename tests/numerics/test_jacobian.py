@@ -18,7 +18,7 @@ from mm_gym import (
     compile_scene,
     load_scene,
 )
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.tasks import ids, path_of
 
 from .decimal_series import DIGITS, ControlStep

@@ -8,8 +8,9 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import chi2
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, compile_scene, simulate
-from mm_gym.kernels import excitation, noise
-from mm_gym.kernels import filters as shaping
+from mm_gym.excitation import filters as shaping
+from mm_gym.excitation import kinds as excitation
+from mm_gym.excitation import noise
 
 from .excited import BASE, HIGH_PASSED, NOISE, SOIL
 

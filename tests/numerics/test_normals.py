@@ -6,8 +6,8 @@ import pytest
 from scipy.special import ndtr
 from scipy.stats import binom, kstest
 
-from mm_gym.kernels.memory import span
-from mm_gym.kernels.random import next_episode, normal_pair, normals, seed_streams
+from mm_gym.lanes.memory import span
+from mm_gym.lanes.random import next_episode, normal_pair, normals, seed_streams
 
 BAND = 3.2905
 """Standard deviations that a normal number exceeds once in a thousand times."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassEnv, Scene, compile_scene, simulate
-from mm_gym.kernels import interpolation
+from mm_gym.excitation import interpolation
 from mm_gym.precision.oracle import Oracle
 
 from .conftest import assert_lanes_equal_single

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassEnv, Scene, SimulationError, compile_scene, simulate
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.step.channels import CHANNELS
 
 MOTION = Path(__file__).parents[1] / "data" / "motion.csv"
 FRICTION = {

@@ -7,8 +7,8 @@ import pytest
 
 from mm_gym import Scene, compile_scene
 from mm_gym.compiler.jit import plain
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.laws import carriage_force, interface_force, spring_force, stiffness
+from mm_gym.lanes import layout as at
+from mm_gym.law.forces import carriage_force, interface_force, spring_force, stiffness
 from mm_gym.law.motion import Coefficients, rates
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau import tableaus

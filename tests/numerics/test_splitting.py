@@ -9,8 +9,8 @@ import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, compile_scene, simulate
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.simd import LANES
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.simd import LANES
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.splitting import method
 from mm_gym.methods.splitting.method import TIGHTEST, Plan, drifts_of, weights_of

@@ -7,8 +7,8 @@ import pytest
 from oracle import error
 
 from mm_gym import Scene, compile_scene, load_scene, simulate
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.events import NONE, first_exit
+from mm_gym.lanes import layout as at
+from mm_gym.law.events import NONE, first_exit
 from mm_gym.methods.switched import blocks_kernel
 from mm_gym.precision.oracle import Oracle
 from mm_gym.scene.excitation import Harmonic

@@ -10,8 +10,8 @@ import pytest
 from oracle import error
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene, simulate
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.simd import LANES
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.simd import LANES
 from mm_gym.methods.taylor import layout as taylor_layout
 from mm_gym.methods.taylor.blocks_kernel import FEWEST_LANES
 from mm_gym.methods.taylor.method import TIGHTEST

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mm_gym import CompileError, Scene, SimulationError, compile_scene
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.simd import LANES
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.simd import LANES
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import Recording, blank, lane_at, run
 

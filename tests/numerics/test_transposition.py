@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mm_gym.kernels.transposition import copy_as_columns
+from mm_gym.lanes.transposition import copy_as_columns
 
 LANES = 45
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mm_gym.compiler.jit import kernel
-from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, alike, read_bits, root, write_bits
-from mm_gym.kernels.simd_masks import bits, larger, lowest, none, smaller, where
-from mm_gym.kernels.simd_memory import rows_of
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES, alike, read_bits, root, write_bits
+from mm_gym.lanes.simd_masks import bits, larger, lowest, none, smaller, where
+from mm_gym.lanes.simd_memory import rows_of
 
 
 @kernel

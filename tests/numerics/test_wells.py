@@ -18,7 +18,7 @@ from mm_gym import (
     compile_scene,
     simulate,
 )
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, run

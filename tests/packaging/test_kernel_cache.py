@@ -54,7 +54,7 @@ def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
     assert drawn[0] != 0.0
     assert list(package.rglob("*.nbi")), "kernels are cached beside their sources"
     assert start() == drawn
-    helper = package / "kernels" / "random.py"
+    helper = package / "lanes" / "random.py"
     helper.write_text(helper.read_text("utf-8") + REPLACEMENT, "utf-8")
     # The task draws displacements from ranges symmetric about 0.
     assert start() == [0.0, 0.0, 0.0, 0.0]

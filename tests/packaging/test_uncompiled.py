@@ -11,7 +11,7 @@ import pytest
 from numba import njit
 
 from mm_gym import MovingMassVectorEnv, load_scene
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 LANES = at.BLOCK + 1
 """Enough for two threads."""

@@ -34,8 +34,8 @@ class Studio:
         self.picture = Picture(self.subject)
 
     def put(self, **values):
-        """Put rows of `mm_gym.kernels.layout` to values, and take note of them."""
-        from mm_gym.kernels import layout as at  # noqa: PLC0415 - names of rows
+        """Put rows of `mm_gym.lanes.layout` to values, and take note of them."""
+        from mm_gym.lanes import layout as at  # noqa: PLC0415 - names of rows
 
         for name, value in values.items():
             self.lanes.values[getattr(at, name.upper())] = value

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering import view as place

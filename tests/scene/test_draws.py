@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.simulation.lanes import Lanes
 
 NOISE = {"kind": "noise", "rms": 1.0, "low_frequency": 5.0, "high_frequency": 50.0}

@@ -16,9 +16,9 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.analysis import frequency_response
-from mm_gym.kernels import layout as at
-from mm_gym.kernels import noise
-from mm_gym.kernels.channels import CHANNELS
+from mm_gym.excitation import noise
+from mm_gym.lanes import layout as at
+from mm_gym.step.channels import CHANNELS
 
 LINEAR = [name for name in TASKS if "Duffing" not in name and "Friction" not in name]
 """Tasks that are linear while the stretch is held."""

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import ExactMethod, Settings, header
 from mm_gym.methods.cayley_hamilton import kernel as ch
 from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
 from mm_gym.state_space.coefficients import values_of
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
-from mm_gym.kernels.free_motion import respond
+from mm_gym.lanes import layout as at
+from mm_gym.law.free_motion import respond
 from mm_gym.methods.base import ExactMethod, Settings, degree, header
 from mm_gym.methods.exponential_action import kernel
 from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_rate
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,18 +8,18 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import prefer_widest_vectors, stay_apart
-from mm_gym.kernels.elementary import cosine_and_sine
-from mm_gym.kernels.groups import read, write_state
-from mm_gym.kernels.jets import jet_value
-from mm_gym.kernels.laws import (
+from mm_gym.excitation.jets import jet_value
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import prefer_widest_vectors, stay_apart
+from mm_gym.lanes.elementary import cosine_and_sine
+from mm_gym.lanes.groups import read, write_state
+from mm_gym.lanes.simd import LANES, element, everywhere, with_element
+from mm_gym.lanes.simd_masks import none, where
+from mm_gym.law.forces import (
     escape_distance,
     has_escaped,
     stiffness,
 )
-from mm_gym.kernels.simd import LANES, element, everywhere, with_element
-from mm_gym.kernels.simd_masks import none, where
 from mm_gym.law.motion import Coefficients, rates
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.fixed_step import kernel
 from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, SMOOTH_NONLINEAR
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     import numpy as np

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import clip, fma, prefer_widest_vectors
-from mm_gym.kernels.excitation import excited
-from mm_gym.kernels.outputs import scaling, shown, shows_state
-from mm_gym.kernels.task import check_termination, is_at_once, is_lost, state_cost, state_weights
+from mm_gym.excitation.kinds import excited
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.step.outputs import scaling, shown, shows_state
+from mm_gym.step.task import check_termination, is_at_once, is_lost, state_cost, state_weights
 
 # Slots of the model: 4 rows of the transition matrix, then per harmonic 4 responses to its cosine
 # and 4 to its sine, then 4 to each term of both jets; then, with impulses, exp(A dt / 2**k) of each

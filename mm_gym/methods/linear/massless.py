@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Settings, refuse_overflow
 from mm_gym.methods.linear.method import Linear, linear_model
 from mm_gym.methods.support import MASSLESS

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
-from mm_gym.kernels.excitation import IMPULSES
+from mm_gym.excitation.kinds import IMPULSES
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
 from mm_gym.methods.support import LINEAR
 from mm_gym.state_space.coefficients import linear_system
 from mm_gym.state_space.transition import halved_transitions, harmonic, jet, response, transition
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from collections.abc import Callable

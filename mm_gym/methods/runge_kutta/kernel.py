@@ -13,14 +13,14 @@ import math
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors, stay_apart
-from mm_gym.kernels.elementary import on_circle
-from mm_gym.kernels.groups import read, write_states
-from mm_gym.kernels.laws import slip_intercept, stiffness
-from mm_gym.kernels.simd import LANES, alike, element, everywhere, root, with_element
-from mm_gym.kernels.simd_masks import all_hold, bits, larger, lowest, smaller, where
-from mm_gym.kernels.simd_memory import rows_on_stack
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
+from mm_gym.lanes.elementary import on_circle
+from mm_gym.lanes.groups import read, write_states
+from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
+from mm_gym.lanes.simd_masks import all_hold, bits, larger, lowest, smaller, where
+from mm_gym.lanes.simd_memory import rows_on_stack
+from mm_gym.law.forces import slip_intercept, stiffness
 from mm_gym.law.motion import Coefficients, is_resolved, rates
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.taylor import kernel as taylor

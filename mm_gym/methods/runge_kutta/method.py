@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as of
@@ -23,6 +22,7 @@ from mm_gym.methods.support import (
     fastest_oscillation,
 )
 from mm_gym.methods.taylor.method import Taylor
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +50,7 @@ COARSER = 0.5
 is at the limit. The errors of an oscillation on a cubic spring are larger."""
 
 LONGEST_TURN = 0.25 * math.pi
-"""Of a harmonic in a sample interval [rad]: as far as `kernels.elementary.on_circle` goes."""
+"""Of a harmonic in a sample interval [rad]: as far as `lanes.elementary.on_circle` goes."""
 
 SHORTEST = 1e-3
 """Phase [rad] that shorter sample intervals are taken for: any step does."""

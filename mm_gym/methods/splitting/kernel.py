@@ -13,13 +13,13 @@ Lanes are taken LANES at a time, without branches. A lane's result follows from 
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors, stay_apart
-from mm_gym.kernels.groups import read, write_states
-from mm_gym.kernels.laws import stiffness
-from mm_gym.kernels.simd import LANES, element, everywhere
-from mm_gym.kernels.simd_masks import all_hold, larger, where
-from mm_gym.kernels.simd_memory import load, rows_on_stack
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
+from mm_gym.lanes.groups import read, write_states
+from mm_gym.lanes.simd import LANES, element, everywhere
+from mm_gym.lanes.simd_masks import all_hold, larger, where
+from mm_gym.lanes.simd_memory import load, rows_on_stack
+from mm_gym.law.forces import stiffness
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.taylor import kernel as taylor
 

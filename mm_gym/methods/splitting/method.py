@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.splitting import kernel
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.support import SMOOTH_NONLINEAR
 from mm_gym.methods.taylor.method import Taylor
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -241,7 +241,7 @@ def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.flo
     dampers, reaches the limit. Negative if it is beyond the limit even at rest.
     """
     high, limit = support.high, _limit(support, settings)
-    damping = plain(laws.largest_eigenvalue)(high[at.M1], high[at.M2], high[at.D], high[at.C])
+    damping = plain(forces.largest_eigenvalue)(high[at.M1], high[at.M2], high[at.D], high[at.C])
     longest = np.array([_longest(first, k + 1, limit) for k in range(of.MOST)])
     rates = longest / support.sample_interval - damping
     slopes = high[at.M1] * rates * abs(rates) - high[at.K1] * high[at.ALPHA] - _sprung(support)

@@ -13,13 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.events import sign_of
-from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, alike
-from mm_gym.kernels.simd_masks import larger, none, smaller, where
-from mm_gym.kernels.simd_memory import load, rows_of
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES, alike
+from mm_gym.lanes.simd_masks import larger, none, smaller, where
+from mm_gym.lanes.simd_memory import load, rows_of
+from mm_gym.law.events import sign_of
 from mm_gym.methods.switched import layout as slots
 
 MOST_PIECES = 32

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors
-from mm_gym.kernels.events import sign_of
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
+from mm_gym.law.events import sign_of
 from mm_gym.methods.switched import blocks_kernel as blocks
 from mm_gym.methods.switched import layout as slots
 from mm_gym.methods.switched.series_kernel import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 # STICK and SLIP hold where the levels of each regime begin, the whole sample interval first, whose
 # length is WHOLE [s]; STICK_SERIES and SLIP_SERIES where the coefficients of its series do, of

@@ -9,9 +9,8 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel
@@ -19,6 +18,7 @@ from mm_gym.methods.switched import layout as switched
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import slip_space
 from mm_gym.state_space.matrix_exponential import halved_exponentials
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,8 +75,10 @@ class Switched(ExactMethod):
             Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
         )
         with localcontext(Context(prec=60)):
-            stick = plain(laws.stick_slope)(mu1, normal, vr)
-            intercept = plain(laws.slip_intercept)(plain(laws.kinetic_force)(mu2, normal), chi, vr)
+            stick = plain(forces.stick_slope)(mu1, normal, vr)
+            intercept = plain(forces.slip_intercept)(
+                plain(forces.kinetic_force)(mu2, normal), chi, vr
+            )
         phase = fastest_rate(support) * support.sample_interval
         refuse_long_interval(
             support, phase, LONGEST_DECAY, "the shortest time constant of the friction"

@@ -11,11 +11,11 @@ import math
 import numpy as np
 
 from mm_gym.compiler.jit import kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.events import gaps_of, gaps_on, regime_exit, sign_of
-from mm_gym.kernels.jets import write_series
-from mm_gym.kernels.laws import (
+from mm_gym.excitation.jets import write_series
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.law.events import gaps_of, gaps_on, regime_exit, sign_of
+from mm_gym.law.forces import (
     fastest_harmonic,
     fastest_rate,
     interface_line,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels.control_step import build
 from mm_gym.methods.base import ExactMethod, Settings, degree, header
 from mm_gym.methods.support import PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR, fastest_rate
 from mm_gym.methods.switched import series_kernel
 from mm_gym.methods.switched.method import LONGEST_SERIES, refuse_long_interval
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     import numpy as np

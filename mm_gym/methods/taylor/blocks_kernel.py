@@ -11,13 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma
-from mm_gym.kernels.laws import has_escaped
-from mm_gym.kernels.memory import on_cache_line
-from mm_gym.kernels.simd import LANES, alike
-from mm_gym.kernels.simd_masks import larger, none, smaller, where
-from mm_gym.kernels.simd_memory import rows_of
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES, alike
+from mm_gym.lanes.simd_masks import larger, none, smaller, where
+from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.law.forces import has_escaped
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as taylor_step

@@ -11,19 +11,19 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, write_inverse_square
-from mm_gym.kernels.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.kernels.jets import write_series
-from mm_gym.kernels.laws import (
+from mm_gym.excitation.jets import write_series
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, write_inverse_square
+from mm_gym.lanes.memory import span
+from mm_gym.lanes.simd import alike
+from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
+from mm_gym.law.forces import (
     escape_distance,
     has_escaped,
     interface_line,
     slip_intercept,
     stiffness,
 )
-from mm_gym.kernels.memory import span
-from mm_gym.kernels.simd import alike
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor.step_size_kernel import FEWEST, allotted, is_enough, step_of
 

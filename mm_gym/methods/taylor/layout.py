@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
 
 # Slots of the model.
 ORDER, TOLERANCE, HAS_FRICTION, IS_CUBIC, IS_FINITE, MODEL_END = (

@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 from mm_gym.errors import CompileError
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
+from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.support import KINDS, MASSLESS, fastest_rate
 from mm_gym.methods.taylor import blocks_kernel, kernel
 from mm_gym.methods.taylor import layout as series
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     import numpy as np

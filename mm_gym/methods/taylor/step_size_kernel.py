@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels.simd import alike, read_bits, write_bits
-from mm_gym.kernels.simd_masks import larger, smaller, where
+from mm_gym.lanes.simd import alike, read_bits, write_bits
+from mm_gym.lanes.simd_masks import larger, smaller, where
 from mm_gym.methods.taylor.layout import RECIPROCAL, V1, V2
 
 FEWEST = 8

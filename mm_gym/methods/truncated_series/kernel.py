@@ -10,11 +10,11 @@ and h times v1 and the slip velocity w: all of one unit, so that the generator h
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.arithmetic import fma, prefer_widest_vectors, stay_apart
-from mm_gym.kernels.groups import read, write_state, write_states
-from mm_gym.kernels.laws import stiffness
-from mm_gym.kernels.simd import LANES
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
+from mm_gym.lanes.groups import read, write_state, write_states
+from mm_gym.lanes.simd import LANES
+from mm_gym.law.forces import stiffness
 
 # Slots of the model. The degree; then in units of the sample interval h and the carriage's mass m1
 # the coefficients of the carriage's spring, of the dampers and the springs, 1 + m1 / m2, and what a

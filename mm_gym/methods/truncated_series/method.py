@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from mm_gym.kernels import layout as at
-from mm_gym.kernels.control_step import build
-from mm_gym.kernels.free_motion import respond
+from mm_gym.lanes import layout as at
+from mm_gym.law.free_motion import respond
 from mm_gym.methods.base import Method, Option, Settings, header
 from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
 from mm_gym.methods.truncated_series import kernel
+from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
     import numpy as np

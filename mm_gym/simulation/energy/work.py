@@ -7,10 +7,10 @@ Piecewise linear plants: exact quadratic forms of the state, doubled together wi
 accuracy. A motion with a cubic spring or finite stretch: Taylor series of the energy rate,
 integrated term by term between the friction's kinks (`rate_series_kernel`).
 
-With the methods they have in common the laws of the forces (`kernels.laws`), the search for changes
-of regime (`kernels.events`), and the series of the excitation and of q**-2 (`kernels.excitation`,
-`kernels.jets`, `kernels.arithmetic`). No method propagates a state for them, except from impulse to
-impulse and from corner to corner of a record (`recording.pieces`). So a balance that closes
+With the methods they have in common the laws of the forces (`law.forces`), the search for changes
+of regime (`law.events`), and the series of the excitation and of q**-2 (`excitation.kinds`,
+`excitation.jets`, `lanes.arithmetic`). No method propagates a state for them, except from impulse
+to impulse and from corner to corner of a record (`recording.pieces`). So a balance that closes
 confirms how the plants propagate, and not the laws.
 """
 
@@ -23,8 +23,8 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
-from mm_gym.kernels import laws
-from mm_gym.kernels import layout as at
+from mm_gym.lanes import layout as at
+from mm_gym.law import forces
 from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 
@@ -77,7 +77,7 @@ class Work:
 def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     """Return kinetic and elastic energy (n,) [J] of states (n, 4), eq. 9 of docs/model.md."""
     x1, x2, v1, v2 = state.T
-    carriage = plain(laws.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    carriage = plain(forces.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     springs = spring_energy(p, x2 - x1, stretch)
     return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
 
@@ -91,7 +91,7 @@ def gross_energy(p: Array, state: Array, stretch: Array) -> Array:
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
     """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's."""
-    return plain(laws.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
+    return plain(forces.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
 
 
 def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> Work:

@@ -1,0 +1,1 @@
+"""What excites a scene, as it runs: its kinds, and the polynomials that methods read."""

@@ -1,0 +1,118 @@
+"""Rows of the lanes array, and slots of the model and task arrays.
+
+Rows are components and columns are lanes, so that a loop over lanes reads memory in order.
+"""
+
+from __future__ import annotations
+
+# Status codes; of several, the largest is returned.
+OK = 0
+ENDED = 1  # an episode ended in one of the lanes
+NOT_FINITE = 2  # an action is NaN or infinite; nothing was changed
+ESCAPED = 3
+TOO_MANY_EVENTS = 4
+TOO_MANY_SERIES = 5
+DIVERGED = 6
+COLLAPSED = 7
+
+MESSAGES: dict[int, str] = {
+    ESCAPED: (
+        "escape: carriage.cubic_coefficient < 0 drives the carriage ever faster away from the "
+        "middle; objective.displacement_limit ends such an episode instead"
+    ),
+    TOO_MANY_EVENTS: (
+        "more changes of the friction's regime in one control step than can be followed; "
+        "shorten control.time_step"
+    ),
+    TOO_MANY_SERIES: (
+        "the series needs too many steps within one control step; "
+        "shorten control.time_step or loosen solver.tolerance"
+    ),
+    DIVERGED: (
+        "the state is no longer finite, or what it costs is beyond the largest double; "
+        "shorten control.time_step, or choose another solver.method"
+    ),
+    COLLAPSED: (
+        "the offset has shortened a spring of finite stretch to nothing; "
+        "it is valid for |offset| < stretch * rest_length"
+    ),
+}
+"""What went wrong, for the codes above NOT_FINITE."""
+
+BLOCK = 512
+"""Lanes worked on together.
+
+Few enough to stay in the first-level cache, many enough to fill the vector units.
+"""
+
+# Rows of the lanes array: state, what the actuators apply, bookkeeping.
+X1, X2, V1, V2 = 0, 1, 2, 3
+FORCE, STRETCH = 4, 5
+BEGAN = 6  # NOW when the episode began
+FORCE_ASKED, STRETCH_ASKED = 7, 8  # what a rate commanded adds up to
+
+# Rows of what follows from the state, written only if a channel shows them.
+CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 9, 10, 11
+DISTURBANCE, GROUND_ACCELERATION = 12, 13
+DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
+REACTIONS = range(CARRIAGE_ACCELERATION, SPRING_FORCE + 1)
+
+# Rows of the flags that say how a control step ended; MARKED: whether one of a block is set, in its
+# first lane.
+TERMINATED, TRUNCATED, MARKED = 0, 1, 2
+
+# Rows of the physical parameters, which randomisation may draw for each episode.
+M1, M2, K1, D, ALPHA, BETA = 14, 15, 16, 17, 18, 19
+C, MU1, MU2, VR, CHI, FN = 20, 21, 22, 23, 24, 25
+K0, L0 = 26, 27
+
+# What dry friction comes to, written when an episode begins (`mm_gym.law.forces.write_regimes`):
+# its slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
+KINETIC_FORCE = 28
+
+# Rows of a block's clock, in its first lane: the control steps made so far, and until how many none
+# of its episodes has had its steps. So no step counts for every lane.
+NOW, DUE = 29, 30
+
+# Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE
+# are those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample
+# interval.
+HARMONICS = 31
+HARMONIC_ROWS = 7
+AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
+
+# Behind the harmonics come the jets: what all other sources of force, then of ground acceleration,
+# do in the present sample interval h, as coefficients of (t / h)^n; then each source's own rows.
+
+# Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
+SAMPLE_INTERVAL, HARMONIC_COUNT, GROUND = (
+    0,
+    1,
+    2,
+)  # [s]; bit j of GROUND: harmonic j shakes the ground
+INTERVALS = 3  # sample intervals in a control step
+JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no other sources
+EXCITATION = 6  # slot where the sampled excitation is described
+MODEL_OWN = 7
+
+# Slots of the task array.
+HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
+FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # a lag lets it go this fraction of the way a control step
+HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
+STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
+WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
+DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
+# Whether a channel shows what follows from the state; an acceleration or the spring force; noise.
+IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
+# Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
+# not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.
+RESERVED, HAS_RESERVED_NOISE = 21, 22
+CHANNEL_COUNT = 23
+CHANNELS = 24  # then, per channel, CHANNEL_SIZE slots
+CHANNEL_SIZE = 5
+SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
+SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise
+NO_ROW = -1
+
+OBSERVATION_BOUND = 3.4028234663852886e38
+"""Largest number of single precision: an observation beyond it is shown as this."""

@@ -1,0 +1,292 @@
+"""Vectors of doubles, one number of each of several lanes, which kernels use like numbers.
+
+What is written once works on one lane or on LANES of them, in the same operations: a compiler left
+to find them in loops over lanes misses many.
+"""
+
+# ruff: noqa: ANN401, ARG001, PLW0108 - numba gives overloads types, and wants plain functions
+
+from __future__ import annotations
+
+import math
+import operator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, models, overload, register_model
+
+from mm_gym.compiler.llvm_code import get_or_insert_function
+from mm_gym.lanes.arithmetic import fma
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+LANES = 16
+"""Numbers in a vector: two of the widest registers, so that one hides the other's latency."""
+
+NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
+"""The compiler's type of a vector."""
+
+_INTEGERS = ir.VectorType(ir.IntType(64), LANES)
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+
+class _Vector(types.Type):
+    def __init__(self) -> None:
+        super().__init__(f"Vector({LANES})")
+
+
+class _Mask(types.Type):
+    def __init__(self) -> None:
+        super().__init__(f"Mask({LANES})")
+
+
+VECTOR, MASK = _Vector(), _Mask()
+
+
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
+    def __init__(self, manager: object, fe_type: object) -> None:
+        super().__init__(manager, fe_type, NUMBERS)
+
+
+@register_model(_Mask)
+class _MaskModel(models.PrimitiveModel):
+    def __init__(self, manager: object, fe_type: object) -> None:
+        super().__init__(manager, fe_type, _BITS)
+
+
+def spread(builder: Any, kind: types.Type, value: Any) -> Any:
+    """Return a vector as it is, a number once for each lane."""
+    if kind == VECTOR:
+        return value
+    if isinstance(kind, types.Integer):
+        value = builder.sitofp(value, ir.DoubleType())
+    first = builder.insert_element(
+        ir.Constant(NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
+    )
+    order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    return builder.shuffle_vector(first, ir.Constant(NUMBERS, ir.Undefined), order)
+
+
+def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Callable[..., Any]:
+    """Return an intrinsic of vectors and numbers."""
+
+    def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pairs = zip(signature.args, arguments, strict=True)
+        return build(builder, *(spread(builder, kind, value) for kind, value in pairs))
+
+    if count == 1:
+        return intrinsic(lambda _context, x: (result(x), codegen))
+    return intrinsic(lambda _context, x, y: (result(x, y), codegen))
+
+
+def call(builder: Any, name: str, *arguments: Any) -> Any:
+    """Call a function of LLVM's on vectors."""
+    kind = ir.FunctionType(NUMBERS, [NUMBERS] * len(arguments))
+    function = get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64")
+    return builder.call(function, arguments)
+
+
+def _absolute(builder: Any, x: Any) -> Any:
+    return call(builder, "fabs", x)
+
+
+def _compare(symbol: str) -> Callable[..., Any]:
+    return lambda builder, x, y: builder.fcmp_ordered(symbol, x, y)
+
+
+_UNARY = {
+    operator.neg: lambda builder, x: builder.fneg(x),
+    abs: _absolute,
+}
+_BINARY = {
+    operator.add: (VECTOR, lambda builder, x, y: builder.fadd(x, y)),
+    operator.sub: (VECTOR, lambda builder, x, y: builder.fsub(x, y)),
+    operator.mul: (VECTOR, lambda builder, x, y: builder.fmul(x, y)),
+    operator.truediv: (VECTOR, lambda builder, x, y: builder.fdiv(x, y)),
+    operator.lt: (MASK, _compare("<")),
+    operator.le: (MASK, _compare("<=")),
+    operator.gt: (MASK, _compare(">")),
+    operator.ge: (MASK, _compare(">=")),
+    operator.eq: (MASK, _compare("==")),
+}
+
+
+def _define_unary(function: Callable[..., Any], build: Callable[..., Any]) -> None:
+    operation = _operation(VECTOR, build, 1)
+
+    @overload(function)
+    def _(x):
+        return (lambda x: operation(x)) if x == VECTOR else None
+
+
+def _define_binary(
+    function: Callable[..., Any], result: types.Type, build: Callable[..., Any]
+) -> None:
+    operation = _operation(result, build, 2)
+
+    @overload(function)
+    def _(x, y):
+        return (lambda x, y: operation(x, y)) if VECTOR in (x, y) else None
+
+
+for _function, _build in _UNARY.items():
+    _define_unary(_function, _build)
+for _function, (_result, _build) in _BINARY.items():
+    _define_binary(_function, _result, _build)
+
+
+@intrinsic
+def _both(_context, x, y):
+    return MASK(x, y), lambda _c, builder, _s, arguments: builder.and_(*arguments)
+
+
+@overload(operator.and_)
+def _and(x, y):
+    return (lambda x, y: _both(x, y)) if x == MASK and y == MASK else None
+
+
+@intrinsic
+def _fused(_context, x, y, z):
+    def build(_context, builder, signature, arguments):
+        pairs = zip(signature.args, arguments, strict=True)
+        return call(builder, "fma", *(spread(builder, kind, value) for kind, value in pairs))
+
+    return VECTOR(x, y, z), build
+
+
+@overload(fma)
+def _fma_of_vectors(x, y, z):
+    return (lambda x, y, z: _fused(x, y, z)) if VECTOR in (x, y, z) else None
+
+
+_root = _operation(VECTOR, lambda builder, x: call(builder, "sqrt", x), 1)
+
+
+def root(x: float) -> float:
+    """Return the square root, not a number below zero."""
+    return np.sqrt(x)
+
+
+@overload(root)
+def _compiled_root(x):
+    return (lambda x: _root(x)) if x == VECTOR else (lambda x: math.sqrt(x))
+
+
+def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an intrinsic of a number or vector, given the types of integers and numbers."""
+
+    def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        wide = signature.args[0] == VECTOR
+        whole, number = (_INTEGERS, NUMBERS) if wide else (ir.IntType(64), ir.DoubleType())
+        return build(builder, arguments[0], whole, number)
+
+    return intrinsic(lambda _context, x: (x(x), codegen))
+
+
+_read_bits = _recasting(
+    lambda builder, x, whole, number: builder.sitofp(builder.bitcast(x, whole), number)
+)
+_write_bits = _recasting(
+    lambda builder, x, whole, number: builder.bitcast(builder.fptosi(x, whole), number)
+)
+
+
+def read_bits(x: float) -> float:
+    """Return the bits of a double, read as an integer."""
+    return np.asarray(x, np.float64).view(np.int64) * 1.0
+
+
+@overload(read_bits)
+def _compiled_read_bits(x):
+    return lambda x: _read_bits(x)
+
+
+def write_bits(x: float) -> float:
+    """Return the double whose bits, read as an integer, are x without its fraction."""
+    return np.asarray(x).astype(np.int64).view(np.float64)[()]
+
+
+@overload(write_bits)
+def _compiled_write_bits(x):
+    return lambda x: _write_bits(x)
+
+
+@intrinsic
+def _spread_number(_context, x):
+    return VECTOR(x), lambda _c, builder, signature, arguments: spread(
+        builder, signature.args[0], arguments[0]
+    )
+
+
+def alike(x: float, value: float) -> float:
+    """Return a number of the kind of x: once for each lane if x is a vector."""
+    return value
+
+
+@overload(alike)
+def _compiled_alike(x, value):
+    if x == VECTOR:
+        return lambda x, value: _spread_number(value)  # noqa: ARG005
+    return lambda x, value: value  # noqa: ARG005
+
+
+@intrinsic
+def _element(_context, x, k):
+    def build(_context, builder, _signature, arguments):
+        return builder.extract_element(*arguments)
+
+    return types.float64(x, k), build
+
+
+def element(x: NDArray[np.float64], k: int) -> float:
+    """Return the number of lane k."""
+    return x[k]
+
+
+@overload(element)
+def _compiled_element(x, k):
+    return lambda x, k: _element(x, k)
+
+
+@intrinsic
+def _with_element(_context, x, k, value):
+    def build(_context, builder, _signature, arguments):
+        x, k, value = arguments
+        return builder.insert_element(x, value, k)
+
+    return VECTOR(x, k, value), build
+
+
+def with_element(x: NDArray[np.float64], k: int, value: float) -> NDArray[np.float64]:
+    """Return a vector with the number of lane k replaced."""
+    changed = np.broadcast_to(x, LANES).copy()
+    changed[k] = value
+    return changed
+
+
+@overload(with_element)
+def _compiled_with_element(x, k, value):
+    return lambda x, k, value: _with_element(x, k, value)
+
+
+@intrinsic
+def _spread_wide(_context, x):
+    return VECTOR(x), lambda _c, builder, _s, arguments: spread(
+        builder, types.float64, arguments[0]
+    )
+
+
+def everywhere(x: float) -> NDArray[np.float64]:
+    """Return a vector of a number in every lane."""
+    return np.full(LANES, x)
+
+
+@overload(everywhere)
+def _compiled_everywhere(x):
+    return lambda x: _spread_wide(x)

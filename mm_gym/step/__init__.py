@@ -1,0 +1,1 @@
+"""A control step: command, excite, move, observe, score, end, restart; and closed loops."""

@@ -1,0 +1,61 @@
+"""The observation channels: one row each, from which names, units and scales follow."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from mm_gym.lanes import layout as at
+
+
+class Channel(NamedTuple):
+    """A quantity that an agent can observe.
+
+    Attributes
+    ----------
+    row
+        Row of the lanes that it shows.
+    subtracted
+        Row subtracted from it, or `NO_ROW`.
+    unit
+        SI unit.
+    scale
+        What it is divided by to be of order one, by the name that `mm_gym.plant.task` gives it.
+    meaning
+        In the symbols of docs/model.md, or in words.
+    """
+
+    row: int
+    subtracted: int
+    unit: str
+    scale: str
+    meaning: str
+
+
+NONE = at.NO_ROW
+
+CHANNELS: dict[str, Channel] = {
+    "carriage_displacement": Channel(at.X1, NONE, "m", "displacement", "x1"),
+    "sphere_displacement": Channel(at.X2, NONE, "m", "displacement", "x2"),
+    "sphere_offset": Channel(at.X2, at.X1, "m", "stroke", "x2 - x1"),
+    "carriage_velocity": Channel(at.V1, NONE, "m/s", "velocity", "v1"),
+    "sphere_velocity": Channel(at.V2, NONE, "m/s", "velocity", "v2"),
+    "slip_velocity": Channel(at.V2, at.V1, "m/s", "velocity", "v2 - v1"),
+    "stretch": Channel(at.STRETCH, NONE, "-", "stretch", "stretch of the springs"),
+    "applied_force": Channel(at.FORCE, NONE, "N", "limit", "of the actuator on the carriage"),
+    "carriage_acceleration": Channel(
+        at.CARRIAGE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the carriage"
+    ),
+    "sphere_acceleration": Channel(
+        at.SPHERE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the sphere"
+    ),
+    "spring_force": Channel(
+        at.SPRING_FORCE, NONE, "N", "force", "of the sphere's springs on the carriage"
+    ),
+    "disturbance_force": Channel(
+        at.DISTURBANCE, NONE, "N", "force", "of the excitation on the carriage"
+    ),
+    "ground_acceleration": Channel(
+        at.GROUND_ACCELERATION, NONE, "m/s^2", "acceleration", "of the ground"
+    ),
+}
+"""Name -> channel, in the order in which the schema and the documentation list them."""

@@ -1,0 +1,297 @@
+"""The entries that Python calls, built for one method's ``propagate``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from mm_gym.compiler.jit import borrowing_kernel, plain
+from mm_gym.excitation.harmonics import rotate
+from mm_gym.excitation.impulses import apply_first_impulses
+from mm_gym.excitation.kinds import excite, has_corners
+from mm_gym.lanes import layout as at
+from mm_gym.law.escapes import are_terminated
+from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
+from mm_gym.step.outputs import derive, observe, pass_frame
+from mm_gym.step.task import approach, check_termination, command, finite, score
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
+
+
+class Entries(NamedTuple):
+    """Compiled entries of one method.
+
+    Most scenes have no excitation but harmonics, so there are entries without the kernels of the
+    others: they would take as long to compile as all the rest. And a method may have an entry for
+    its simplest scenes.
+    """
+
+    advance: Callable[..., int]
+    run: Callable[..., int]
+    advance_unexcited: Callable[..., int]
+    run_unexcited: Callable[..., int]
+    propagate: Callable[..., int]
+    cross: Callable[..., int]
+    stops_at_corners: bool
+    is_simple: Callable[..., bool] | None
+    advance_simply: Callable[..., int] | None
+
+    def advance_of(
+        self, task: Values, model: Values, frames: NDArray[np.float32], *, excited: bool
+    ) -> Callable[..., int]:
+        """Return the kernel of a control step for a scene with or without sampled excitation.
+
+        Parameters
+        ----------
+        task, model, frames
+            As for the kernel, from which the first two come as one array.
+        excited
+            Whether there is sampled excitation.
+        """
+        if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):
+            return self.advance_simply
+        return self.advance if excited else self.advance_unexcited
+
+    def run_of(self, *, excited: bool) -> Callable[..., int]:
+        """Return the kernel of a simulation for such scenes."""
+        return self.run if excited else self.run_unexcited
+
+
+def build(
+    propagate: Callable[..., object],
+    *,
+    simplest: tuple[Callable[..., bool], Callable[..., int]] | None = None,
+    whole: Callable[..., object] | None = None,
+    respond: Callable[..., None] | None = None,
+    shorten: Callable[..., None] = unchanged,
+    stops_at_corners: bool = False,
+) -> Entries:
+    """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
+
+    It advances the lanes by one sample interval; force and stretch are held over it.
+
+    Parameters
+    ----------
+    propagate
+        The kernel.
+    simplest
+        A kernel ``(task, model, frames)`` that tells the method's simplest scenes, and the kernel
+        that takes for them the place of what `in_turn` returns.
+    whole
+        Another kernel for scenes without sampled excitation, whose sample intervals are all whole.
+    respond
+        For linear plants, the kernel that adds a response to an impulse, see
+        `mm_gym.step.crossing.by_superposition`. Without it `propagate` takes sample intervals of
+        any length up to the model's, and stops at impulses.
+    shorten
+        What else it needs for that, see `mm_gym.step.crossing.by_pieces`.
+    stops_at_corners
+        Whether it stops at the corners of records too.
+    """
+    is_simple, at_once = simplest or (None, None)
+    if respond is not None:
+        cross = by_superposition(propagate, respond)
+    else:
+        cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
+    return Entries(
+        *_entries(cross, excite, excite_and_apply),
+        *_entries(unexcited(whole or propagate), leave, leave),
+        propagate,
+        cross,
+        stops_at_corners,
+        *((is_simple, _advance(at_once)) if at_once else (None, None)),
+    )
+
+
+@borrowing_kernel
+def leave(model, lanes, streams, interval, first, last):
+    """Do nothing in place of `excite`."""
+
+
+@borrowing_kernel
+def excite_and_apply(model, lanes, streams, interval, first, last):
+    """Excite, and apply the impulses at the interval's start, so that a recording shows them."""
+    excite(model, lanes, streams, interval, first, last)
+    clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
+    apply_first_impulses(model, lanes, clock, first, last)
+
+
+def unexcited(propagate: Callable[..., object]) -> Callable[..., object]:
+    """Return a kernel that propagates through a sample interval without sampled excitation."""
+
+    @borrowing_kernel
+    def move(model, lanes, interval, first, last):  # noqa: ARG001 - those of `crossing` have it
+        return propagate(model, lanes, first, last)
+
+    return move
+
+
+def _advance(step: Callable[..., int]) -> Callable[..., int]:
+    """Return the entry that makes a control step by a kernel such as `in_turn` returns."""
+
+    @borrowing_kernel
+    def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
+        """Make one control step, without resets; none moves if one action is not finite.
+
+        Parameters
+        ----------
+        constants
+            (t + m,) read: those of the task, then those of the model. One array, because every
+            argument adds call overhead.
+        lanes
+            (rows, count) read and written.
+        frames
+            (history, count) float32, read and written, the newest frame last.
+        ends
+            (3, count) bool, read and written: how the step ended.
+        streams
+            (2, count) uint64, read and written: random numbers.
+        actions
+            (actuators * count,) float32 or float64, read: in [-1, 1], those of all lanes.
+        rewards
+            (count,) float64, written.
+        first, last
+            The lanes first .. last - 1.
+
+        Returns
+        -------
+        int
+            Status, of several the largest.
+        """
+        task = constants
+        model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
+        if not finite(actions):
+            return at.NOT_FINITE
+        return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)
+
+    return advance
+
+
+def _entries(
+    cross: Callable[..., int],
+    disturb: Callable[..., None],
+    disturb_and_apply: Callable[..., None],
+) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return kernels that make a control step and run a simulation.
+
+    `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
+    `disturb_and_apply` also applies the impulses at the interval's start.
+    """
+
+    @borrowing_kernel
+    def run(model, task, lanes, streams, commands, starts, states, applied, jets):
+        """Simulate lane 0 and record every sample interval.
+
+        Parameters
+        ----------
+        model, task
+            (m,) and (t,), read.
+        lanes
+            (rows, count) read and written.
+        streams
+            (2, count) uint64, read and written: random numbers.
+        commands
+            (steps, 2) read: force [N] and stretch [-] asked for in each control step.
+        starts, states
+            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end.
+        applied
+            (n, 2) written: force [N] and stretch [-] held.
+        jets
+            (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2] but for
+            those of records.
+
+        Returns
+        -------
+        int
+            Status.
+        """
+        terms, first = int(model[at.TERMS]), int(model[at.JETS])
+        for n in range(commands.shape[0]):
+            steer(task, lanes, commands[n, 0], commands[n, 1])
+            for interval in range(int(model[at.INTERVALS])):
+                k = n * int(model[at.INTERVALS]) + interval
+                disturb_and_apply(model, lanes, streams, interval, 0, 1)
+                applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
+                for row in range(2 * terms):
+                    jets[k, row] = lanes[first + row, 0]
+                for row in range(4):
+                    starts[k, row] = lanes[row, 0]
+                status = cross(model, lanes, interval, 0, 1)
+                if status > at.ENDED:
+                    return status
+                rotate(model, lanes, interval, 0, 1)
+                for row in range(4):
+                    states[k, row] = lanes[row, 0]
+            lanes[at.NOW, 0] += 1.0
+            pass_frame(task, streams, 0, 1)
+        return at.OK
+
+    return _advance(in_turn(cross, disturb)), run
+
+
+def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable[..., int]:
+    """Return a kernel that steps lanes block by block, one pass after the other.
+
+    `disturb` and `cross` as for `_entries`.
+    """
+
+    @borrowing_kernel
+    def move(task, model, lanes, streams, actions, rewards, first, last):
+        """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
+        command(task, lanes, actions, rewards, first, last)
+        status = at.OK
+        for interval in range(int(model[at.INTERVALS])):
+            disturb(model, lanes, streams, interval, first, last)
+            status = max(status, cross(model, lanes, interval, first, last))
+            if model[at.HARMONIC_COUNT] > 0.0:
+                rotate(model, lanes, interval, first, last)
+        return max(status, score(task, lanes, rewards, first, last))
+
+    @borrowing_kernel
+    def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
+        """Make one control step.
+
+        Parameters
+        ----------
+        task, model
+            (t,) and (m,), read.
+        lanes, frames, ends, streams, actions, rewards, first, last
+            As for `advance`.
+
+        Returns
+        -------
+        int
+            Status, of several the largest.
+        """
+        status = at.OK
+        for start in range(first, last, at.BLOCK):
+            stop = min(start + at.BLOCK, last)
+            outcome = move(task, model, lanes, streams, actions, rewards, start, stop)
+            ended = check_termination(task, lanes, ends, start, stop)
+            if outcome == at.ESCAPED and are_terminated(
+                lanes, ends, model[at.SAMPLE_INTERVAL], start, stop
+            ):
+                outcome = at.OK
+            status = max(status, outcome, ended)
+            derive(task, model, lanes, start, stop)
+            observe(task, lanes, frames, streams, start, stop)
+        return status
+
+    return step
+
+
+@borrowing_kernel
+def steer(task, lanes, force, stretch):
+    """Let the actuators of lane 0 go towards a force [N] and a stretch."""
+    if task[at.HAS_FORCE] > 0.0:
+        limit, rate, share = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], force, share, rate, -limit, limit)
+    if task[at.HAS_STRETCH] > 0.0:
+        low, high = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+        rate, share = task[at.STRETCH_RATE], task[at.STRETCH_LAG_FACTOR]
+        lanes[at.STRETCH, 0] = approach(lanes[at.STRETCH, 0], stretch, share, rate, low, high)

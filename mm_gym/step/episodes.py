@@ -1,0 +1,252 @@
+"""Beginnings of episodes: what is drawn, completed and shown first.
+
+The lanes are listed. Of sixteen thousand a few hundred may begin an episode in each step: to look
+for them in a mask, and to call kernels for each run of them, takes longer than the step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.compiler.jit import borrowing_kernel
+from mm_gym.excitation.harmonics import begin_harmonic
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import clip, prefer_widest_vectors
+from mm_gym.lanes.listed import copy_within, place_of, run_of, set_row
+from mm_gym.lanes.memory import span
+from mm_gym.lanes.random import next_episode, uniform
+from mm_gym.law.forces import write_regimes
+from mm_gym.step.outputs import (
+    blur,
+    derive,
+    pass_frame,
+    rows_of,
+    scaling,
+    shown,
+    write_channels,
+)
+from mm_gym.step.task import finite
+
+
+@borrowing_kernel
+def list_ended(ends, eights, which):
+    """List the lanes whose episodes have ended; return how many there are.
+
+    Parameters
+    ----------
+    ends
+        (3, 8 n) bool, read: how the last control step ended, false behind the lanes.
+    eights
+        (3, n) uint64, read: the same memory, eight lanes in a number, most of which are zero.
+    which
+        (8 n,) int64, written: the lanes, in ascending order; behind them, anything.
+    """
+    # In two passes without branches, which could not be predicted: where some of eight have ended,
+    # then which of them. The first one writes to the end of the list, where the second is last.
+    count = np.uintp(eights.shape[1])
+    places, some, found = which[7 * count :], np.uintp(0), np.uintp(0)
+    for k in span(0, count):
+        places[some] = k
+        some += np.uintp((eights[at.TERMINATED, k] | eights[at.TRUNCATED, k]) != np.uint64(0))
+    for j in span(0, some):
+        k = np.uintp(places[j])
+        for i in span(8 * k, 8 * k + 8):
+            which[found] = i
+            found += np.uintp(ends[at.TERMINATED, i] | ends[at.TRUNCATED, i])
+    return np.int64(found)
+
+
+@borrowing_kernel
+def start(template, draws, model, task, lanes, streams, which, rows, values, first, last):
+    """Begin anew in the lanes listed: draw what is random, then set rows to given values.
+
+    A parameter that is neither drawn nor given keeps its value from one episode to the next.
+
+    Parameters
+    ----------
+    template
+        (rows,) read: the scene's start; row X2 holds the sphere's offset.
+    draws
+        (n, 3) read: (row, low, high) of what is drawn.
+    model, task
+        (m,) and (t,), read.
+    lanes
+        (rows, count) read and written.
+    streams
+        (2, count) uint64, read and written: random numbers.
+    which
+        (b,) int64, read: the lanes, in ascending order.
+    rows, values
+        (k,) int64 and (k, count), read: rows that are given, and their values.
+    first, last
+        The lanes first .. last - 1.
+
+    Returns
+    -------
+    int
+        Status.
+    """
+    own = which[place_of(first, which) : place_of(last, which)]
+    draw(template, draws, lanes, streams, own)
+    for k in range(rows.shape[0]):
+        for i in own:
+            lanes[rows[k], i] = values[k, i]
+    complete(model, task, lanes, own)
+    return at.OK
+
+
+@borrowing_kernel
+def draw(template, draws, lanes, streams, which):
+    """Fill lanes with the scene's start and draw what is random.
+
+    Parameters
+    ----------
+    template, draws, streams
+        As for `start`.
+    lanes
+        (rows, count) written, but for the blocks' clocks, read.
+    which
+        (b,) int64, read: the lanes.
+    """
+    for row in range(at.STRETCH + 1):
+        set_row(lanes, row, template[row], which)
+    for k in span(0, which.shape[0]):
+        i = which[k]
+        next_episode(streams, i)
+        lanes[at.BEGAN, i] = lanes[at.NOW, i - i % at.BLOCK]
+    for j in range(draws.shape[0]):
+        draw_row(lanes, int(draws[j, 0]), draws[j, 1], draws[j, 2], streams, which)
+
+
+@borrowing_kernel
+def draw_row(lanes, row, low, high, streams, which):
+    """Draw a row's value in the lanes listed, uniform in [low, high].
+
+    Parameters
+    ----------
+    lanes
+        (rows, count) written in this row.
+    row, low, high
+        The row, and the range in its unit.
+    streams
+        (2, count) uint64, read and written: random numbers.
+    which
+        (b,) int64, read: the lanes.
+    """
+    prefer_widest_vectors()
+    first, last = run_of(which)
+    for i in span(first, last):
+        lanes[row, i] = clip(low + (high - low) * uniform(streams, i), low, high)
+    if last == first:
+        for i in which:
+            lanes[row, i] = clip(low + (high - low) * uniform(streams, i), low, high)
+
+
+@borrowing_kernel
+def complete(model, task, lanes, which):
+    """Complete drawn lanes: positions, regimes, phases, and what rate commands start from.
+
+    Until here row X2 holds the sphere's offset, because that is what a scene states.
+    """
+    for k in span(0, which.shape[0]):
+        lanes[at.X2, which[k]] += lanes[at.X1, which[k]]
+    if task[at.FORCE_IS_RATE] > 0.0:
+        copy_within(lanes, at.FORCE, at.FORCE_ASKED, which)
+    if task[at.STRETCH_IS_RATE] > 0.0:
+        copy_within(lanes, at.STRETCH, at.STRETCH_ASKED, which)
+    first, last = run_of(which)
+    if last > first:
+        _write_regimes_and_phases(model, lanes, first, last)
+    elif which.shape[0] > 0 and (lanes[at.VR, which[0]] != 0.0 or model[at.HARMONIC_COUNT] > 0.0):
+        for i in which:
+            _write_regimes_and_phases(model, lanes, i, i + 1)
+
+
+@borrowing_kernel
+def _write_regimes_and_phases(model, lanes, first, last):
+    """Write the regimes and the harmonics' phases of the lanes first .. last - 1."""
+    write_regimes(lanes, first, last)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        begin_harmonic(lanes, harmonic, model[at.SAMPLE_INTERVAL], first, last)
+
+
+@borrowing_kernel
+def show_first(model, task, lanes, frames, ends, streams, which, paused, rewards, first, last):
+    """Fill the history of the lanes listed with their first frame.
+
+    Parameters
+    ----------
+    model, task
+        (m,) and (t,), read.
+    lanes
+        (rows, count) read; what is derived from the state is written.
+    frames
+        (history, count) float32, written, the newest frame last.
+    ends
+        (3, count) bool, written for paused lanes.
+    streams
+        (2, count) uint64, read and written: random numbers.
+    which
+        (b,) int64, read: the lanes, in ascending order.
+    paused
+        Whether the lanes begin anew instead of making a control step: they then earn nothing in it,
+        and end nothing.
+    rewards
+        (count,) float64, written for paused lanes.
+    first, last
+        The lanes first .. last - 1.
+
+    Returns
+    -------
+    int
+        Status.
+    """
+    own = which[place_of(first, which) : place_of(last, which)]
+    if task[at.IS_DERIVED] > 0.0:
+        for i in own:
+            derive(task, model, lanes, i, i + 1)
+    fill_history(task, lanes, frames, streams, own)
+    if paused:
+        set_row(ends, at.TERMINATED, False, own)
+        set_row(ends, at.TRUNCATED, False, own)
+        for k in span(0, own.shape[0]):
+            rewards[own[k]] = 0.0
+    return at.OK
+
+
+@borrowing_kernel
+def fill_history(task, lanes, frames, streams, which):
+    """Fill the history of the lanes listed with their first frame; arguments as of `show_first`."""
+    channels = int(task[at.CHANNEL_COUNT])
+    newest = frames.shape[0] - channels
+    first, last = run_of(which)
+    write_channels(task, lanes, frames, newest, first, last)
+    for c in range(channels if last == first else 0):
+        scale, shift = scaling(task, c)
+        row, subtracted_row = rows_of(task, c)
+        for k in span(0, which.shape[0]):
+            value = lanes[row, which[k]]
+            if subtracted_row != at.NO_ROW:
+                value -= lanes[subtracted_row, which[k]]
+            frames[newest + c, which[k]] = shown(value, scale, shift)
+    if task[at.IS_NOISY] > 0.0:
+        blur(task, frames, newest, streams, first, last)
+        for i in which[: 0 if last > first else which.shape[0]]:
+            blur(task, frames, newest, streams, i, i + 1)
+    pass_frame(task, streams, first, last)
+    for i in which[: 0 if last > first else which.shape[0]]:
+        pass_frame(task, streams, i, i + 1)
+    for row in range(newest - 1, -1, -1):
+        copy_within(frames, row + channels, row, which)
+
+
+@borrowing_kernel
+def rest(lanes, actions, which, first, last):
+    """Let the lanes listed rest at zero, unless an action is not finite; return the status."""
+    if not finite(actions):
+        return at.NOT_FINITE
+    own = which[place_of(first, which) : place_of(last, which)]
+    for row in range(4):
+        set_row(lanes, row, 0.0, own)
+    return at.OK

@@ -1,0 +1,366 @@
+"""Outputs of a control step: observed channels, and copies of what it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.excitation.jets import jet_value
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.lanes.listed import place_of
+from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
+from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
+from mm_gym.lanes.transposition import copy_as_columns
+from mm_gym.law.forces import carriage_force, interface_force, spring_force
+
+
+@borrowing_kernel
+def derive(task, model, lanes, first, last):
+    """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
+
+    Parameters
+    ----------
+    task, model
+        (t,) and (m,), read.
+    lanes
+        (rows, lanes) float64, read, and those rows written: the first three of them only if a
+        channel shows one of the three, DISTURBANCE only then or if a channel shows it.
+    first, last
+        The lanes first .. last - 1.
+    """
+    if not task[at.IS_DERIVED] > 0.0:
+        return
+    has_reactions, is_pushed = task[at.HAS_REACTIONS] > 0.0, False
+    for k in range(int(task[at.CHANNEL_COUNT])):
+        is_pushed |= rows_of(task, k)[0] == at.DISTURBANCE
+    if has_reactions or is_pushed:
+        write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
+    write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
+    if has_reactions:
+        for i in range(first, last):
+            write_reactions(lanes, i)
+
+
+@borrowing_kernel
+def write_reactions(lanes, i):
+    """Write accelerations and spring force of a lane, from its state and the excitation."""
+    x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
+    v1, w = lanes[at.V1, i], lanes[at.V2, i] - lanes[at.V1, i]
+    springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
+    c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
+    inner = interface_force(c, vr, kinetic, lanes[at.CHI, i], w) + springs
+    spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
+    outer = lanes[at.DISTURBANCE, i] + lanes[at.FORCE, i] - lanes[at.D, i] * v1 - spring
+    lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]  # (1)
+    lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
+    lanes[at.SPRING_FORCE, i] = springs
+
+
+@borrowing_kernel
+def write_excitation(model, lanes, row, ground, first, last):
+    """Write into a row the disturbing force [N] or the ground's acceleration [m/s^2].
+
+    They are those at the sample interval's end.
+    """
+    if last - first == 1:  # a lone lane does without what loops prepare
+        lanes[row, first] = excitation(model, lanes, ground, first)
+        return
+    fill(lanes, row, 0.0, first, last)
+    terms = int(model[at.TERMS])
+    jet = int(model[at.JETS]) + (terms if ground else 0)
+    for n in range(terms - 1, -1, -1):
+        for i in span(first, last):
+            lanes[row, i] += lanes[jet + n, i]
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        if is_of(model, j, ground):
+            for i in span(first, last):
+                lanes[row, i] += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+
+
+@borrowing_kernel
+def is_of(model, j, ground):
+    """Tell whether harmonic j shakes the ground, or if not `ground`, pushes the carriage."""
+    return ((int(model[at.GROUND]) >> j) & 1 == 1) == ground
+
+
+@borrowing_kernel
+def excitation(model, lanes, ground, i):
+    """Return the disturbing force [N] or the ground's acceleration [m/s^2] at an interval's end."""
+    terms = int(model[at.TERMS])
+    total = jet_value(lanes, int(model[at.JETS]) + (terms if ground else 0), terms, 1.0, i)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        if is_of(model, j, ground):
+            total += lanes[harmonic + at.AMPLITUDE, i] * lanes[harmonic + at.SINE, i]
+    return total
+
+
+BOUND = np.float32(at.OBSERVATION_BOUND)
+
+STATE = ((at.X1, at.NO_ROW), (at.X2, at.X1), (at.V1, at.NO_ROW), (at.V2, at.NO_ROW))
+"""Rows shown and subtracted by the channels of x1, x2 - x1, v1 and v2."""
+
+
+@borrowing_kernel
+def observe(task, lanes, frames, streams, first, last):
+    """Append the newest frame to the history, and drop the oldest.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64, read.
+    frames
+        (frames * channels, lanes) float32, oldest frame first, written.
+    streams
+        (2, lanes) uint64, advanced by what is reserved for a frame.
+    first, last
+        The lanes first .. last - 1.
+    """
+    channels = int(task[at.CHANNEL_COUNT])
+    newest = frames.shape[0] - channels
+    if last - first == 1:  # a lone lane does without what loops prepare
+        for row in range(newest):
+            frames[row, first] = frames[row + channels, first]
+    else:
+        for row in range(newest):
+            copy_row(frames, row + channels, row, first, last)
+    write_channels(task, lanes, frames, newest, first, last)
+    if task[at.IS_NOISY] > 0.0:
+        blur(task, frames, newest, streams, first, last)
+    pass_frame(task, streams, first, last)
+
+
+@borrowing_kernel
+def pass_frame(task, streams, first, last):
+    """Pass over the numbers that are reserved for a frame's noise, also where it is not drawn."""
+    reserved = int(task[at.RESERVED])
+    if reserved > 0:
+        for i in span(first, last):
+            count_draws(streams, reserved, i)
+
+
+@borrowing_kernel
+def write_channels(task, lanes, frames, newest, first, last):
+    """Write the scaled channels of the newest frame.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64, read.
+    frames
+        (frames * channels, lanes) float32, written.
+    newest
+        First row of the newest frame.
+    first, last
+        The lanes first .. last - 1.
+    """
+    prefer_widest_vectors()
+    for k in range(int(task[at.CHANNEL_COUNT])):
+        scale, shift = scaling(task, k)
+        row, subtracted_row = rows_of(task, k)
+        frame, values = frames[newest + k, first:last], lanes[row, first:last]
+        if subtracted_row != at.NO_ROW:
+            subtracted = lanes[subtracted_row, first:last]
+            for i in range(last - first):
+                frame[i] = shown(values[i] - subtracted[i], scale, shift)
+        else:
+            for i in range(last - first):
+                frame[i] = shown(values[i], scale, shift)
+
+
+@borrowing_kernel
+def blur(task, frames, newest, streams, first, last):
+    """Add the sensors' noise to the newest frame.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    frames
+        (frames * channels, lanes) float32, written.
+    newest
+        First row of the newest frame.
+    streams
+        (2, lanes) uint64, read.
+    first, last
+        The lanes first .. last - 1.
+    """
+    prefer_widest_vectors()
+    is_reserved, ahead = task[at.HAS_RESERVED_NOISE] > 0.0, 0
+    channels, k = int(task[at.CHANNEL_COUNT]), next_noisy(task, 0)
+    while k < channels:
+        other = next_noisy(task, k + 1)
+        spreads = noise_of(task, k), noise_of(task, other) if other < channels else 0.0
+        # Of an odd number the last takes the second normal number too, times zero.
+        rows = newest + k, newest + (other if other < channels else k)
+        if last - first == 1:  # a lone lane does without what a loop prepares
+            blur_pair(frames, rows, spreads, streams, is_reserved, ahead, first)
+        elif is_reserved:
+            for i in span(first, last):
+                blur_pair(frames, rows, spreads, streams, True, ahead, i)
+        else:
+            for i in span(first, last):
+                blur_pair(frames, rows, spreads, streams, False, ahead, i)
+        k, ahead = next_noisy(task, other + 1), ahead + 2
+
+
+@inlined_kernel
+def blur_pair(frames, rows, spreads, streams, is_reserved, ahead, i):
+    """Add noise of two standard deviations to two rows of a lane, from numbers after `ahead`."""
+    if is_reserved:
+        pair = normals_ahead(streams, ahead, i)
+    else:
+        pair = normals_of_sensors(streams, ahead, i)
+    for side in range(2):
+        noisy = np.float32(frames[rows[side], i] + spreads[side] * pair[side])
+        frames[rows[side], i] = bounded(noisy)
+
+
+@borrowing_kernel
+def noise_of(task, k):
+    """Return the scaled standard deviation of the noise of channel k."""
+    return task[at.CHANNELS + at.CHANNEL_SIZE * k + at.NOISE]
+
+
+@borrowing_kernel
+def next_noisy(task, k):
+    """Return the first channel from the k-th on that has noise, or the number of channels."""
+    while k < int(task[at.CHANNEL_COUNT]) and noise_of(task, k) == 0.0:
+        k += 1
+    return k
+
+
+@borrowing_kernel
+def scaling(task, k):
+    """Return the factor of a channel, and what is added to the product."""
+    slot = at.CHANNELS + at.CHANNEL_SIZE * k
+    scale = task[slot + at.SCALE]
+    return scale, -task[slot + at.ZERO] * scale
+
+
+@borrowing_kernel
+def rows_of(task, k):
+    """Return the row that channel k shows and the row subtracted from it, or `NO_ROW`."""
+    slot = at.CHANNELS + at.CHANNEL_SIZE * k
+    return int(task[slot + at.SHOWN]), int(task[slot + at.SUBTRACTED])
+
+
+@borrowing_kernel
+def shows_state(task, frames):
+    """Tell whether one frame of x1, x2 - x1, v1 and v2 without noise is all that is observed."""
+    count = len(STATE)
+    if frames.shape[0] != count or task[at.CHANNEL_COUNT] != count or task[at.IS_NOISY] > 0.0:
+        return False
+    same = True
+    for k in range(count):
+        same &= rows_of(task, k) == STATE[k]
+    return same
+
+
+@borrowing_kernel
+def shown(value, scale, shift):
+    """Return a channel's value as observed."""
+    return bounded(np.float32(fma(value, scale, shift)))
+
+
+@borrowing_kernel
+def bounded(value):
+    """Return the value, or the largest finite one for an infinite one."""
+    return clip(value, -BOUND, BOUND)
+
+
+@borrowing_kernel
+def copy_observed(frames, observed, first, last):
+    """Copy the observed frames, of each lane side by side; return the status.
+
+    Parameters
+    ----------
+    frames
+        (rows, lanes) float32, read.
+    observed
+        (lanes, k) float32, written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    copy_as_columns(frames, observed, first, last)
+    return at.OK
+
+
+@borrowing_kernel
+def copy_outputs(
+    lanes,
+    frames,
+    ends,
+    applied_row,
+    observed,
+    terminated,
+    truncated,
+    states,
+    applied,
+    first,
+    last,
+):
+    """Copy the outputs of a control step; return the status.
+
+    Parameters
+    ----------
+    lanes, frames, ends
+        (rows, lanes) float64, float32 and bool, read.
+    applied_row
+        First row of what the actuators applied.
+    observed
+        (lanes, k) float32, written: the frames observed.
+    terminated, truncated
+        (lanes,) bool, written.
+    states
+        (4, lanes) float64, written [m, m, m/s, m/s].
+    applied
+        (actuators, lanes) float64, written [N, -].
+    first, last
+        The lanes first .. last - 1.
+    """
+    copy_observed(frames, observed, first, last)
+    copy_rows(lanes, at.X1, states, first, last)
+    copy_rows(lanes, applied_row, applied, first, last)
+    for i in span(first, last):
+        terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
+    return at.OK
+
+
+@borrowing_kernel
+def copy_ends(lanes, frames, applied_row, which, former, observed, values, first, last):
+    """Copy the last outputs of the lanes listed; return the status.
+
+    Parameters
+    ----------
+    lanes, frames, applied_row
+        As for `copy_outputs`.
+    which
+        (b,) int64, read: the lanes.
+    former
+        (c,) int64, read: lanes whose values are set to zero first.
+    observed
+        (n, k) float32, written: the frames observed, of a lane listed in each row.
+    values
+        (lanes, 4 + actuators) float64, written: states [m, m, m/s, m/s] and what was applied
+        [N, -], of each lane side by side, so that few cache lines are written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    for k in span(place_of(first, former), place_of(last, former)):
+        values[former[k], :] = 0.0
+    for k in span(place_of(first, which), place_of(last, which)):
+        i = np.uintp(which[k])
+        for row in span(0, observed.shape[1]):
+            observed[k, row] = frames[row, i]
+        for row in span(0, 4):
+            values[i, row] = lanes[row, i]
+        for row in span(4, values.shape[1]):
+            values[i, row] = lanes[applied_row + row - 4, i]
+    return at.OK

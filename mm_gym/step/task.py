@@ -1,0 +1,260 @@
+"""The task in a control step: commands to the actuators, the reward, the end of an episode.
+
+Each kernel works on the lanes first .. last - 1. The innermost loops run over lanes, without calls
+or early exits, so that the compiler vectorises them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mm_gym.compiler.jit import borrowing_kernel
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.lanes.memory import fill, span
+
+
+@borrowing_kernel
+def finite(actions):
+    """Tell whether all actions are finite."""
+    prefer_widest_vectors()
+    wrong = False
+    for i in range(actions.shape[0]):
+        wrong |= not abs(actions[i]) < np.inf
+    return not wrong
+
+
+@borrowing_kernel
+def command(task, lanes, actions, rewards, first, last):
+    """Apply actions: set force [N] and stretch, and begin the rewards with the actions' cost.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; force and stretch are written.
+    actions
+        (actuators * lanes,) float32 or float64, read: those of the force, then of the stretch;
+        clipped to [-1, 1].
+    rewards
+        (lanes,) float64, written.
+    first, last
+        The lanes first .. last - 1.
+    """
+    has_force, has_stretch = task[at.HAS_FORCE] > 0.0, task[at.HAS_STRETCH] > 0.0
+    if has_force:
+        push(task, lanes, actions, rewards, first, last)
+    if has_stretch:
+        behind_forces = actions.shape[0] // 2 if has_force else 0
+        tune(task, lanes, actions[behind_forces:], rewards, has_force, first, last)
+    elif not has_force:
+        for i in span(first, last):
+            rewards[i] = 0.0
+
+
+@borrowing_kernel
+def push(task, lanes, actions, rewards, first, last):
+    """Apply a force [N] and begin the rewards with the cost of its action."""
+    prefer_widest_vectors()
+    limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
+    lag_factor = task[at.FORCE_LAG_FACTOR]
+    if task[at.FORCE_IS_RATE] > 0.0:
+        integrate(lanes, at.FORCE_ASKED, actions, rate, -limit, limit, first, last)
+        for i in span(first, last):
+            a, present, wanted = (
+                clip(actions[i], -1.0, 1.0),
+                lanes[at.FORCE, i],
+                lanes[at.FORCE_ASKED, i],
+            )
+            lanes[at.FORCE, i] = approach(present, wanted, lag_factor, rate, -limit, limit)
+            rewards[i] = 0.0 - weight * a * a
+    elif is_at_once(rate, lag_factor):
+        for i in span(first, last):
+            a = clip(actions[i], -1.0, 1.0)
+            lanes[at.FORCE, i] = limit * a
+            rewards[i] = 0.0 - weight * a * a
+    else:
+        for i in span(first, last):
+            a, present = clip(actions[i], -1.0, 1.0), lanes[at.FORCE, i]
+            lanes[at.FORCE, i] = approach(present, limit * a, lag_factor, rate, -limit, limit)
+            rewards[i] = 0.0 - weight * a * a
+
+
+@borrowing_kernel
+def tune(task, lanes, asked, rewards, begun, first, last):
+    """Set the stretch [-] and subtract the cost of its action from the rewards.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; the stretch is written.
+    asked
+        (lanes,) float32 or float64, read: the actions; clipped to [-1, 1].
+    rewards
+        (lanes,) float64, written.
+    begun
+        Whether the rewards hold the cost of the force already, or nothing yet.
+    first, last
+        The lanes first .. last - 1.
+    """
+    prefer_widest_vectors()
+    low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
+    lag_factor, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    if task[at.STRETCH_IS_RATE] > 0.0:
+        integrate(lanes, at.STRETCH_ASKED, asked, rate, low, high, first, last)
+        for i in span(first, last):
+            a, present, wanted = (
+                clip(asked[i], -1.0, 1.0),
+                lanes[at.STRETCH, i],
+                lanes[at.STRETCH_ASKED, i],
+            )
+            lanes[at.STRETCH, i] = approach(present, wanted, lag_factor, rate, low, high)
+            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
+    else:
+        for i in span(first, last):
+            a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
+            lanes[at.STRETCH, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
+            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
+
+
+@borrowing_kernel
+def is_at_once(rate, lag_factor):
+    """Tell whether an actuator has neither a rate limit nor a lag."""
+    return rate == np.inf and lag_factor == 1.0
+
+
+@borrowing_kernel
+def integrate(lanes, row, actions, rate, low, high, first, last):
+    """Integrate the rates that actions command, within the actuator's limits.
+
+    Parameters
+    ----------
+    lanes
+        (rows, lanes) float64; the row is written.
+    row
+        `FORCE_ASKED` or `STRETCH_ASKED`: the values commanded so far.
+    actions
+        (lanes,) float32 or float64, read; clipped to [-1, 1].
+    rate
+        What an action of 1 adds in a control step.
+    low, high
+        The actuator's limits.
+    first, last
+        The lanes first .. last - 1.
+    """
+    for i in span(first, last):
+        lanes[row, i] = clip(lanes[row, i] + rate * clip(actions[i], -1.0, 1.0), low, high)
+
+
+@borrowing_kernel
+def approach(present, wanted, lag_factor, rate, low, high):
+    """Return the force [N] or stretch [-] that an actuator reaches in a control step.
+
+    Parameters
+    ----------
+    present, wanted
+        What it has and what it is commanded.
+    lag_factor
+        Fraction of the way that its lag lets it go, 1 - exp(-time_step / lag).
+    rate
+        Largest change in a control step.
+    low, high
+        Its limits.
+    """
+    aim = wanted if lag_factor == 1.0 else fma(lag_factor, wanted - present, present)
+    return clip(clip(aim, present - rate, present + rate), low, high)
+
+
+@borrowing_kernel
+def score(task, lanes, rewards, first, last):
+    """Subtract the state's cost from the rewards; return the status."""
+    prefer_widest_vectors()
+    weights, lost = state_weights(task), False
+    for i in span(first, last):
+        cost = state_cost(weights, lanes[at.X1, i], lanes[at.X2, i], lanes[at.V1, i])
+        reward = rewards[i] - cost
+        rewards[i] = reward
+        lost |= is_lost(reward)
+    return at.DIVERGED if lost else at.OK
+
+
+@borrowing_kernel
+def state_weights(task):
+    """Return the weights of x1^2, v1^2 and (x2 - x1)^2."""
+    return task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]
+
+
+@borrowing_kernel
+def state_cost(weights, x1, x2, v1):
+    """Return the cost of a state [-]."""
+    wx, wv, ws = weights
+    offset = x2 - x1
+    return fma(wx * x1, x1, fma(wv * v1, v1, ws * offset * offset))
+
+
+@borrowing_kernel
+def is_lost(reward):
+    """Tell whether the state is no longer finite.
+
+    The reward shows it for all weights, because 0 times infinity is NaN.
+    """
+    return not reward > -np.inf
+
+
+@borrowing_kernel
+def check_termination(task, lanes, ends, first, last):
+    """Count a block's step and mark the episodes that it ends; return the status.
+
+    Parameters
+    ----------
+    task
+        (t,) float64, read.
+    lanes
+        (rows, lanes) float64; state and start are read, the block's clock is written.
+    ends
+        (3, lanes) bool, written: terminated, truncated, and whether one of the block is marked.
+    first, last
+        The lanes first .. last - 1, of one block.
+    """
+    furthest, rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
+    now = lanes[at.NOW, first] + 1.0
+    lanes[at.NOW, first] = now
+    ended = now >= lanes[at.DUE, first]
+    if furthest < np.inf or rail < np.inf:
+        for i in span(first, last):
+            x1 = lanes[at.X1, i]
+            ended |= (abs(x1) > furthest) | (abs(lanes[at.X2, i] - x1) > rail)
+    if not ended:  # the common case
+        if ends[at.MARKED, first]:
+            fill(ends, at.TERMINATED, False, first, last)
+            fill(ends, at.TRUNCATED, False, first, last)
+            ends[at.MARKED, first] = False
+        return at.OK
+    ended, steps, due = False, task[at.STEPS], now + 1.0
+    x1s, x2s, began = (
+        lanes[at.X1, first:last],
+        lanes[at.X2, first:last],
+        lanes[at.BEGAN, first:last],
+    )
+    over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
+    if furthest < np.inf or rail < np.inf:
+        for i in range(last - first):
+            over[i] = (abs(x1s[i]) > furthest) | (abs(x2s[i] - x1s[i]) > rail)
+    else:
+        fill(ends, at.TERMINATED, False, first, last)
+    for i in range(last - first):
+        late[i] = now - began[i] >= steps
+    for i in range(last - first):  # apart: bytes alone fill longer vectors
+        ended |= over[i] | late[i]
+    if not ends[at.MARKED, first]:  # else episodes may end in the next step too
+        oldest = 0
+        for i in range(last - first):  # integers: a maximum of doubles would not vectorise
+            oldest = max(oldest, int(now - began[i]))
+        due = now - oldest + steps
+    lanes[at.DUE, first] = due
+    ends[at.MARKED, first] = ended
+    return at.ENDED if ended else at.OK
