@@ -205,7 +205,9 @@ def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
     amplitude [m].
     """
     m1, m2, k1 = _fastest(support)
-    k1 += 0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude**2
+    k1 += (
+        0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude * amplitude
+    )
     return math.sqrt(plain(forces.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 

@@ -121,15 +121,21 @@ def _family(
 ) -> list[tuple[Setting, Callable[[], float]]]:
     """Return a method's settings from coarse to fine, each with a function that times a run.
 
-    The first one that takes longer than `COSTLIEST`, or `COSTLIEST_OF_LANES`, is the last. A run
-    that diverges ends early, so it has no cost.
+    The first one that takes longer than `COSTLIEST`, or `COSTLIEST_OF_LANES`, is the last; so is
+    the one before a tolerance that the method refuses. A run that diverges ends early, so it has no
+    cost.
     """
     option, values = _settings(method)
     costliest = COSTLIEST if lanes == 1 else COSTLIEST_OF_LANES
     found: list[tuple[Setting, Callable[[], float]]] = []
     for value in values:
         solver = {"method": method} | ({option: _whole(value)} if option else {})
-        plant = compile_scene(scene.replace(solver=solver))
+        try:
+            plant = compile_scene(scene.replace(solver=solver))
+        except CompileError:
+            if found:
+                break
+            raise
         stopwatch = _stopwatch(plant, truth.episodes[0], lanes)
         seconds = stopwatch()
         errors = errors_of(plant, truth) if np.isfinite(seconds) else np.array([np.inf])

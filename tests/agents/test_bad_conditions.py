@@ -100,13 +100,13 @@ def test_missing_extra_is_named_before_a_folder_is_made(tmp_path, monkeypatch):
     assert not Path("runs").exists()
 
 
-def test_missing_optuna_is_named(monkeypatch):
+def test_missing_optuna_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "optuna", None)
     monkeypatch.delitem(sys.modules, "agents.tune", raising=False)
     with pytest.raises(SystemExit) as caught:
         import_module("agents.tune")
     said = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
-    assert caught.value.code == said
+    assert (caught.value.code, capsys.readouterr().err) == (2, f"{said}\n")
 
 
 @pytest.mark.usefixtures("ctrl_c")

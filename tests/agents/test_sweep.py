@@ -159,7 +159,7 @@ def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"tasks": ("Hybrit",)}, "did you mean 'mm_gym/Hybrid-v0'"),
+        ({"tasks": ("Hybrit",)}, "did you mean 'Hybrid'"),
         ({"algorithms": ("pqo",)}, "algorithms.0: got 'pqo'; did you mean 'ppo'"),
         ({"settings": {"stepps": 3}}, "stepps: unknown key; did you mean 'steps'"),
         ({"variants": {"a": 3}}, "variants.a: got 3; allowed: a table of settings"),

@@ -233,7 +233,7 @@ def test_too_fine_samples_are_refused():
         ({"kind": "impulse", "size": 1.0}, "time: missing"),
         ({"kind": "impulse", "size": [2.0, 1.0], "rate": 1.0}, "size: got"),
         (NOISE | {"low_frequency": 90.0}, "low_frequency: got 90.0"),
-        ({"kind": "record", "file": "x", "unit": "N"}, "unit: got 'N'; allowed with"),
+        ({"kind": "record", "file": "x", "unit": "N"}, "unit: got 'N'; allowed: "),
         ({"kind": "swep"}, "unknown kind 'swep'; did you mean 'sweep'?"),
     ],
 )
