@@ -49,6 +49,10 @@ COARSER = 0.5
 """Part that a step may have of the second estimate that a harmonic oscillation has where the first
 is at the limit. The errors of an oscillation on a cubic spring are larger."""
 
+FINER = 1e-3
+"""Part of the tolerance for the series, which redo the hardest steps: a sphere that bounces off the
+end of its springs makes errors grow."""
+
 LONGEST_TURN = 0.25 * math.pi
 """Of a harmonic in a sample interval [rad]: as far as `lanes.elementary.on_circle` goes."""
 
@@ -128,7 +132,8 @@ class RungeKutta(Method):
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the model of the Taylor series, then the steps and their weights."""
-        series = _SERIES.model(support, settings)
+        finer = settings._replace(tolerance=settings.tolerance * FINER)
+        series = _SERIES.model(support, finer)
         plan = None if self.limit(support) else plan_of(support, settings)
         if plan is None:  # in an interval that is longer than the scene's
             return np.append(series, 0.0)
