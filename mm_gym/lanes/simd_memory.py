@@ -138,7 +138,7 @@ def _compiled_store(lanes, row, i, value):
 def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
     """Return what a kernel calls for so many rows of a vector each, which live until it returns."""
     if not COMPILED:
-        return lambda: np.empty((count, LANES))
+        return lambda: np.zeros((count, LANES))
 
     @intrinsic
     def rows(_context):
