@@ -72,12 +72,8 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
         Scratch, float64: rows 6 and 7 are written.
     width
         Distance of two rows of c.
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64, read.
-    i
-        The lane.
+    model, lanes, i
+        As for `add_jets`.
     elapsed, duration
         Start of what the series cover since that of the sample interval, and its length [s].
     degree

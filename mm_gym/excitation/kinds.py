@@ -11,8 +11,11 @@ A kind of excitation is a code, its slots and rows, a branch in `begin_excitatio
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
 docs/excitation.md.
 
-The kernels of a kind take `slot`, the first slot of a part in the description, and `clock`: the
-control steps made so far, the sample intervals of each, and the index of the present one.
+The kernels read `model`, (m,) float64. They write the jets and the rows of each part to `lanes`,
+(rows, lanes) float64, for the lanes first .. last - 1 or for lane i, and advance `streams`,
+(2, lanes) uint64. Those of a kind take `slot`, the first slot of a part in the description, and
+`clock`: the control steps made so far, the sample intervals of each, and the index of the present
+one.
 """
 
 from __future__ import annotations
@@ -74,16 +77,10 @@ def begin_excitation(model, lanes, streams, which, first, last):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64; jets and the rows of each part are written.
-    streams
-        (2, lanes) uint64, advanced.
+    model, lanes, streams, first, last
+        See above.
     which
         (b,) int64, read: the lanes whose episodes begin, in ascending order.
-    first, last
-        The lanes first .. last - 1.
     """
     base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
     own = which[place_of(first, which) : place_of(last, which)]
@@ -112,12 +109,8 @@ def excite(model, lanes, streams, interval, first, last):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64; jets and the rows of each part are written.
-    streams
-        (2, lanes) uint64, advanced.
+    model, lanes, streams
+        See above.
     interval
         Index of the sample interval within the control step.
     first, last
@@ -174,21 +167,7 @@ def _begin_sweep(lanes, row, jet, i):
 
 @borrowing_kernel
 def _add_sweep(model, slot, lanes, clock, first, last):
-    """Add amplitude sin(phase(t)) to its jet: s' = c phase', c' = -s phase', term by term.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    slot
-        First slot of the part.
-    lanes
-        (rows, lanes) float64; the jet and the scratch rows of the part are written.
-    clock
-        Three numbers, see above.
-    first, last
-        The lanes first .. last - 1.
-    """
+    """Add amplitude sin(phase(t)) to its jet: s' = c phase', c' = -s phase', term by term."""
     row, jet = _row_and_jet(model, slot)
     logarithmic, step = model[slot + IS_LOGARITHMIC] > 0.0, model[at.SAMPLE_INTERVAL]
     for i in range(first, last):
@@ -220,16 +199,14 @@ def _sweep_at(logarithmic, lanes, row, step, count, i):
     ----------
     logarithmic
         Whether its frequency grows by equal ratios.
-    lanes
-        (rows, lanes) float64, read.
+    lanes, i
+        See above.
     row
         First row of the part.
     step
         Sample interval [s].
     count
         Number of the sample intervals since the start of the episode.
-    i
-        The lane.
 
     Returns
     -------
@@ -313,16 +290,10 @@ def add_record(model, slot, lanes, began, duration, i):
 
     Parameters
     ----------
-    model
-        (m,) float64, read.
-    slot
-        First slot of the part.
-    lanes
-        (rows, lanes) float64; the jet and scratch rows of the part are written.
+    model, slot, lanes, i
+        See above.
     began, duration
         Start of what the jet covers since that of the episode, and its length [s].
-    i
-        The lane.
     """
     row, jet = _row_and_jet(model, slot)
     record.add(model, slot + OWN, lanes, row, jet, began, duration, i)

@@ -1,8 +1,14 @@
 """Filtered noise: exact samples of a linear filter driven by white noise, times an envelope.
 
 Tags such as (E8) are equations of docs/excitation.md. The filter of a part has its rows from `row`
-on. Its matrices are numbers of the model, or, where they are drawn, rows of each lane. The loops
-run over lanes, without calls or branches, so that the compiler vectorises them.
+on. Its matrices are numbers of the model, or, where they are drawn, rows of each lane: m has them
+from number or row k on. The loops run over lanes, without calls or branches, so that the compiler
+vectorises them.
+
+The kernels read `model`, (m,) float64, in which `own` is the first of the part's own slots. They
+write the filter's rows, from `row` on, and its jet, from row `jet` on, to `lanes`, (rows, lanes)
+float64, for the lanes first .. last - 1 or for lane i. They advance `streams`, (2, lanes) uint64.
+`clock` is three numbers, see `mm_gym.excitation.kinds`.
 """
 
 from __future__ import annotations
@@ -112,9 +118,9 @@ def _envelope(lanes, row, time, i):
 
 
 @inlined_kernel
-def _end(lanes, clock, step, i):
+def _end(lanes, clock_and_step, i):
     """Return the time [s] since the start of the episode at the sample interval's end."""
-    now, intervals_per_step, interval = clock
+    now, intervals_per_step, interval, step = clock_and_step
     count = (now - lanes[at.BEGAN, i]) * intervals_per_step + interval
     return (count + 1.0) * step
 
@@ -138,23 +144,17 @@ def _add_line(total, envelope, lanes, row, jet, i):
 
 
 @inlined_kernel
-def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock, step, first, last):
+def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock_and_step, first, last):
     """Add the lines of the filters' outputs to the jets.
 
     Parameters
     ----------
     has_high_pass, is_level
         Whether the filters have a high-pass, and whether the envelope is 1.
-    m, k
-        The matrices, and the number or row at which they begin.
-    lanes
-        (rows, lanes) float64; the filter's value and the jet are written.
-    row, jet
-        First row of the filter, and of the jet.
-    clock, step
-        Three numbers, see `mm_gym.excitation.kinds`, and the sample interval [s].
-    first, last
-        The lanes first .. last - 1.
+    m, k, lanes, row, jet, first, last
+        See above.
+    clock_and_step
+        The clock's numbers, and the sample interval [s].
     """
     if is_level:
         for i in span(first, last):
@@ -163,7 +163,7 @@ def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock, step, firs
     else:
         for i in span(first, last):
             total = _contributed(has_high_pass, m, k, lanes, row, i)
-            envelope = _envelope(lanes, row, _end(lanes, clock, step, i), i)
+            envelope = _envelope(lanes, row, _end(lanes, clock_and_step, i), i)
             _add_line(total, envelope, lanes, row, jet, i)
 
 
@@ -186,76 +186,59 @@ def _step_four(low, high, lanes, row, streams, i):
 
 
 @inlined_kernel
-def _step_alone(has_high_pass, m, k, lanes, row, jet, streams, clock, step, i):
+def _step_alone(has_high_pass, m, k, lanes, row, jet, streams, clock_and_step, i):
     """Advance a lone lane's filter, without what loops prepare, and add to its jet."""
     if has_high_pass:
         _step_four(_low(m, k, i), _high(m, k, i), lanes, row, streams, i)
     else:
         _step_two(_low(m, k, i), lanes, row, streams, i)
     total = _contributed(has_high_pass, m, k, lanes, row, i)
-    envelope = _envelope(lanes, row, _end(lanes, clock, step, i), i)
+    envelope = _envelope(lanes, row, _end(lanes, clock_and_step, i), i)
     _add_line(total, envelope, lanes, row, jet, i)
 
 
 @inlined_kernel
 def add(model, own, lanes, row, jet, streams, clock, first, last):
-    """Advance the filter by a sample interval, exactly in distribution; add the noise to its jet.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    own
-        First of the part's own slots.
-    lanes
-        (rows, lanes) float64; the filter's state and value and the jet are written.
-    row, jet
-        First row of the filter, and of the jet.
-    streams
-        (2, lanes) uint64, advanced.
-    clock
-        Three numbers, see `mm_gym.excitation.kinds`.
-    first, last
-        The lanes first .. last - 1.
-    """
-    step, place, drawn = model[at.SAMPLE_INTERVAL], int(model[own + PLACE]), row + ROWS
+    """Advance the filter by a sample interval, exactly in distribution; add the noise to a jet."""
+    clock_and_step = (*clock, model[at.SAMPLE_INTERVAL])
+    place, drawn = int(model[own + PLACE]), row + ROWS
     has_high_pass, k = model[own + STATES] == ORDER, int(model[at.EXCITATION]) + place
     if last - first > 1:
         if place == 0:
-            _add_drawn(model, own, lanes, row, jet, streams, clock, first, last)
+            _add_drawn(model, own, lanes, row, jet, streams, clock_and_step, first, last)
         else:
-            _add_shared(model, own, k, lanes, row, jet, streams, clock, first, last)
+            _add_shared(model, own, k, lanes, row, jet, streams, clock_and_step, first, last)
     elif place == 0:
-        _step_alone(has_high_pass, lanes, drawn, lanes, row, jet, streams, clock, step, first)
+        _step_alone(has_high_pass, lanes, drawn, lanes, row, jet, streams, clock_and_step, first)
     else:
-        _step_alone(has_high_pass, model, k, lanes, row, jet, streams, clock, step, first)
+        _step_alone(has_high_pass, model, k, lanes, row, jet, streams, clock_and_step, first)
 
 
 @borrowing_kernel
-def _add_shared(model, own, k, lanes, row, jet, streams, clock, first, last):
-    """Do so with matrices from slot k of the model on."""
+def _add_shared(model, own, k, lanes, row, jet, streams, clock_and_step, first, last):
+    """Advance filters whose matrices all lanes share, from slot k of the model on."""
     prefer_widest_vectors()
-    low, high, step = _low(model, k, 0), _high(model, k, 0), model[at.SAMPLE_INTERVAL]
+    low, high = _low(model, k, 0), _high(model, k, 0)
     is_level = model[own + IS_LEVEL] > 0.0
     if model[own + STATES] == ORDER:
         for i in span(first, last):
             _step_four(low, high, lanes, row, streams, i)
-        _add_lines(True, is_level, model, k, lanes, row, jet, clock, step, first, last)
+        _add_lines(True, is_level, model, k, lanes, row, jet, clock_and_step, first, last)
     else:
         for i in span(first, last):
             _step_two(low, lanes, row, streams, i)
-        _add_lines(False, is_level, model, k, lanes, row, jet, clock, step, first, last)
+        _add_lines(False, is_level, model, k, lanes, row, jet, clock_and_step, first, last)
 
 
 @borrowing_kernel
-def _add_drawn(model, own, lanes, row, jet, streams, clock, first, last):
-    """Do so with each lane's own matrices.
+def _add_drawn(model, own, lanes, row, jet, streams, clock_and_step, first, last):
+    """Advance filters of which each lane has matrices of its own.
 
     In several loops, because the compiler refuses to check so many rows for overlap in one.
     """
     prefer_widest_vectors()
     has_high_pass, is_level = model[own + STATES] == ORDER, model[own + IS_LEVEL] > 0.0
-    k, step = row + ROWS, model[at.SAMPLE_INTERVAL]
+    k = row + ROWS
     if has_high_pass:
         for i in span(first, last):
             x, g = _states(lanes, row, i), _four_normals(streams, i)
@@ -268,29 +251,16 @@ def _add_drawn(model, own, lanes, row, jet, streams, clock, first, last):
         x0, x1 = _low_pass(_low(lanes, k, i), _states(lanes, row, i), g)
         lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
     if has_high_pass:
-        _add_lines(True, is_level, lanes, k, lanes, row, jet, clock, step, first, last)
+        _add_lines(True, is_level, lanes, k, lanes, row, jet, clock_and_step, first, last)
     else:
-        _add_lines(False, is_level, lanes, k, lanes, row, jet, clock, step, first, last)
+        _add_lines(False, is_level, lanes, k, lanes, row, jet, clock_and_step, first, last)
 
 
 @borrowing_kernel
 def begin(model, own, lanes, row, jet, streams, which):
     """Draw a filter's state from its stationary distribution, and add the first value to its jet.
 
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    own
-        First of the part's own slots.
-    lanes
-        (rows, lanes) float64; the filter's state, value and drawn matrices and the jet are written.
-    row, jet
-        First row of the filter, and of the jet.
-    streams
-        (2, lanes) uint64, advanced.
-    which
-        (b,) int64, read: the lanes.
+    Matrices that are drawn are written first, for the lanes listed: `which`, (b,) int64, read.
     """
     place, order, drawn = int(model[own + PLACE]), int(model[own + STATES]), row + ROWS
     k = int(model[at.EXCITATION]) + place
@@ -307,7 +277,7 @@ def begin(model, own, lanes, row, jet, streams, which):
 
 @inlined_kernel
 def _start(m, k, order, lanes, row, jet, streams, i):
-    """Do so for a lane, with the matrices from number k on."""
+    """Draw the state of a lane's filter, and add the first value to its jet."""
     for j in range(order):
         lanes[row + STATE + j, i] = 0.0
     total = 0.0

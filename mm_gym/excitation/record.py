@@ -1,7 +1,9 @@
 """Records: their time in an episode, their jets and their corners.
 
 The kernels take `model`, (m,) float64, which they read; `own`, the first of a record's own slots in
-the description of the excitation; and `row`, the first of its rows.
+the description of the excitation; `lanes`, (rows, lanes) float64; `row`, the first of the record's
+rows; and `jet`, the first row of the jet, to which they add. They serve lane i, or the lanes
+first .. last - 1.
 """
 
 from __future__ import annotations
@@ -24,16 +26,10 @@ def add(model, own, lanes, row, jet, began, duration, i):
 
     Parameters
     ----------
-    model, own, row
-        See above.
-    lanes
-        (rows, lanes) float64; the jet and scratch rows of the record are written.
-    jet
-        First row of the jet.
+    model, own, lanes, row, jet, i
+        See above; scratch rows of the record are written too.
     began, duration
         Start of what the jet covers since that of the episode, and its length [s].
-    i
-        The lane.
     """
     begin, end = _own_time(lanes, row, began, i), _own_time(lanes, row, began + duration, i)
     points, scale = _points(model, own), lanes[row + SCALE, i]
@@ -46,16 +42,10 @@ def add_lines(model, own, lanes, row, jet, clock, first, last):
 
     Parameters
     ----------
-    model, own, row
+    model, own, lanes, row, jet, first, last
         See above.
-    lanes
-        (rows, lanes) float64; the jet is written.
-    jet
-        First row of the jet.
     clock
         Three numbers, see `mm_gym.excitation.kinds`.
-    first, last
-        The lanes first .. last - 1.
     """
     _, values, count, spacing = _points(model, own)
     now, intervals_per_step, interval = clock
@@ -78,16 +68,12 @@ def next_corner(model, own, lanes, row, began, elapsed, duration, i):
 
     Parameters
     ----------
-    model, own, row
-        See above.
-    lanes
-        (rows, lanes) float64, read.
+    model, own, lanes, row, i
+        See above; nothing is written.
     began
         Start of the interval since that of the episode [s].
     elapsed, duration
         Times since the start of the interval [s].
-    i
-        The lane.
     """
     points, time = _points(model, own), _own_time(lanes, row, began + elapsed, i)
     end = _own_time(lanes, row, began + duration, i)
