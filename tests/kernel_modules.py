@@ -9,6 +9,21 @@ from pathlib import Path
 import mm_gym
 
 
+def halving(decorator="kernel"):
+    """Return the source of a module whose kernel `quarter` calls its kernel `half` twice."""
+    return f"""
+from mm_gym.compiler import inlined_kernel, kernel
+
+@{decorator}
+def half(x):
+    return 0.5 * x
+
+@kernel
+def quarter(x):
+    return half(half(x))
+"""
+
+
 def loaded(path, monkeypatch):
     """Import the file ``module.py`` anew, as a process that starts does."""
     spec = importlib.util.spec_from_file_location("module", path)

@@ -8,7 +8,7 @@ import warnings
 import numba
 import numpy as np
 import pytest
-from kernel_modules import loaded, start
+from kernel_modules import halving, loaded, start
 from numba.core.codegen import JITCPUCodegen
 
 from mm_gym import compile_scene, load_scene
@@ -23,17 +23,7 @@ from mm_gym.tasks import path_of
 
 TASK = "mm_gym/CarriageForce-v0"
 
-MODULE = """
-from mm_gym.compiler.jit import kernel
-
-@kernel
-def half(x):
-    return 0.5 * x
-
-@kernel
-def quarter(x):
-    return half(half(x))
-
+MODULE = f"""{halving()}
 @kernel
 def eighth(x):
     return half(half(half(x)))

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from kernel_modules import start
+from kernel_modules import halving, start
 
 import mm_gym
 from mm_gym.__main__ import main
@@ -95,17 +95,8 @@ keys = before.keys() | after.keys()
 print(len(before) > 10_000, sorted(k for k in keys if before.get(k) is not after.get(k)))
 """
 
-MODULE = """
-from mm_gym.compiler import inlined_kernel, kernel
+MODULE = f"""{halving("inlined_kernel")}
 from mm_gym.compiler.addresses import address_of, call, call_and_tell
-
-@inlined_kernel
-def half(x):
-    return 0.5 * x
-
-@kernel
-def quarter(x):
-    return half(half(x))
 
 @kernel
 def count(x, y):
