@@ -12,8 +12,10 @@ import math
 import operator
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 from llvmlite import ir
+from llvmlite.binding import get_host_cpu_features
 from numba import types
 from numba.extending import intrinsic, models, overload, register_model
 
@@ -25,8 +27,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-LANES = 16
-"""Numbers in a vector: two of the widest registers, so that one hides the other's latency."""
+
+def _is_wide() -> bool:
+    """Tell whether kernels are compiled for AVX-512, of this processor or the one that is named."""
+    name, features = numba.config.CPU_NAME or "", numba.config.CPU_FEATURES
+    if features is None:
+        return bool(get_host_cpu_features().get("avx512f"))
+    return "+avx512f" in features or name.endswith(("-v4", "-avx512"))
+
+
+LANES = 16 if _is_wide() else 8
+"""Numbers in a vector: two of the widest registers, so that one hides the other's latency.
+
+Kernels kept on disk are those of one processor. A lane's result does not depend on it.
+"""
 
 NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
 """The compiler's type of a vector."""
