@@ -125,9 +125,9 @@ class Lanes:
     def _bind_steps(self) -> None:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
-        constants = np.concatenate([self.plant.task, self.plant.model])
+        self._constants = np.concatenate([self.plant.task, self.plant.model])
         outputs = (*rows, self.applied_rows.start)
-        self._step_arguments = (constants, *rows, self.streams)
+        self._step_arguments = (self._constants, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._copy_observed = bind(copy_observed, self._frames)
@@ -136,17 +136,11 @@ class Lanes:
 
     def _bind_episodes(self) -> None:
         bind, values, streams = self._threads.bind, self._values, self.streams
-        template, draws, model, task = (
-            self.plant.template,
-            self.plant.draws,
-            self.plant.model,
-            self.plant.task,
-        )
-        self._start = bind(episodes.start, template, draws, model, task, values, streams)
+        model, task = self.plant.model, self.plant.task
+        start = self.plant.template, self.plant.draws, self._constants
+        self._start = bind(episodes.start, *start, values, streams)
         self._begin_excitation = bind(begin_excitation, model, values, streams)
-        self._show = bind(
-            episodes.show_first, model, task, values, self._frames, self._ends, streams
-        )
+        self._show = bind(episodes.show_first, model, task, values, self._frames, streams)
         self.rest = bind(episodes.rest, values)
         ends = self._ends
         self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)
@@ -160,17 +154,21 @@ class Lanes:
     def _restart_gathered(self) -> Callable[..., int]:
         """Bound and compiled when it is first used, as `_list_ended`."""
         plant, count = self.plant, self.count
-        constants = plant.template, plant.draws, plant.model, plant.task
         return self._threads.bind(
             restart_gathered,
-            *constants,
-            *(self._values, self.streams, self._frames, self._ends),
-            *rows_of_start(*constants),
+            *(plant.template, plant.draws, self._constants),
+            *(self._values, self.streams, self._frames),
+            *rows_of_start(plant.template, plant.draws, plant.model, plant.task),
             rows_of(len(plant.template), count, np.float64),
             rows_of(2, count, np.uint64),
             rows_of(len(plant.channels), count, np.float32),
             np.arange(count),
         )
+
+    @cached_property
+    def _pause(self) -> Callable[..., None]:
+        """Compiled when it is first used, as `_list_ended`."""
+        return entry_point(episodes.pause, self._ends, self.rewards, self._listing[2])
 
     def advance_of(self, precision: np.dtype[Any]) -> Callable[..., int]:
         """Return (actions, rewards, first, last) -> status: `advance` for one dtype of actions.
@@ -208,16 +206,16 @@ class Lanes:
         Each thread copies the outputs that it has just written, so the threads are started once,
         not twice.
         """
-        copies = self._empty_outputs()
-        return self._advance_and_copy(actions, self.rewards, *copies), copies
+        empty = self._empty_outputs()
+        return self._advance_and_copy(actions, self.rewards, *empty), _one_by_one(*empty)
 
     def copies(self) -> list[NDArray[Any]]:
         """Return copies of the outputs, what is observed as `observations` does."""
         if not self.are_threaded:
             return [self.observations(), *(array.copy() for array in self.outputs[1:])]
-        copies = self._empty_outputs()
-        self._copy_outputs(*copies)
-        return copies
+        empty = self._empty_outputs()
+        self._copy_outputs(*empty)
+        return _one_by_one(*empty)
 
     def observations(self) -> NDArray[np.float32]:
         """Return a copy of what is observed, (count, k): programs store each lane's together."""
@@ -225,9 +223,15 @@ class Lanes:
         self._copy_observed(observed)
         return observed
 
-    def _empty_outputs(self) -> list[NDArray[Any]]:
-        others = [np.empty(array.shape, array.dtype) for array in self.outputs[1:]]
-        return [np.empty(self.observed.shape[::-1], np.float32), *others]
+    def _empty_outputs(self) -> tuple[NDArray[Any], ...]:
+        """Return arrays for what is observed, the ends, the states and what was applied."""
+        *_, states, applied = self.outputs
+        return (
+            np.empty(self.observed.shape[::-1], np.float32),
+            np.empty((at.MARKED, self.count), np.bool_),
+            np.empty(states.shape),
+            np.empty(applied.shape),
+        )
 
     def seed(self, seed: int | Sequence[int | None], mask: NDArray[np.bool_] | None = None) -> None:
         """Give lane i of the mask the random stream of seed + i, or of seed[i], modulo 2**64."""
@@ -258,22 +262,23 @@ class Lanes:
             are reserved for them, so that later draws do not depend on this option.
         paused
             Whether the lanes restart instead of making a control step: its reward is zero, and it
-            ends no episode. Requires `seen`.
+            ends no episode.
         """
         if which is None:
             which = np.arange(self.count)
         self._note_given(which, fixed or {})
+        if paused:
+            self._pause(self._ends, self.rewards, which)
         if self._can_gather and seen and not fixed and _are_apart(which):
-            self._restart_gathered(which, paused, self.rewards)
+            self._restart_gathered(which)
             return
-        rows, values = self._nothing_fixed if not fixed else self._rows_and_values(fixed)
-        self._start(which, rows, values)
+        self._start(which, *(self._rows_and_values(fixed) if fixed else self._nothing_fixed))
         if self._products:
             self._multiply(which)
         if self._is_excited:
             self._begin_excitation(which)
         if seen or self._reserves:
-            self._show(which, paused, self.rewards)
+            self._show(which)
 
     def _multiply(self, which: NDArray[np.int64]) -> None:
         """Write the fields that follow from a ratio, and the regimes of friction with them."""
@@ -391,6 +396,13 @@ class Lanes:
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
+
+
+def _one_by_one(
+    observed: NDArray[Any], ended: NDArray[Any], *others: NDArray[Any]
+) -> list[NDArray[Any]]:
+    """Return these outputs as `Lanes.outputs` has them: the ends are two."""
+    return [observed, *ended, *others]
 
 
 def _are_apart(which: NDArray[np.int64]) -> bool:

@@ -12,7 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.law.escapes import are_terminated
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.outputs import derive, observe, pass_frame
-from mm_gym.step.task import approach, check_termination, command, finite, score
+from mm_gym.step.task import approach, check_termination, command, finite, score, task_and_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -141,8 +141,7 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
         Parameters
         ----------
         constants
-            (t + m,) read: those of the task, then those of the model. One array, because every
-            argument adds call overhead.
+            (t + m,) read, see `task_and_model`.
         lanes
             (rows, count) read and written.
         frames
@@ -163,8 +162,7 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
         int
             Status, of several the largest.
         """
-        task = constants
-        model = constants[at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT]) :]
+        task, model = task_and_model(constants)
         if not finite(actions):
             return at.NOT_FINITE
         return step(task, model, lanes, frames, ends, streams, actions, rewards, first, last)

@@ -2,6 +2,10 @@
 
 The lanes are listed. Of sixteen thousand a few hundred may begin an episode in each step: to look
 for them in a mask, and to call kernels for each run of them, takes longer than the step.
+
+The kernels read `model`, (m,) float64, `task`, (t,) float64, and the list of lanes `which`, (b,)
+int64, in ascending order; they advance `streams`, (2, count) uint64. Those that Python calls return
+a status, and serve the lanes first .. last - 1 of those listed.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from mm_gym.step.outputs import (
     shown,
     write_channels,
 )
-from mm_gym.step.task import finite
+from mm_gym.step.task import finite, task_and_model
 
 
 @borrowing_kernel
@@ -57,7 +61,7 @@ def list_ended(ends, eights, which):
 
 
 @borrowing_kernel
-def start(template, draws, model, task, lanes, streams, which, rows, values, first, last):
+def start(template, draws, constants, lanes, streams, which, rows, values, first, last):
     """Begin anew in the lanes listed: draw what is random, then set rows to given values.
 
     A parameter that is neither drawn nor given keeps its value from one episode to the next.
@@ -68,24 +72,16 @@ def start(template, draws, model, task, lanes, streams, which, rows, values, fir
         (rows,) read: the scene's start; row X2 holds the sphere's offset.
     draws
         (n, 3) read: (row, low, high) of what is drawn.
-    model, task
-        (m,) and (t,), read.
+    constants
+        (t + m,) read, see `task_and_model`.
     lanes
         (rows, count) read and written.
-    streams
-        (2, count) uint64, read and written: random numbers.
-    which
-        (b,) int64, read: the lanes, in ascending order.
     rows, values
         (k,) int64 and (k, count), read: rows that are given, and their values.
-    first, last
-        The lanes first .. last - 1.
-
-    Returns
-    -------
-    int
-        Status.
+    streams, which, first, last
+        See above.
     """
+    task, model = task_and_model(constants)
     own = which[place_of(first, which) : place_of(last, which)]
     draw(template, draws, lanes, streams, own)
     for k in range(rows.shape[0]):
@@ -99,14 +95,7 @@ def start(template, draws, model, task, lanes, streams, which, rows, values, fir
 def draw(template, draws, lanes, streams, which):
     """Fill lanes with the scene's start and draw what is random.
 
-    Parameters
-    ----------
-    template, draws, streams
-        As for `start`.
-    lanes
-        (rows, count) written, but for the blocks' clocks, read.
-    which
-        (b,) int64, read: the lanes.
+    Arguments as of `start`; of the lanes, only the blocks' clocks are read.
     """
     for row in range(at.STRETCH + 1):
         set_row(lanes, row, template[row], which)
@@ -128,10 +117,8 @@ def draw_row(lanes, row, low, high, streams, which):
         (rows, count) written in this row.
     row, low, high
         The row, and the range in its unit.
-    streams
-        (2, count) uint64, read and written: random numbers.
-    which
-        (b,) int64, read: the lanes.
+    streams, which
+        See above.
     """
     prefer_widest_vectors()
     first, last = run_of(which)
@@ -172,47 +159,43 @@ def _write_regimes_and_phases(model, lanes, first, last):
 
 
 @borrowing_kernel
-def show_first(model, task, lanes, frames, ends, streams, which, paused, rewards, first, last):
+def show_first(model, task, lanes, frames, streams, which, first, last):
     """Fill the history of the lanes listed with their first frame.
 
     Parameters
     ----------
-    model, task
-        (m,) and (t,), read.
     lanes
         (rows, count) read; what is derived from the state is written.
     frames
         (history, count) float32, written, the newest frame last.
-    ends
-        (3, count) bool, written for paused lanes.
-    streams
-        (2, count) uint64, read and written: random numbers.
-    which
-        (b,) int64, read: the lanes, in ascending order.
-    paused
-        Whether the lanes begin anew instead of making a control step: they then earn nothing in it,
-        and end nothing.
-    rewards
-        (count,) float64, written for paused lanes.
-    first, last
-        The lanes first .. last - 1.
-
-    Returns
-    -------
-    int
-        Status.
+    model, task, streams, which, first, last
+        See above.
     """
     own = which[place_of(first, which) : place_of(last, which)]
     if task[at.IS_DERIVED] > 0.0:
         for i in own:
             derive(task, model, lanes, i, i + 1)
     fill_history(task, lanes, frames, streams, own)
-    if paused:
-        set_row(ends, at.TERMINATED, False, own)
-        set_row(ends, at.TRUNCATED, False, own)
-        for k in span(0, own.shape[0]):
-            rewards[own[k]] = 0.0
     return at.OK
+
+
+@borrowing_kernel
+def pause(ends, rewards, which):
+    """Let the lanes listed, which begin anew instead of making a step, earn and end nothing in it.
+
+    Parameters
+    ----------
+    ends
+        (3, count) bool, written.
+    rewards
+        (count,) float64, written.
+    which
+        See above.
+    """
+    set_row(ends, at.TERMINATED, False, which)
+    set_row(ends, at.TRUNCATED, False, which)
+    for k in span(0, which.shape[0]):
+        rewards[which[k]] = 0.0
 
 
 @borrowing_kernel

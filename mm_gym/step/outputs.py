@@ -293,19 +293,7 @@ def copy_observed(frames, observed, first, last):
 
 
 @borrowing_kernel
-def copy_outputs(
-    lanes,
-    frames,
-    ends,
-    applied_row,
-    observed,
-    terminated,
-    truncated,
-    states,
-    applied,
-    first,
-    last,
-):
+def copy_outputs(lanes, frames, ends, applied_row, observed, ended, states, applied, first, last):
     """Copy the outputs of a control step; return the status.
 
     Parameters
@@ -316,8 +304,8 @@ def copy_outputs(
         First row of what the actuators applied.
     observed
         (lanes, k) float32, written: the frames observed.
-    terminated, truncated
-        (lanes,) bool, written.
+    ended
+        (2, lanes) bool, written: terminated, truncated.
     states
         (4, lanes) float64, written [m, m, m/s, m/s].
     applied
@@ -328,8 +316,7 @@ def copy_outputs(
     copy_observed(frames, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     copy_rows(lanes, applied_row, applied, first, last)
-    for i in span(first, last):
-        terminated[i], truncated[i] = ends[at.TERMINATED, i], ends[at.TRUNCATED, i]
+    copy_rows(ends, at.TERMINATED, ended, first, last)
     return at.OK
 
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.listed import gather_row, place_of, scatter_row, set_row
+from mm_gym.lanes.listed import gather_row, place_of, scatter_row
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import COUNT, KEY
 from mm_gym.law.forces import REGIMES_READ, REGIMES_WRITTEN
 from mm_gym.step.episodes import complete, draw, fill_history
+from mm_gym.step.task import task_and_model
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,12 +54,10 @@ def rows_of_start(
 def restart_gathered(
     template,
     draws,
-    model,
-    task,
+    constants,
     lanes,
     streams,
     frames,
-    ends,
     read,
     written,
     own_lanes,
@@ -66,8 +65,6 @@ def restart_gathered(
     own_frame,
     places,
     which,
-    paused,
-    rewards,
     first,
     last,
 ):
@@ -78,9 +75,9 @@ def restart_gathered(
 
     Parameters
     ----------
-    template, draws, model, task, lanes, streams, which
+    template, draws, constants, lanes, streams, which, first, last
         As for `start`.
-    frames, ends, paused, rewards
+    frames
         As for `show_first`.
     read, written
         (r,) and (w,) int64, read: see `rows_of_start`.
@@ -89,14 +86,8 @@ def restart_gathered(
         `frames`, overwritten: the lanes listed, side by side.
     places
         (count,) int64, read: 0, 1, 2 and so on.
-    first, last
-        The lanes first .. last - 1.
-
-    Returns
-    -------
-    int
-        Status.
     """
+    task, model = task_and_model(constants)
     begin, end = place_of(first, which), place_of(last, which)
     listed, own = which[begin:end], places[begin:end]
     gather_row(streams, KEY, own_streams, listed, begin)
@@ -114,9 +105,4 @@ def restart_gathered(
         lanes[at.BEGAN, i] = lanes[at.NOW, i - i % np.uintp(at.BLOCK)]
     for row in range(frames.shape[0]):
         scatter_row(own_frame, row % own_frame.shape[0], frames, row, listed, begin)
-    if paused:
-        set_row(ends, at.TERMINATED, False, listed)
-        set_row(ends, at.TRUNCATED, False, listed)
-        for k in span(0, listed.shape[0]):
-            rewards[listed[k]] = 0.0
     return at.OK

@@ -15,6 +15,16 @@ from mm_gym.lanes.memory import fill, span
 
 
 @borrowing_kernel
+def task_and_model(constants):
+    """Return the constants of the task and those of the model, which stand behind one another.
+
+    They are one array where Python calls, because every argument adds call overhead.
+    """
+    behind = at.CHANNELS + at.CHANNEL_SIZE * int(constants[at.CHANNEL_COUNT])
+    return constants, constants[behind:]
+
+
+@borrowing_kernel
 def finite(actions):
     """Tell whether all actions are finite."""
     prefer_widest_vectors()
