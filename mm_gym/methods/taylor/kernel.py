@@ -159,16 +159,9 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
     x1, x2, v1, v2 = c[rows.STATE], c[rows.STATE + 1], c[rows.STATE + 2], c[rows.STATE + 3]
     w = c[rows.STATE + 4]
     # What a loop writes to the array it would read from it again: it keeps its own copies.
-    by_m1, by_m2, k1, d, k2, beta = (
-        c[rows.BY_M1],
-        c[rows.BY_M2],
-        c[rows.K1],
-        c[rows.D],
-        c[rows.K2],
-        c[rows.BETA],
-    )
-    k2 = 0.0 if finite else k2
+    k1, k2, beta = c[rows.K1], 0.0 if finite else c[rows.K2], c[rows.BETA]
     damping, slip = interface_line(regime, c[rows.C], c[rows.CHI], c[rows.INTERCEPT])
+    plant = c[rows.BY_M1], c[rows.BY_M2], c[rows.D], damping
     held = c[rows.U]
     c[rows.X1], c[rows.X2], c[rows.V1], c[rows.V2], c[rows.W] = x1, x2, v1, v2, w
     for m in range(most // 2):
@@ -185,13 +178,10 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
                 return 0
             pair, next_pair = _pair(c, n), _pair(c, n + 1)
         inner, outer = pair + slip, fma(k1, x1, fma(beta, cube, -held))
-        v1, v2, w = _accelerate(
-            c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction
-        )
+        v1, v2, w = _accelerate(c, n, step, plant, inner, outer, (v1, v2, w), friction)
         x1, x2, outer = next_step * v1, next_step * v2, fma(k1, next_x1, beta * next_cube)
-        v1, v2, w = _accelerate(
-            c, n + 1, next_step, by_m1, by_m2, d, damping, next_pair, outer, v1, v2, w, friction
-        )
+        velocities = v1, v2, w
+        v1, v2, w = _accelerate(c, n + 1, next_step, plant, next_pair, outer, velocities, friction)
         c[rows.X1 + n + 2], c[rows.X2 + n + 2] = x1, x2
         held = slip = 0.0
         if enough > 0.0 and n + 2 >= FEWEST and is_enough(c, n + 2, enough):
@@ -200,7 +190,7 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
 
 
 @inlined_kernel
-def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, friction):
+def _accelerate(c, n, step, plant, inner, outer, velocities, friction):
     """Write and return term n + 1 of the velocities, given term n and the forces.
 
     Parameters
@@ -211,18 +201,17 @@ def _accelerate(c, n, step, by_m1, by_m2, d, damping, inner, outer, v1, v2, w, f
         Order of the terms given.
     step
         Unit of time over n + 1 [s].
-    by_m1, by_m2
-        1 / m1 and 1 / m2 [1/kg].
-    d, damping
-        Of the carriage, and slope of the interface [N s/m].
+    plant
+        1 / m1 and 1 / m2 [1/kg]; damping of the carriage, and slope of the interface [N s/m].
     inner, outer
         Terms n of what else acts between the masses, and of what resists the carriage, but for the
         excitation [N].
-    v1, v2, w
-        Terms n of the velocities [m/s]; w is read with friction only.
+    velocities
+        Terms n of v1, v2 and w [m/s]; the last is read with friction only.
     friction
         Whether there is dry friction.
     """
+    (by_m1, by_m2, d, damping), (v1, v2, w) = plant, velocities
     outer -= c[rows.FORCE + n]
     if friction:
         # Near a stiff stick the digits of v2 - v1 would cancel, so w has a series of its own.
@@ -245,8 +234,10 @@ def accelerated(step, by_m1, by_m2, d, damping, inner, outer, ground, v1, v2):
 
     Parameters
     ----------
-    step, by_m1, by_m2, d, damping, inner, outer
+    step, inner, outer
         As for `_accelerate`; vectors of lanes too.
+    by_m1, by_m2, d, damping
+        What `plant` has there.
     ground
         Term n of the ground's acceleration [m/s^2].
     v1, v2
