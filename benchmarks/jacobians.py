@@ -1,4 +1,4 @@
-"""Cost of the Jacobians of a control step, beside the step itself, over lanes."""
+"""Cost of a control step with its Jacobians, compared with the environment's step, over lanes."""
 
 from __future__ import annotations
 
@@ -20,18 +20,27 @@ LANES = 512
 STEPS = 64
 """Control steps of a turn, after which state and random numbers are those at its start again."""
 
-
 PARAMETERS = ("carriage.mass", "carriage.stiffness", "carriage.damping", "sphere.mass")
+
+INTRODUCTION = """The environment's step is `MovingMassVectorEnv.step`, with reward, observation and
+ends. Next to it is the motion alone with its Jacobians, without anything else of that step; for a
+linear plant, whose Jacobians are the same in every step, this can take less. What is prepared
+before the first step is included, in each case shared by {steps} steps. The ratios are to the
+environment's step.
+"""
 
 
 def jacobians() -> str:
-    """Return the section on the derivatives: of state and actuators, and of parameters besides."""
+    """Return the section on derivatives: by state and actuators, and by some parameters too."""
     rows = [_row(name) for name in ids()]
     header = (
-        *("task", "step, ns a lane", "with Jacobians, ns a lane", "ratio"),
-        *(f"and of {len(PARAMETERS)} parameters, ns a lane", "ratio"),
+        *("task", "environment's step, ns a lane"),
+        *("motion and Jacobians alone, ns a lane", "ratio"),
+        *(f"and those of {len(PARAMETERS)} parameters, ns a lane", "ratio"),
     )
-    return f"## Jacobians of a control step, {LANES} lanes\n\n{table(header, rows)}\n"
+    introduction = INTRODUCTION.format(steps=STEPS)
+    title = f"## Jacobians of a control step, {LANES} lanes"
+    return f"{title}\n\n{introduction}\n{table(header, rows)}\n"
 
 
 def _row(name: str) -> tuple[str, ...]:
