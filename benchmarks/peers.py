@@ -179,8 +179,8 @@ def within_budget() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def mm_gym(motion: Motion, tolerance: float) -> Run:
-    """Return a run with the method that `auto` picks, in one control step."""
+def mm_gym(motion: Motion, tolerance: float, count: int = 1) -> Run:
+    """Return a run with the method that `auto` picks, in one control step; `count` 0 moves none."""
     scene = motion.scene.replace(**{"control.time_step": DURATION, "control.steps": 1})
     plant = compile_scene(scene)
     if plant.method.option is not None and plant.method.option.name == "tolerance":
@@ -192,7 +192,7 @@ def mm_gym(motion: Motion, tolerance: float) -> Run:
 
     def run() -> State:
         values[:4, 0] = start[:4]
-        lanes.raise_for(propagate(plant.model, values, 0, 1))
+        lanes.raise_for(propagate(plant.model, values, 0, count))
         return values[:4, 0]
 
     return run
@@ -355,7 +355,10 @@ def truth(motion: Motion) -> State:
 
 
 def times_of_calls(motion: Motion) -> dict[str, float]:
-    """Return what calls take [µs]: a right-hand side by Python and by compiled code, and heyoka."""
+    """Return what calls take [µs]: a right-hand side by Python and by compiled code, and solvers.
+
+    The solvers are mm_gym and, if it is installed, heyoka, with nothing to do.
+    """
     count = 1000
     start, own = motion.start, motion.interface(0)
     field = _field(motion.masses, own, own, np.inf)
@@ -369,6 +372,7 @@ def times_of_calls(motion: Motion) -> dict[str, float]:
     called: dict[str, Callable[[], object]] = {
         "python": lambda: field(0.0, start),
         "compiled": lambda: compiled(start),
+        "mm_gym": mm_gym(motion, 1e-9, count=0),
     }
     if installed("heyoka"):
         called["heyoka"] = heyoka(motion, 1e-9, duration=0.0)

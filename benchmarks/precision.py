@@ -65,8 +65,10 @@ candidate the table has the fastest setting that attains the error, as a multipl
 processor time, each at its fastest of {rounds} rounds in which all took turns. This is the peers'
 best case: with a force held for 10 ms at a time they would restart a hundred times.
 
-What of a peer's time is its wrapper's:
+What of a time is its wrapper's:
 
+- mm_gym: one call of a kernel from Python for the motion, with the state set before it and the
+  status checked after; they are in its time, and take {mm_gym:.2f} µs if no lane is moved.
 - CVODE: nothing. SUNDIALS' C interface is called by compiled code, with compiled right-hand sides
   and events. Its Jacobians are its own differences; Adams has fixed-point iteration or Newton's.
 - heyoka: one call from Python for the motion, which takes {heyoka:.1f} µs if there is nothing to
