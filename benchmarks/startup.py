@@ -69,7 +69,8 @@ def empty() -> str:
     rows.append(
         (f"{WORKERS} at once", f"{times[:, 0].sum():.1f}", f"{times[:, 1].max():.1f}", "", "")
     )
-    header = ("first step of", "processor seconds", "seconds", "in one folder", "seconds")
+    kinds = ("processor seconds", "seconds")
+    header = ("first step of", *kinds, *(f"in one folder, {kind}" for kind in kinds))
     return table(header, rows)
 
 
