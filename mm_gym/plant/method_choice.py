@@ -26,9 +26,9 @@ dry friction, cubic coefficient 0, only the      switched linear     transition 
 the same with actuated stretch, randomised       parametric          Runge-Kutta pairs, or a Taylor
   parameters or excitation frequency, or         switched linear     series for each regime at
   excitation beyond harmonics and impulses                           tolerances of 1e-9 and below
-cubic coefficient above 0, only the start        smooth nonlinear    splitting, extrapolated
-  randomised, short control steps, no
-  excitation, tolerance above 1e-9
+cubic coefficient above 0, short sample          smooth nonlinear    splitting, extrapolated
+  intervals, no finite stretch, no corners of
+  records in them, tolerance above 1e-9
 cubic coefficient other than 0 otherwise, or     smooth nonlinear    Runge-Kutta pairs, or a Taylor
   finite stretch                                                     series at tight tolerances
 the same with dry friction                       switched nonlinear  the same, crossings located

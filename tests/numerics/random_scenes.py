@@ -23,6 +23,9 @@ DRAWN = "exact", "switched", "series", "splitting", "taylor"
 METHODS = *DRAWN, "runge_kutta"
 GENERAL = 1_000_000
 """The first seed of scenes for the general method; those before are for a method that is drawn."""
+
+PARAMETRIC = 2_000_000
+"""The first seed of scenes for the splitting with drawn parameters."""
 EXCITATIONS = (
     *("harmonic", "sweep", "noise", "kanai_tajimi", "clough_penzien", "impulse", "record"),
 )
@@ -36,26 +39,36 @@ def random_plant(seed: int, folder: Path) -> tuple[Scene, Plant]:
     Half of the scenes for a method ask for it, the others for what `auto` takes.
     """
     rng, method = np.random.default_rng(seed), method_of(seed)
+    own = (method,) if seed >= GENERAL else DRAWN
     if seed < GENERAL:
         rng.choice(DRAWN)
     for _ in range(TRIES):
         try:
-            scene = _scene(rng, method, folder / f"{seed}.csv")
+            scene = _scene(rng, method, folder / f"{seed}.csv", parametric=seed >= PARAMETRIC)
             plant = compile_scene(scene)
-            if plant.method.name == "runge_kutta" != method:
+            if _is_swapped(scene, plant.method.name, method):
                 scene = scene.replace(**{"solver.method": method})
                 plant = compile_scene(scene)
         except (SceneError, CompileError):
             continue
-        if plant.method.name in (DRAWN if seed < GENERAL else METHODS[-1:]):
+        if plant.method.name in own:
             return scene, plant
     msg = f"seed {seed}: no scene for {method!r} in {TRIES} tries"
     raise RuntimeError(msg)
 
 
+def _is_swapped(scene: Scene, chosen: str, method: str) -> bool:
+    """Tell whether `auto` took one of two methods where the other one applies too."""
+    if chosen == "splitting":
+        return method == "runge_kutta" and bool(scene.randomization or scene.excitation)
+    return chosen == "runge_kutta" != method
+
+
 def method_of(seed: int) -> str:
     """Return the method for which the scene of a seed is made."""
-    return str(np.random.default_rng(seed).choice(DRAWN)) if seed < GENERAL else "runge_kutta"
+    if seed >= GENERAL:
+        return "splitting" if seed >= PARAMETRIC else "runge_kutta"
+    return str(np.random.default_rng(seed).choice(DRAWN))
 
 
 def _near(rng: np.random.Generator, middle: float, decades: float = 1.0) -> float:
@@ -66,8 +79,9 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice([-1.0, 1.0]))
 
 
-def _scene(rng: np.random.Generator, method: str, file: Path) -> Scene:
-    """Return a random scene to which a method may apply."""
+def _scene(rng: np.random.Generator, method: str, file: Path, *, parametric: bool) -> Scene:
+    """Return a random scene to which a method may apply, for the splitting parametric or not."""
+    fixed = method == "splitting" and not parametric
     x1, offset = _near(rng, 0.01) * _sign(rng), _near(rng, 0.01) * _sign(rng)
     m1, m2, k1 = _near(rng, 0.1), _near(rng, 0.04), _near(rng, 400.0)
     springs = _springs(rng, method, offset)
@@ -96,13 +110,13 @@ def _scene(rng: np.random.Generator, method: str, file: Path) -> Scene:
         "control": {"time_step": step, "steps": 1_000_000},
         "actuation": _actuation(rng, method, springs, k1 * abs(x1), step),
     }
-    if method != "splitting":
+    if not fixed:
         data["excitation"] = _excitations(rng, method, _Size(m1, k1, abs(x1), rate, step), file)
     lowest = {"series": -12.0, "splitting": -12.0, "runge_kutta": -12.0}.get(method, -14.0)
     data["solver"] = {"tolerance": float(10.0 ** rng.uniform(lowest, -1.0))}
     if method == "taylor" or rng.random() < 0.5:
         data["solver"]["method"] = method
-    data["randomization"] = _drawn(rng, data) if method != "splitting" else {}
+    data["randomization"] = {} if fixed else _drawn(rng, data)
     return Scene(**data)
 
 

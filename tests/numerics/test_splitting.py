@@ -32,9 +32,34 @@ SPRUNG = FREE.replace(
     springs={"kind": "small_on_large", "stiffness": 35.0},
     **{"actuation.stretch": {"minimum": 1.0, "maximum": 3.0}},
 )
+DRAWN = {
+    "carriage.mass": (0.08, 0.12),
+    "carriage.damping": (0.5, 2.0),
+    "sphere.mass": (0.03, 0.05),
+    "interface.damping": (0.5, 2.0),
+    "carriage.cubic_coefficient": (1e6, 3e6),
+}
+SHAKEN = {
+    "excitation": [
+        {"kind": "harmonic", "amplitude": 3.0, "frequency": 150.0, "phase": 0.4},
+        {"kind": "harmonic", "target": "ground", "amplitude": 20.0, "frequency": 90.0},
+        {"kind": "noise", "target": "ground", "rms": 5.0, "high_frequency": 80.0},
+        {"kind": "impulse", "size": (-0.02, 0.02), "rate": 100.0},
+    ]
+}
 SCENES = {
     name: scene.replace(**{"solver.method": "splitting"})
-    for name, scene in (("free", FREE), ("sprung", SPRUNG))
+    for name, scene in (
+        ("free", FREE),
+        ("sprung", SPRUNG),
+        ("drawn", FREE.replace(randomization=DRAWN)),
+        ("shaken", FREE.replace(**SHAKEN)),
+        ("drawn, shaken", SPRUNG.replace(randomization=DRAWN, **SHAKEN)),
+        (
+            "drawn, sprung",
+            SPRUNG.replace(randomization=DRAWN | {"springs.stiffness": (20.0, 40.0)}),
+        ),
+    )
 }
 
 
@@ -167,10 +192,16 @@ def test_it_is_taken_above_the_default_tolerance_and_the_series_from_there_on() 
     assert compile_scene(SCENES["free"]).method.name == "splitting"
 
 
+@pytest.mark.parametrize("name", list(SCENES))
+def test_it_is_taken_whatever_is_drawn_and_excites(name: str) -> None:
+    scene = SCENES[name].replace(solver={"tolerance": 1e-6})
+    assert compile_scene(scene).method.name == "splitting"
+
+
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"randomization": {"sphere.mass": (0.03, 0.05)}}, "sphere.mass is randomised"),
+        ({"randomization": {"interface.damping": (90.0, 99.0)}}, "dampers that are drawn slow"),
         ({"control.time_step": 0.1}, "radians of the fastest oscillation"),
         ({"solver.tolerance": 0.5 * TIGHTEST}, "solver.tolerance is below 1e-12"),
         (
@@ -178,10 +209,9 @@ def test_it_is_taken_above_the_default_tolerance_and_the_series_from_there_on() 
             "its round-off is beyond solver.tolerance = 1e-12",
         ),
         (
-            {"excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 50.0}]},
-            "there is excitation",
+            {"excitation": [{"kind": "harmonic", "amplitude": 1.0, "frequency": 500.0}]},
+            "a harmonic turns by 1 rad in a sample interval",
         ),
-        ({"excitation": [{"kind": "impulse", "size": 0.1, "time": 0.1}]}, "there is excitation"),
         ({"carriage.linear_coefficient": -1.0}, "spring is negative"),
     ],
 )

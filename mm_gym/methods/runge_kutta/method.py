@@ -34,7 +34,7 @@ TIGHTEST = 1e-12
 
 TIGHT = 1e-9
 """Tolerance below which `auto` prefers a series, as it does at it where one is as quick: for the
-plain cubic spring, and for friction that a series follows to round-off."""
+cubic spring, and for friction that a series follows to round-off."""
 
 LOOSEST = 5e-3
 """Tolerance that looser ones are taken for: estimates of larger errors are none."""
@@ -98,7 +98,7 @@ class RungeKutta(Method):
             return f"solver.tolerance is below {TIGHT:g}, where a series costs no more"
         if settings.tolerance > TIGHT:
             return None
-        if support.kind == SMOOTH_NONLINEAR and not (support.varying or support.high[at.L0] > 0.0):
+        if support.kind == SMOOTH_NONLINEAR and not support.high[at.L0] > 0.0:
             return f"solver.tolerance is {TIGHT:g}, where the series costs no more in one motion"
         if support.kind == PARAMETRIC_SWITCHED_LINEAR:
             return f"solver.tolerance is {TIGHT:g}, where a series has an error of round-off only"

@@ -8,28 +8,32 @@ powers of the substep: several columns, each with its own number of substeps, ar
 tolerance. Where that does not happen the Taylor series takes over.
 
 Lanes are taken LANES at a time, without branches. A lane's result follows from its own numbers.
+Constants of the plant are numbers where all lanes share them, and vectors where they are drawn.
 """
 
 from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.excitation.sources import excitation, is_excited, load_sources, strongest
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write_states
 from mm_gym.lanes.simd import LANES, element, everywhere
 from mm_gym.lanes.simd_masks import all_hold, larger, where
-from mm_gym.lanes.simd_memory import load, rows_on_stack
+from mm_gym.lanes.simd_memory import rows_on_stack
 from mm_gym.law.forces import stiffness
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.taylor import kernel as taylor
 
-_columns = rows_on_stack(4 * of.MOST)
+_rows = rows_on_stack(of.ROWS)
 
 
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    b, columns, i, status = _columns(), int(model[of.FIRST_CHECK]), first, at.OK
+    if model[at.SAMPLE_INTERVAL] != model[of.INTERVAL]:  # up to an impulse, or from one
+        return taylor.propagate(model, lanes, first, last)
+    b, columns, i, status = _rows(), int(model[of.FIRST_CHECK]), first, at.OK
     while i < last:
         done = 0
         if not model[of.IS_SPRUNG] > 0.0:
@@ -72,10 +76,10 @@ def _advance(model, lanes, b, columns, first, last):
     stay_apart()
     slot, furthest = of.WEIGHTS + of.WEIGHTS_SIZE * columns, model[of.FURTHEST + columns - 1]
     for i in range(first, last - LANES + 1, LANES):
-        push, x1, x2, v1, v2 = _loaded(model, lanes, i)
+        push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
         reached = everywhere(0.0)
         for k in range(columns):
-            c1, c2, c3, c4, reached = _column(_constants(model, k), push, x1, x2, v1, v2)
+            c1, c2, c3, c4, reached = _column(model, b, k, push, x1, x2, v1, v2)
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         y1, y2, w1, w2 = _weighed(model, slot, b, columns - 1)
         turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
@@ -93,10 +97,10 @@ def _advance_by_one(model, lanes, b, first, last):
     """Do the same with one column."""
     prefer_widest_vectors()
     stay_apart()
-    constants, furthest = _constants(model, 0), model[of.FURTHEST]
+    furthest = model[of.FURTHEST]
     for i in range(first, last - LANES + 1, LANES):
-        push, x1, x2, v1, v2 = _loaded(model, lanes, i)
-        y1, y2, w1, w2, reached = _column(constants, push, x1, x2, v1, v2)
+        push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, LANES)
+        y1, y2, w1, w2, reached = _column(model, b, 0, push, x1, x2, v1, v2)
         turn, size = _turn(model, reached), _largest(x1, x2, y1, y2)
         near = (reached <= furthest) & _is_little_pushed(model, 0, push, turn, size)
         near = near & _is_short_way(model, push, size, x1, y1)
@@ -126,34 +130,40 @@ def _finish(model, lanes, b, done, i, count):
     """
     prefer_widest_vectors()
     stay_apart()
-    x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
-    v1, v2 = read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
-    push = read(lanes, at.FORCE, i, count) * model[of.BY_M1]
+    push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, count)
     first_check, sprung = int(model[of.FIRST_CHECK]), model[of.IS_SPRUNG] > 0.0
-    k2 = everywhere(0.0)
+    k2, excited, bends = everywhere(0.0), is_excited(model), (everywhere(0.0), everywhere(0.0))
+    most = push
     if sprung:
-        k2 = stiffness(model[of.K0], read(lanes, at.STRETCH, i, count))
+        k2 = stiffness(read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count))
+        if excited:
+            load_sources(model, lanes, i, count, b, of.SOURCES)
+            most, bends = _strongest(model, b, push)
     y1, y2, w1, w2, kept, reached = x1, x2, v1, v2, everywhere(0.0), everywhere(0.0)
     for k in range(int(model[of.COLUMNS])):
         if k >= done:
             if sprung:
-                c1, c2, c3, c4, reached = _sprung_column(model, k, push, k2, x1, x2, v1, v2)
+                c1, c2, c3, c4, reached = _sprung_column(model, b, k, push, k2, x1, x2, v1, v2)
             else:
-                c1, c2, c3, c4, reached = _column(_constants(model, k), push, x1, x2, v1, v2)
+                c1, c2, c3, c4, reached = _column(model, b, k, push, x1, x2, v1, v2)
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
         elif k == done - 1:
-            reached = _column(_constants(model, k), push, x1, x2, v1, v2)[4]
+            reached = _column(model, b, k, push, x1, x2, v1, v2)[4]
         if k + 1 < first_check:
             continue
         slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
         s1, s2, s3, s4 = _weighed(model, slot, b, k)
         turn, size = _turn(model, reached), _largest(x1, x2, s1, s2)
         near = reached <= model[of.FURTHEST + k]
-        near = near & _is_little_pushed(model, k, push, turn, size)
+        near = near & _is_little_pushed(model, k, most, turn, size)
+        speed = _largest(v1, v2, s3, s4)
         if k > 0:
-            near = near & _is_within(model, slot, b, k, turn, size, _largest(v1, v2, s3, s4))
+            near = near & _is_within(model, slot, b, k, turn, size, speed)
         else:
-            near = near & _is_short_way(model, push, size, x1, s1)
+            near = near & _is_short_way(model, most, size, x1, s1)
+        if excited:
+            share = model[of.BENDING + k]
+            near = near & (share * bends[0] <= size) & (share * bends[1] <= speed)
         fresh = near & (kept == 0.0)
         y1, y2 = where(fresh, s1, y1), where(fresh, s2, y2)
         w1, w2 = where(fresh, s3, w1), where(fresh, s4, w2)
@@ -171,11 +181,25 @@ def _finish(model, lanes, b, done, i, count):
 
 
 @inlined_kernel
-def _loaded(model, lanes, i):
-    """Return the acceleration by the held force [m/s^2] and the state of LANES lanes."""
-    push = load(lanes, at.FORCE, i) * model[of.BY_M1]
-    x1, x2 = load(lanes, at.X1, i), load(lanes, at.X2, i)
-    return push, x1, x2, load(lanes, at.V1, i), load(lanes, at.V2, i)
+def _loaded(model, lanes, b, i, count):
+    """Return the acceleration by the held force [m/s^2] and the state of a group of lanes.
+
+    Constants that are drawn go to the rows from of.OWN on.
+    """
+    push = read(lanes, at.FORCE, i, count)
+    if model[of.IS_DRAWN] > 0.0:
+        by_m1, by_m2 = 1.0 / read(lanes, at.M1, i, count), 1.0 / read(lanes, at.M2, i, count)
+        k1, c = -by_m1 * read(lanes, at.K1, i, count), read(lanes, at.C, i, count)
+        b[of.OWN + of.BY_M1], b[of.OWN + of.BY_M2] = by_m1, by_m2
+        b[of.OWN + of.LINEAR] = k1 * read(lanes, at.ALPHA, i, count)
+        b[of.OWN + of.CUBIC] = k1 * read(lanes, at.BETA, i, count)
+        b[of.OWN + of.DAMPED] = -by_m1 * (c + read(lanes, at.D, i, count))
+        b[of.OWN + of.DRAGGED], b[of.OWN + of.DRAGGING] = by_m1 * c, by_m2 * c
+        push = push * by_m1
+    else:
+        push = push * model[of.PLANT + of.BY_M1]
+    x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
+    return push, x1, x2, read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
 
 
 @inlined_kernel
@@ -222,7 +246,7 @@ def _is_within(model, slot, b, last, turn, size, speed):
 
 @inlined_kernel
 def _is_little_pushed(model, last, push, turn, size):
-    """Tell whether the bound of the error under a held force is within the limit.
+    """Tell whether the bound of the error under a force is within the limit.
 
     Parameters
     ----------
@@ -231,7 +255,7 @@ def _is_little_pushed(model, last, push, turn, size):
     last
         The last column.
     push
-        Acceleration by the force [m/s^2].
+        Acceleration by the force, at its strongest [m/s^2].
     turn
         As `_turn` returns it.
     size
@@ -240,10 +264,32 @@ def _is_little_pushed(model, last, push, turn, size):
     shift = model[of.SQUARE] * abs(push)
     # Multiplied by the square of the size, and for each further column by the size once more.
     error, allowed = model[of.PUSHED + last] * turn * shift * larger(shift, size), size * size
-    larger_one = larger(turn * size, shift)
+    larger_one = larger(larger(turn, everywhere(model[of.FASTEST_TURN])) * size, shift)
     for _ in range(last):
         error, allowed = error * larger_one, allowed * size
     return error <= allowed
+
+
+@borrowing_kernel
+def _strongest(model, b, push):
+    """Return the largest acceleration without springs [m/s^2], and what bends of it count for.
+
+    What Simpson's rule leaves of it counts for the positions [m] and for the velocities [m/s].
+
+    Parameters
+    ----------
+    model, b
+        As for `_finish`; read.
+    push
+        Acceleration by the held force [m/s^2].
+    """
+    by_m1, h = everywhere(model[of.PLANT + of.BY_M1]), model[at.SAMPLE_INTERVAL]
+    if model[of.IS_DRAWN] > 0.0:
+        by_m1 = b[of.OWN + of.BY_M1]
+    force, ground = strongest(model, b, of.SOURCES)
+    third, fourth = fma(by_m1, force[1], ground[1]), fma(by_m1, force[2], ground[2])
+    bends = h * h * fma(4.0, third, fourth), h * fourth
+    return abs(push) + fma(by_m1, force[0], ground[0]), bends
 
 
 @inlined_kernel
@@ -293,29 +339,76 @@ def _estimate(model, slot, b, last, turn, row):
 
 
 @inlined_kernel
-def _constants(model, k):
-    """Return the constants of a column, as scalars."""
-    slot = of.COLUMN + of.COLUMN_SIZE * k
+def _springs(numbers, first):
+    """Return -k1 alpha / m1, -k1 beta / m1, 1 / m1 and 1 / m2, of all lanes or of each."""
     return (
-        (model[of.LINEAR], model[of.CUBIC]),
-        (int(model[slot + of.COUNT]), model[slot + of.SIXTH], model[slot + of.THIRD]),
-        (model[slot + of.CONSTANT], model[slot + of.SLOPE]),
-        _four(model, slot + of.DRIFT),
-        _four(model, slot + of.DECAY),
+        (numbers[first + of.LINEAR], numbers[first + of.CUBIC]),
+        (numbers[first + of.BY_M1], numbers[first + of.BY_M2]),
     )
 
 
 @inlined_kernel
-def _column(constants, push, x1, x2, v1, v2):
+def _dampers(model, slot):
+    """Return how the dampers let the masses drift in half a substep of a column."""
+    return _four(model, slot + of.DRIFT), _four(model, slot + of.DECAY)
+
+
+@inlined_kernel
+def _own_dampers(model, b, slot):
+    """Return the same of each lane: the series of exp(M t) and of its integral, v' = M v."""
+    t = 0.75 * model[slot + of.MIDDLE]  # half a substep
+    m11, m12 = t * b[of.OWN + of.DAMPED], t * b[of.OWN + of.DRAGGED]
+    m21 = t * b[of.OWN + of.DRAGGING]
+    order = int(model[of.DEGREE])
+    weight = model[of.RECIPROCALS + order]
+    p11, p12, p21, p22 = (
+        everywhere(weight),
+        everywhere(0.0),
+        everywhere(0.0),
+        everywhere(weight),
+    )
+    for n in range(order - 1, -1, -1):
+        weight = model[of.RECIPROCALS + n]
+        p11, p12, p21, p22 = (
+            fma(m11, p11, fma(m12, p21, weight)),
+            fma(m11, p12, m12 * p22),
+            m21 * (p11 - p21),
+            fma(m21, p12 - p22, weight),
+        )
+    decay = (
+        fma(m11, p11, fma(m12, p21, 1.0)),
+        fma(m11, p12, m12 * p22),
+        m21 * (p11 - p21),
+        fma(m21, p12 - p22, 1.0),
+    )
+    return (t * p11, t * p12, t * p21, t * p22), decay
+
+
+@inlined_kernel
+def _column(model, b, k, push, x1, x2, v1, v2):
     """Return the state after a column's substeps, without springs between the masses.
 
     Behind it the largest displacement [m], squared.
     """
-    (linear, cubic), (count, sixth, third), (constant, slope), drift, decay = constants
+    slot = of.COLUMN + of.COLUMN_SIZE * k
+    if model[of.IS_DRAWN] > 0.0:
+        springs, dampers = _springs(b, of.OWN)[0], _own_dampers(model, b, slot)
+        return _substeps(model, slot, springs, dampers, push, (x1, x2, v1, v2))
+    springs, dampers = _springs(model, of.PLANT)[0], _dampers(model, slot)
+    return _substeps(model, slot, springs, dampers, push, (x1, x2, v1, v2))
+
+
+@inlined_kernel
+def _substeps(model, slot, springs, dampers, push, state):
+    """Return the same of given springs and dampers."""
+    (linear, cubic), (drift, decay), (x1, x2, v1, v2) = springs, dampers, state
+    sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
+    middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
+    constant, slope = middle * fma(gradient, linear, 1.0), 3.0 * middle * gradient * cubic
     square = x1 * x1
     a, furthest = fma(fma(cubic, square, linear), x1, push), square
     v1 = fma(sixth, a, v1)
-    for _ in range(count):
+    for _ in range(int(model[slot + of.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
         square = x1 * x1
         a, furthest = fma(fma(cubic, square, linear), x1, push), larger(square, furthest)
@@ -328,39 +421,59 @@ def _column(constants, push, x1, x2, v1, v2):
 
 
 @inlined_kernel
-def _sprung_column(model, k, push, k2, x1, x2, v1, v2):
+def _sprung_column(model, b, k, push, k2, x1, x2, v1, v2):
     """Return the same with springs between the masses."""
     slot = of.COLUMN + of.COLUMN_SIZE * k
-    linear, cubic, sixth, third = (
-        model[of.LINEAR],
-        model[of.CUBIC],
-        model[slot + of.SIXTH],
-        model[slot + of.THIRD],
-    )
+    if model[of.IS_DRAWN] > 0.0:
+        springs, dampers = _springs(b, of.OWN), _own_dampers(model, b, slot)
+        return _sprung_substeps(model, b, slot, springs, dampers, (push, k2), (x1, x2, v1, v2))
+    springs, dampers = _springs(model, of.PLANT), _dampers(model, slot)
+    return _sprung_substeps(model, b, slot, springs, dampers, (push, k2), (x1, x2, v1, v2))
+
+
+@inlined_kernel
+def _sprung_substeps(model, b, slot, springs, dampers, held, state):
+    """Return the same of given springs, dampers, and what is held: push and k2."""
+    (linear, cubic), (by_m1, by_m2) = springs
+    (drift, decay), (push, k2), (x1, x2, v1, v2) = dampers, held, state
+    sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
     middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
-    drift, decay = _four(model, slot + of.DRIFT), _four(model, slot + of.DECAY)
-    on1, on2, furthest = k2 * model[of.BY_M1], k2 * model[of.BY_M2], x1 * x1
-    a1, a2 = _accelerations(linear, cubic, on1, on2, push, x1, x2)
+    on1, on2, furthest = k2 * by_m1, k2 * by_m2, x1 * x1
+    length, excited = 3.0 * third, is_excited(model)
+    pushed, shake = _pushed(model, b, by_m1, push, 0.0, excited)
+    a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
     v1, v2 = fma(sixth, a1, v1), fma(sixth, a2, v2)
-    for _ in range(int(model[slot + of.COUNT])):
+    for n in range(int(model[slot + of.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        a1, a2 = _accelerations(linear, cubic, on1, on2, push, x1, x2)
+        pushed, shake = _pushed(model, b, by_m1, push, (n + 0.5) * length, excited)
+        a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
         apart, slope = a2 - a1, fma(3.0 * cubic, x1 * x1, linear)
         furthest = larger(x1 * x1, furthest)
         v1 = fma(middle, fma(gradient, fma(on1, apart, slope * a1), a1), v1)
         v2 = fma(middle, fma(-gradient * on2, apart, a2), v2)
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        a1, a2 = _accelerations(linear, cubic, on1, on2, push, x1, x2)
+        pushed, shake = _pushed(model, b, by_m1, push, (n + 1.0) * length, excited)
+        a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
         furthest = larger(x1 * x1, furthest)
         v1, v2 = fma(third, a1, v1), fma(third, a2, v2)
     return x1, x2, fma(-sixth, a1, v1), fma(-sixth, a2, v2), furthest
 
 
 @inlined_kernel
-def _accelerations(linear, cubic, on1, on2, push, x1, x2):
-    """Return what springs and force accelerate the masses by: (1) and (2) of docs/model.md."""
+def _pushed(model, b, by_m1, push, time, excited):
+    """Return the accelerations by all forces on the carriage and of the ground [m/s^2]."""
+    if not excited:
+        return push, everywhere(0.0)
+    force, ground = excitation(model, b, of.SOURCES, everywhere(time))
+    return fma(by_m1, force, push), ground
+
+
+@inlined_kernel
+def _accelerations(linear, cubic, on1, on2, push, shake, x1, x2):
+    """Return what all but dampers accelerates the masses by: (1) and (2) of docs/model.md."""
     offset = x2 - x1
-    return fma(fma(cubic, x1 * x1, linear), x1, fma(on1, offset, push)), -on2 * offset
+    outer = fma(fma(cubic, x1 * x1, linear), x1, push - shake)
+    return fma(on1, offset, outer), fma(-on2, offset, -shake)
 
 
 @inlined_kernel

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.compiler.jit import plain
+from mm_gym.excitation import sources
+from mm_gym.excitation.kinds import CORNERS
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
-from mm_gym.methods.base import Method, Option, Settings
+from mm_gym.methods.base import Method, Option, Settings, degree
 from mm_gym.methods.splitting import kernel
 from mm_gym.methods.splitting import layout as of
-from mm_gym.methods.support import SMOOTH_NONLINEAR
+from mm_gym.methods.support import SMOOTH_NONLINEAR, fastest_decay
+from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
@@ -37,6 +38,10 @@ which chooses each step's length by itself, is cheaper."""
 
 MARGIN = 0.5
 """Part of the tolerance that estimate and bound of the error may reach."""
+
+FASTEST = 1.0
+"""Largest phase of a decay in half a sample interval for which a lane's own dampers are a series:
+its digits cancel where it is large."""
 
 FINEST = 24
 """Most substeps of the first column."""
@@ -63,6 +68,11 @@ FINEST = 24
 # half of what is usual. Under a held force each further column takes max(r^2, q) / (2 m)^2 of the
 # term above.
 #
+# Excitation is sampled at the kicks, with one substep as by Simpson's rule. That leaves of the
+# velocity SIMPSON h^5 / n^4 times its fourth derivative f, and of the position the same of
+# (h - t) f. Each further column leaves 1 / (2 m)^2 of that at most, since no excitation turns by
+# more than a radian.
+#
 # ERROR, ROUGH, ERROR_OF_PUSH, RAISE and LATER were chosen on 698,000 intervals of 3,774 random
 # plants (of tests/numerics/random_scenes.py, at amplitudes from a thirtieth to twice the start's,
 # speeds and forces of all sizes): each bound alone may reach MARGIN of the tolerance, and the
@@ -70,9 +80,11 @@ FINEST = 24
 # the cost.
 _ESTIMATE, _ERROR, _ROUGH = 1.5e-4, 1.5e-3, 1.5
 _ERROR_OF_PUSH, _ERROR_OF_WAY = 1e-2, 1.0 / 120.0
+_SIMPSON = 1.0 / 2880.0
 _RAISE, _LATER = 2.0, 0.5
 _OVERHEAD = 0.7  # of a column, in substeps
 _ROUND_OFF = 2e-15  # of a column; the weights multiply it
+_RECIPROCALS = [1.0 / math.factorial(n + 1) for n in range(of.MOST_DEGREE + 1)]
 
 
 class Plan(NamedTuple):
@@ -106,7 +118,7 @@ class Splitting(Method):
         "the Taylor series"
     )
     kinds = (SMOOTH_NONLINEAR,)
-    entries = build(kernel.propagate)
+    entries = build(kernel.propagate, shorten=taylor.shorten)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
 
     def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
@@ -130,48 +142,46 @@ class Splitting(Method):
         )
 
     def limit(self, support: Support) -> str | None:
-        """Return why not, unless masses and dampers are fixed and nothing else excites them."""
-        rows = (at.M1, at.M2, at.D, at.C, at.K1, at.ALPHA, at.BETA, at.K0)
-        drawn = [name for name, row in support.names.items() if row in rows]
-        varying = [name for name in drawn if not support.fixed(support.names[name])]
-        if varying:
-            return f"{varying[0]} is randomised"
+        """Return why not, where a spring or excitation is of another kind, or all is too fast."""
         if support.high[at.L0] > 0.0:
             return "the springs are of finite stretch"
-        if support.high[at.ALPHA] < 0.0 or support.high[at.BETA] < 0.0:
+        if support.low[at.ALPHA] < 0.0 or support.low[at.BETA] < 0.0:
             return "a coefficient of the carriage's spring is negative"
-        if support.ground or support.sampled:
-            return "there is excitation"
-        phase = fastest_frequency(support) * support.sample_interval
-        if not phase <= LONGEST:
-            return (
-                f"a sample interval spans {phase:.3g} radians of the fastest oscillation; "
-                f"at most {LONGEST:g}"
-            )
-        return None
+        if support.sampled and support.excitation[CORNERS] > 0.0:
+            return "a record has corners within sample intervals"
+        too_fast = sources.obstacle(support.frequencies, support.terms, support.sample_interval)
+        return too_fast or _haste(support)
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the model of the Taylor series, then the columns and their weights."""
         series = _SERIES.model(support, settings)
         model = np.concatenate([series, np.zeros(of.END - len(series))])
-        high, plan = support.high, plan_of(support, settings)
+        low, high, plan = support.low, support.high, plan_of(support, settings)
         assert plan is not None  # noqa: S101 - else there is an obstacle
         model[of.FIRST_CHECK] = plan.columns
         limit = model[of.LIMIT] = _limit(support, settings)
         model[of.COLUMNS] = max(plan.columns, _most_columns(plan.first, limit))
-        model[of.IS_SPRUNG] = high[at.K0] > 0.0
-        model[of.BY_M1], model[of.BY_M2] = 1.0 / high[at.M1], 1.0 / high[at.M2]
-        linear = model[of.LINEAR] = -high[at.K1] * high[at.ALPHA] / high[at.M1]
-        cubic = model[of.CUBIC] = -high[at.K1] * high[at.BETA] / high[at.M1]
-        model[of.K0] = high[at.K0]
+        # With excitation the masses share more terms than springs alone would give them.
+        model[of.IS_SPRUNG] = high[at.K0] > 0.0 or support.terms or len(support.ground) > 0
+        model[of.INTERVAL] = support.sample_interval
+        fastest = support.frequencies.max(initial=0.0) * support.sample_interval
+        model[of.FASTEST_TURN] = 1.0 if support.terms else fastest**2
+        linear = -high[at.K1] * high[at.ALPHA] / low[at.M1]
+        cubic = -high[at.K1] * high[at.BETA] / low[at.M1]
+        model[of.PLANT : of.RECIPROCALS] = 1.0 / low[at.M1], 1.0 / low[at.M2], linear, cubic
+        if _drawn(support):
+            model[of.IS_DRAWN], model[of.DEGREE] = 1.0, degree(_decay(support) / plan.first)
+        model[of.RECIPROCALS : of.SQUARE] = _RECIPROCALS
         square = model[of.SQUARE] = support.sample_interval**2
-        model[of.STEEPNESS] = square * (_sprung(support) / high[at.M1] - linear)
+        model[of.STEEPNESS] = square * (_sprung(support) / low[at.M1] - linear)
         model[of.STEEPER] = -3.0 * square * cubic
         model[of.BENT] = -_ERROR_OF_WAY * square * cubic / plan.first**4 / limit
         model[of.RAISE] = (_RAISE / plan.first) ** 2
         counts = np.arange(plan.first, plan.first + of.MOST)
         pushed = np.cumprod([_ERROR_OF_PUSH / plan.first**4, *(0.25 / counts[1:] ** 2)]) / limit
         model[of.PUSHED : of.PUSHED + of.MOST] = pushed
+        bending = np.cumprod([_SIMPSON / plan.first**4, *(0.25 / counts[1:] ** 2)]) / limit
+        model[of.BENDING : of.BENDING + of.MOST] = bending
         model[of.LATER + 2 : of.LATER + of.MOST] = _LATER / counts[2:] ** 2
         lengths = support.sample_interval / counts
         drifts = drifts_of(high, 0.5 * lengths)
@@ -181,7 +191,6 @@ class Splitting(Method):
             slot = of.COLUMN + of.COLUMN_SIZE * k
             model[slot : slot + of.COLUMN_SIZE] = [
                 *(plan.first + k, h / 6.0, h / 3.0, middle, gradient),
-                *(middle * (1.0 + gradient * linear), 3.0 * middle * gradient * cubic),
                 *drift,
             ]
             slot = of.WEIGHTS + of.WEIGHTS_SIZE * (k + 1)
@@ -207,6 +216,33 @@ class Splitting(Method):
 
 
 _SERIES = Taylor()
+
+
+def _drawn(support: Support) -> bool:
+    """Tell whether lanes have constants of their own."""
+    rows = (at.M1, at.M2, at.D, at.C, at.K1, at.ALPHA, at.BETA)
+    return not all(support.fixed(row) for row in rows)
+
+
+def _decay(support: Support) -> float:
+    """Return the phase of the fastest decay in half a sample interval."""
+    return 0.5 * support.sample_interval * fastest_decay(support)
+
+
+def _haste(support: Support) -> str | None:
+    """Return why a sample interval is too long for dampers or springs, or None."""
+    if _drawn(support) and not _decay(support) <= FASTEST:
+        return (
+            f"dampers that are drawn slow the masses down by {_decay(support):.3g} in half a "
+            f"sample interval; at most {FASTEST:g}"
+        )
+    phase = fastest_frequency(support) * support.sample_interval
+    if not phase <= LONGEST:
+        return (
+            f"a sample interval spans {phase:.3g} radians of the fastest oscillation; "
+            f"at most {LONGEST:g}"
+        )
+    return None
 
 
 def _limit(support: Support, settings: Settings) -> float:
@@ -240,11 +276,11 @@ def furthest(support: Support, settings: Settings, first: int) -> NDArray[np.flo
     There the bound of their error, at the rate that follows from the springs' slope and from the
     dampers, reaches the limit. Negative if it is beyond the limit even at rest.
     """
-    high, limit = support.high, _limit(support, settings)
-    damping = plain(forces.largest_eigenvalue)(high[at.M1], high[at.M2], high[at.D], high[at.C])
+    low, high, limit = support.low, support.high, _limit(support, settings)
+    damping = fastest_decay(support)
     longest = np.array([_longest(first, k + 1, limit) for k in range(of.MOST)])
     rates = longest / support.sample_interval - damping
-    slopes = high[at.M1] * rates * abs(rates) - high[at.K1] * high[at.ALPHA] - _sprung(support)
+    slopes = low[at.M1] * rates * abs(rates) - high[at.K1] * high[at.ALPHA] - _sprung(support)
     return slopes / (3.0 * high[at.K1] * high[at.BETA])
 
 

@@ -1,0 +1,126 @@
+"""What excites a group of lanes within a sample interval, kept in rows of vectors.
+
+The polynomials of force and ground, then amplitude, frequency, cosine and sine of each harmonic.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.elementary import on_circle
+from mm_gym.lanes.groups import read
+from mm_gym.lanes.simd import alike
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+ROWS_OF_HARMONIC = 4
+
+MOST_ROWS = 48
+"""Rows that there is room for."""
+
+LONGEST_TURN = 0.25 * math.pi
+"""Of a harmonic in a sample interval [rad]: as far as `on_circle` goes."""
+
+_TO_QUARTERS = 2.0 / math.pi
+
+
+def obstacle(frequencies: NDArray[np.float64], terms: int, interval: float) -> str | None:
+    """Return why the rows cannot hold an excitation, or None.
+
+    Parameters
+    ----------
+    frequencies
+        Highest frequency of each harmonic [rad/s].
+    terms
+        Of each polynomial.
+    interval
+        Sample interval [s].
+    """
+    turn = frequencies.max(initial=0.0) * interval
+    if not turn <= LONGEST_TURN:
+        return (
+            f"a harmonic turns by {turn:.3g} rad in a sample interval; at most {LONGEST_TURN:.3g}"
+        )
+    rows = 2 * terms + ROWS_OF_HARMONIC * len(frequencies)
+    if rows > MOST_ROWS:
+        return f"the excitation has {rows} numbers in a lane; at most {MOST_ROWS}"
+    return None
+
+
+@inlined_kernel
+def is_excited(model):
+    """Tell whether there is an excitation."""
+    return model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0
+
+
+@borrowing_kernel
+def load_sources(model, lanes, i, count, b, first):
+    """Write the rows of b from `first` on, of the lanes i .. i + count - 1."""
+    terms = 2 * int(model[at.TERMS])
+    for n in range(terms):
+        b[first + n] = read(lanes, int(model[at.JETS]) + n, i, count)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        row, harmonic = first + terms + ROWS_OF_HARMONIC * j, at.HARMONICS + at.HARMONIC_ROWS * j
+        b[row] = read(lanes, harmonic + at.AMPLITUDE, i, count)
+        b[row + 1] = read(lanes, harmonic + at.FREQUENCY, i, count)
+        b[row + 2] = read(lanes, harmonic + at.COSINE, i, count)
+        b[row + 3] = read(lanes, harmonic + at.SINE, i, count)
+
+
+@borrowing_kernel
+def excitation(model, b, first, time):
+    """Return force [N] and ground acceleration [m/s^2] at a time [s] since the interval's start."""
+    terms, fraction = int(model[at.TERMS]), time * (1.0 / model[at.SAMPLE_INTERVAL])
+    push, shake = alike(time, 0.0), alike(time, 0.0)
+    for n in range(terms - 1, -1, -1):
+        push = fma(push, fraction, b[first + n])
+        shake = fma(shake, fraction, b[first + terms + n])
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        row = first + 2 * terms + ROWS_OF_HARMONIC * j
+        cosine, sine = on_circle(b[row + 1] * time * _TO_QUARTERS)
+        value = b[row] * fma(b[row + 3], cosine, b[row + 2] * sine)
+        if (int(model[at.GROUND]) >> j) & 1:
+            shake = shake + value
+        else:
+            push = push + value
+    return push, shake
+
+
+@borrowing_kernel
+def strongest(model, b, first):
+    """Return bounds of force and ground acceleration in the interval.
+
+    Of each also those of its third and fourth derivative over time, in units of the interval.
+    """
+    zero, terms = alike(b[first], 0.0), int(model[at.TERMS])
+    force, ground = (zero, zero, zero), (zero, zero, zero)
+    for n in range(terms):
+        third = n * (n - 1.0) * (n - 2.0)
+        weights = 1.0, third, third * (n - 3.0)
+        force = _raised(force, abs(b[first + n]), weights)
+        ground = _raised(ground, abs(b[first + terms + n]), weights)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        row = first + 2 * terms + ROWS_OF_HARMONIC * j
+        turn = b[row + 1] * model[at.SAMPLE_INTERVAL]
+        weights = alike(turn, 1.0), turn * turn * turn, turn * turn * (turn * turn)
+        if (int(model[at.GROUND]) >> j) & 1:
+            ground = _raised(ground, abs(b[row]), weights)
+        else:
+            force = _raised(force, abs(b[row]), weights)
+    return force, ground
+
+
+@inlined_kernel
+def _raised(bounds, size, weights):
+    """Return bounds with those of one more summand."""
+    return (
+        fma(weights[0], size, bounds[0]),
+        fma(weights[1], size, bounds[1]),
+        fma(weights[2], size, bounds[2]),
+    )
