@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
+from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+import mm_gym
 from benchmarks.report import table
 from mm_gym.tasks import ids
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 STEP = (
     "import gymnasium, mm_gym; e = gymnasium.make('{}'); e.reset(seed=0); "
@@ -34,10 +42,11 @@ print(used.ru_utime + used.ru_stime, time.perf_counter() - start)
 """
 """Prints the processor time of the process, and the time of the script [s]."""
 
-EMPTY = """Without compiled code on disk: each scene in a process and a folder of its own, then all
-in one folder, where kernels that tasks have in common are compiled once; then {workers} processes
-that step CarriageForce at once, in a folder of theirs. The processor time is that of whole
-processes; other processes of a shared machine change it less than the time that passes.
+EMPTY = """Without compiled code on disk: each scene in a process and with a copy of the package of
+its own, then all with one copy, where kernels that tasks have in common are compiled once; then
+{workers} processes that step CarriageForce at once, with a copy of theirs. The processor time is
+that of whole processes; other processes of a shared machine change it less than the time that
+passes.
 """
 
 
@@ -56,13 +65,13 @@ def startup() -> str:
 def empty() -> str:
     """Return the table of first steps without compiled code on disk."""
     rows = []
-    with TemporaryDirectory() as common:
+    with _copied() as common:
         for name in ids():
-            with TemporaryDirectory() as folder:
+            with _copied() as folder:
                 alone = _finished(_started(STEP.format(name), folder))
             shared = _finished(_started(STEP.format(name), common))
             rows.append((name, *(f"{value:.1f}" for value in (*alone, *shared))))
-    with TemporaryDirectory() as folder:
+    with _copied() as folder:
         script = STEP.format("mm_gym/CarriageForce-v0")
         processes = [_started(script, folder) for _ in range(WORKERS)]
         times = np.array([_finished(process) for process in processes])
@@ -70,16 +79,29 @@ def empty() -> str:
         (f"{WORKERS} at once", f"{times[:, 0].sum():.1f}", f"{times[:, 1].max():.1f}", "", "")
     )
     kinds = ("processor seconds", "seconds")
-    header = ("first step of", *kinds, *(f"in one folder, {kind}" for kind in kinds))
+    header = ("first step of", *kinds, *(f"with one copy, {kind}" for kind in kinds))
     return table(header, rows)
 
 
+@contextmanager
+def _copied() -> Iterator[str]:
+    """Make a copy of the package without compiled kernels, in a folder of its own.
+
+    To name another folder for them is not enough: those next to the sources would be loaded.
+    """
+    with TemporaryDirectory() as folder:
+        ignored = shutil.ignore_patterns("*.nbi", "*.nbc")
+        shutil.copytree(Path(mm_gym.__file__).parent, Path(folder, "mm_gym"), ignore=ignored)
+        yield folder
+
+
 def _started(script: str, folder: str | None = None) -> subprocess.Popen[str]:
-    """Start a script that prints its times, with its compiled code in a folder."""
-    place = {} if folder is None else {"NUMBA_CACHE_DIR": folder}
+    """Start a script that prints its times, by default with the package that runs here."""
+    places = ("PYTHONPATH", "HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")  # of package and kernels
     return subprocess.Popen(
         [sys.executable, "-c", TIMED.format(script)],
-        env=os.environ | place,
+        env=os.environ | ({} if folder is None else dict.fromkeys(places, folder)),
+        cwd=folder,
         stdout=subprocess.PIPE,
         text=True,
     )
