@@ -422,37 +422,43 @@ def _substeps(model, slot, springs, dampers, push, state):
 
 @inlined_kernel
 def _sprung_column(model, b, k, push, k2, x1, x2, v1, v2):
-    """Return the same with springs between the masses."""
+    """Return the same with springs between the masses, or excitation."""
     slot = of.COLUMN + of.COLUMN_SIZE * k
+    held, state = (push, k2), (x1, x2, v1, v2)
     if model[of.IS_DRAWN] > 0.0:
-        springs, dampers = _springs(b, of.OWN), _own_dampers(model, b, slot)
-        return _sprung_substeps(model, b, slot, springs, dampers, (push, k2), (x1, x2, v1, v2))
-    springs, dampers = _springs(model, of.PLANT), _dampers(model, slot)
-    return _sprung_substeps(model, b, slot, springs, dampers, (push, k2), (x1, x2, v1, v2))
+        plant = _springs(b, of.OWN), _own_dampers(model, b, slot)
+        # None is another type, so that a loop without excitation is compiled by itself.
+        if is_excited(model):
+            return _sprung_substeps(model, slot, plant, held, state, b)
+        return _sprung_substeps(model, slot, plant, held, state, None)
+    shared = _springs(model, of.PLANT), _dampers(model, slot)
+    if is_excited(model):
+        return _sprung_substeps(model, slot, shared, held, state, b)
+    return _sprung_substeps(model, slot, shared, held, state, None)
 
 
 @inlined_kernel
-def _sprung_substeps(model, b, slot, springs, dampers, held, state):
-    """Return the same of given springs, dampers, and what is held: push and k2."""
-    (linear, cubic), (by_m1, by_m2) = springs
-    (drift, decay), (push, k2), (x1, x2, v1, v2) = dampers, held, state
+def _sprung_substeps(model, slot, plant, held, state, sources):
+    """Return the same of given springs and dampers, and what is held: push and k2."""
+    ((linear, cubic), (by_m1, by_m2)), (drift, decay) = plant
+    (push, k2), (x1, x2, v1, v2) = held, state
     sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
     middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
     on1, on2, furthest = k2 * by_m1, k2 * by_m2, x1 * x1
-    length, excited = 3.0 * third, is_excited(model)
-    pushed, shake = _pushed(model, b, by_m1, push, 0.0, excited)
+    length = 3.0 * third
+    pushed, shake = _pushed(model, sources, by_m1, push, 0.0)
     a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
     v1, v2 = fma(sixth, a1, v1), fma(sixth, a2, v2)
     for n in range(int(model[slot + of.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        pushed, shake = _pushed(model, b, by_m1, push, (n + 0.5) * length, excited)
+        pushed, shake = _pushed(model, sources, by_m1, push, (n + 0.5) * length)
         a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
         apart, slope = a2 - a1, fma(3.0 * cubic, x1 * x1, linear)
         furthest = larger(x1 * x1, furthest)
         v1 = fma(middle, fma(gradient, fma(on1, apart, slope * a1), a1), v1)
         v2 = fma(middle, fma(-gradient * on2, apart, a2), v2)
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
-        pushed, shake = _pushed(model, b, by_m1, push, (n + 1.0) * length, excited)
+        pushed, shake = _pushed(model, sources, by_m1, push, (n + 1.0) * length)
         a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
         furthest = larger(x1 * x1, furthest)
         v1, v2 = fma(third, a1, v1), fma(third, a2, v2)
@@ -460,11 +466,11 @@ def _sprung_substeps(model, b, slot, springs, dampers, held, state):
 
 
 @inlined_kernel
-def _pushed(model, b, by_m1, push, time, excited):
+def _pushed(model, sources, by_m1, push, time):
     """Return the accelerations by all forces on the carriage and of the ground [m/s^2]."""
-    if not excited:
+    if sources is None:
         return push, everywhere(0.0)
-    force, ground = excitation(model, b, of.SOURCES, everywhere(time))
+    force, ground = excitation(model, sources, of.SOURCES, everywhere(time))
     return fma(by_m1, force, push), ground
 
 
