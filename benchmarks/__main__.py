@@ -20,6 +20,7 @@ SECTIONS = {
     "learner": "learner",
     "lanes": "lanes",
     "grid": "grid",
+    "methods": "methods",
     "jacobians": "jacobians",
     "precision": "precision",
     "figure10": "figure10",
