@@ -10,8 +10,7 @@ import numpy as np
 from agents.controllers.controller import require_number
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
-from agents.controllers.stable_rest import require_stable_rest
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.stretch_command import StretchCommand, require_stable_rest
 from mm_gym import compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 

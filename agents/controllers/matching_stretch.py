@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from agents.controllers.stable_rest import require_stable_rest
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.stretch_command import StretchCommand, require_stable_rest
 from mm_gym.analysis import stretch_for_stiffness
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ import numpy as np
 
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
-from agents.controllers.stable_rest import require_stable_rest
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.stretch_command import StretchCommand, require_stable_rest
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:

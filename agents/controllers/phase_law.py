@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.controller import require_number
-from agents.controllers.stable_rest import require_stable_rest
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.stretch_command import StretchCommand, require_stable_rest
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values

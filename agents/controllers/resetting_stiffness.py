@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.lead import Lead
-from agents.controllers.stable_rest import require_stable_rest
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.stretch_command import StretchCommand, require_stable_rest
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ from agents.evaluation.baselines import (
 from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.planner import Effort, Planner
 from agents.evaluation.replanner import Replanner
-from agents.evaluation.statistics import interval
 from mm_gym import DesignError
 from mm_gym.metrics import passive_scene
 
@@ -38,6 +37,9 @@ if TYPE_CHECKING:
     Row = dict[str, Any]
 
 EPISODES = 100
+RESAMPLES = 10_000
+"""Draws of the bootstrap."""
+
 LEARNED = "learned"
 """Role of a trained agent, which `agents.ranking` adds."""
 
@@ -186,3 +188,17 @@ def row_of(role: str, result: Evaluation) -> Row:
     return {"role": role, "controller": result.name, "reads": result.reads} | {
         name: float(f"{value:.6g}") for name, value in values.items()
     }
+
+
+def interval(penalties: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the 95 % interval of the cost: the bootstrap's percentiles over episodes.
+
+    Parameters
+    ----------
+    penalties
+        (episodes,) as in `Evaluation`; the cost is the root of their mean.
+    """
+    drawn = np.random.default_rng(0).integers(penalties.size, size=(RESAMPLES, penalties.size))
+    means: NDArray[np.float64] = penalties[drawn].mean(axis=1)
+    low, high = np.sqrt(np.percentile(means, (2.5, 97.5)))
+    return float(low), float(high)

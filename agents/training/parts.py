@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from agents.controllers.learned import Learned
 from agents.controllers.residual import Residual
+from agents.controllers.user_defined import user_defined
+from agents.evaluation.laws import laws, not_a_law
 from agents.policies import PolicyError
-from agents.training.bases import base_controller
 from agents.training.own_cost import OwnCost
 from agents.user_code import is_path
+from mm_gym import DesignError, SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,6 +73,28 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
         msg = f"{', '.join(code)}: the run's own code, which scoring runs; --trust allows it"
         raise PolicyError(msg)
     return _parts(scene, base, reward, authority)  # pyright: ignore[reportArgumentType] - of the record
+
+
+def base_controller(scene: Scene, base: str) -> Controller:
+    """Return the controller that an agent is added to, tuned on the validation episodes.
+
+    A law of a user's file is fed the state that `ObservedState` estimates from the observation.
+
+    Raises
+    ------
+    SceneError
+        If the base cannot be made, or does not suit the scene.
+    """
+    if is_path(base):
+        return user_defined(base, scene, "base")[-1]
+    applicable = laws(scene)
+    if base not in applicable:
+        raise not_a_law(base, scene, "base", "or FILE.py:NAME")
+    try:
+        return applicable[base](scene)
+    except DesignError as error:
+        msg = f"base: {base} cannot be designed for this scene: {error}"
+        raise SceneError(msg) from error
 
 
 def _parts(scene: Scene, base: str | None, reward: str | None, authority: float) -> Parts:

@@ -320,6 +320,6 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
 
         Left and right command -1 and 1 of the first actuator, down and up of a second one.
         """
-        from mm_gym.rendering.keys import keys_to_action  # noqa: PLC0415 - needs pygame
+        from mm_gym.rendering.window import keys_to_action  # noqa: PLC0415 - needs pygame
 
         return keys_to_action(self.plant.actuators)

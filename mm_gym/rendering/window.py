@@ -1,10 +1,18 @@
-"""A window in which episodes are watched, at the pace that a picture states."""
+"""A window in which episodes are watched at the pace that a picture states, and keys to play."""
 
 from __future__ import annotations
 
-from typing import Any
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from mm_gym.rendering.canvas import load_pygame
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
 
 class Window:
@@ -52,3 +60,20 @@ class Window:
         if self._is_open and self._pygame.display.get_init():
             self._pygame.display.quit()
         self._is_open = False
+
+
+def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], NDArray[np.float32]]:
+    """Return keys -> action: left and right for the first actuator, down and up for a second one.
+
+    They command -1 and 1 in `gymnasium.utils.play`; both keys of a second actuator go with those of
+    the first.
+    """
+    pygame = load_pygame()
+    pairs = [(pygame.K_LEFT, pygame.K_RIGHT), (pygame.K_DOWN, pygame.K_UP)][: len(actuators)]
+    choices = [((None, 0.0), (low, -1.0), (high, 1.0)) for low, high in pairs]
+    actions: dict[tuple[int, ...], NDArray[np.float32]] = {}
+    for chosen in product(*choices):
+        keys = tuple(key for key, _ in chosen if key is not None)
+        if keys:  # no key is what `play` calls noop
+            actions[keys] = np.array([value for _, value in chosen], np.float32)
+    return actions

@@ -20,7 +20,7 @@ from pages import ROOT
 
 from agents.policies import Policy
 from agents.sweeps.workers import _done
-from agents.training.bases import base_controller
+from agents.training.parts import base_controller
 from agents.training.runs import Run
 from mm_gym import files
 

@@ -17,8 +17,8 @@ from agents.evaluation.episodes import evaluate
 from agents.exports.c_source import c_source, constants
 from agents.exports.linear_base import linear_base
 from agents.policies import Policy, PolicyError, load_policy
-from agents.training.bases import base_controller
 from agents.training.config import TrainSettings
+from agents.training.parts import base_controller
 from agents.training.runs import Run
 
 

@@ -16,12 +16,12 @@ from agents.evaluation.headroom import (
     ROUNDING,
     controllers_of,
     headroom,
+    interval,
     least_cost,
     over_plans,
 )
 from agents.evaluation.planner import Effort, Planner
 from agents.evaluation.scores import SCORES
-from agents.evaluation.statistics import interval
 from agents.policies import Policy
 from mm_gym import MovingMassVectorEnv, compile_scene
 

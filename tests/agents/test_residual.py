@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 from tasks import CARRIAGE_FORCE
 
 from agents.evaluation.laws import laws
-from agents.training.bases import base_controller
+from agents.training.parts import base_controller
 from agents.training.residual_lanes import ResidualLanes
 from mm_gym import SceneError, load_scene
 

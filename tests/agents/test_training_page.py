@@ -16,10 +16,9 @@ from agents.evaluation.episodes import evaluate
 from agents.evaluation.laws import laws
 from agents.policies import PolicyError
 from agents.sweeps.trials import do_trial
-from agents.training.bases import base_controller
 from agents.training.config import TrainSettings, read_settings
 from agents.training.own_cost import OwnCost
-from agents.training.parts import make_parts
+from agents.training.parts import base_controller, make_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError, load_scene
