@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.files import write_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Callable, Generator, Sequence
     from os import PathLike
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Result = TypeVar("Result")
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette, which colour-blind readers tell apart."""
@@ -55,6 +57,17 @@ def style() -> Generator[None]:
         raise DependencyNotInstalled(msg) from error
     with rc_context(LOOK):
         yield
+
+
+def drawn(
+    draw: Callable[[Result], Figure], result: Result, path: str | PathLike[str] | None
+) -> Figure:
+    """Draw a result in this look, write it as a PNG if a path is given, and return the figure."""
+    with style():
+        figure = draw(result)
+        if path is not None:
+            save(figure, path)
+    return figure
 
 
 def panels(

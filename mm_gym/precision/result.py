@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mm_gym.drawing import COLOURS, MARKERS, STYLES, legend_below, panels, save, style
+from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SceneError
 from mm_gym.files import write_csv
 from mm_gym.scene.scene import Solver
@@ -194,11 +194,7 @@ class WorkPrecision:
         gymnasium.error.DependencyNotInstalled
             Without matplotlib (extra: plot).
         """
-        with style():
-            figure = _draw(self)
-            if path is not None:
-                save(figure, path)
-        return figure
+        return drawn(_draw, self, path)
 
 
 def _draw(result: WorkPrecision) -> Figure:

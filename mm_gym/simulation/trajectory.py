@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
+from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_csv
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
@@ -162,11 +162,7 @@ class Trajectory:
         gymnasium.error.DependencyNotInstalled
             Without matplotlib (extra: plot).
         """
-        with style():
-            figure = _draw(self)
-            if path is not None:
-                save(figure, path)
-        return figure
+        return drawn(_draw, self, path)
 
 
 def _draw(trajectory: Trajectory) -> Figure:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
+from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_text
 from mm_gym.scene.toml_text import toml_of
 from mm_gym.step.channels import CHANNELS
@@ -98,23 +98,22 @@ class FrictionTuning:
         gymnasium.error.DependencyNotInstalled
             Without matplotlib (extra: plot).
         """
-        with style():
-            figure, (axes,) = panels(3.0, 1, 1)
-            for k, (name, design) in enumerate((("scene", self.before), ("tuned", self.after))):
-                axes.semilogy(
-                    self.frequencies, design.curve, STYLES[k], color=COLOURS[k], label=name
-                )
-            name = self.channel.replace("_", " ")
-            unit = CHANNELS[self.channel].unit
-            axes.set(xlabel="frequency [rad/s]", ylabel=f"{name} [{unit}]")
-            legend_below(figure, axes, 2)
-            if path is not None:
-                save(figure, path)
-        return figure
+        return drawn(_draw, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
         """Write the tuned scene as a TOML file, whole or not at all."""
         write_text(path, toml_of(self.tuned))
+
+
+def _draw(result: FrictionTuning) -> Figure:
+    """Return the amplitudes before and after over frequency."""
+    figure, (axes,) = panels(3.0, 1, 1)
+    for k, (name, design) in enumerate((("scene", result.before), ("tuned", result.after))):
+        axes.semilogy(result.frequencies, design.curve, STYLES[k], color=COLOURS[k], label=name)
+    name = result.channel.replace("_", " ")
+    axes.set(xlabel="frequency [rad/s]", ylabel=f"{name} [{CHANNELS[result.channel].unit}]")
+    legend_below(figure, axes, 2)
+    return figure
 
 
 def _row(name: str, design: FrictionDesign, stretch: float | None) -> tuple[str, ...]:

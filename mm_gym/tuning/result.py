@@ -12,7 +12,7 @@ import numpy as np
 
 from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.analysis.values import linear_values
-from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
+from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_text
 from mm_gym.scene.toml_text import toml_of
 from mm_gym.tuning.criteria import amplitude
@@ -119,11 +119,7 @@ class Tuning:
         gymnasium.error.DependencyNotInstalled
             Without matplotlib (extra: plot).
         """
-        with style():
-            figure = _draw(self)
-            if path is not None:
-                save(figure, path)
-        return figure
+        return drawn(_draw, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
         """Write the tuned scene as a TOML file, whole or not at all."""
