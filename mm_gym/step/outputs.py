@@ -1,4 +1,10 @@
-"""Outputs of a control step: observed channels, and copies of what it shows."""
+"""Outputs of a control step: observed channels, and copies of what it shows.
+
+The kernels read `task`, (t,) float64, `model`, (m,) float64, and `lanes`, (rows, lanes) float64.
+They write observations to `frames`, (frames * channels, lanes) float32, oldest frame first, whose
+newest frame begins at row `newest`. `streams` are the random numbers, (2, lanes) uint64. They serve
+the lanes first .. last - 1.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +25,8 @@ from mm_gym.law.forces import carriage_force, interface_force, spring_force
 def derive(task, model, lanes, first, last):
     """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
 
-    Parameters
-    ----------
-    task, model
-        (t,) and (m,), read.
-    lanes
-        (rows, lanes) float64, read, and those rows written: the first three of them only if a
-        channel shows one of the three, DISTURBANCE only then or if a channel shows it.
-    first, last
-        The lanes first .. last - 1.
+    The first three of them are written only if a channel shows one of the three, DISTURBANCE only
+    then or if a channel shows it.
     """
     if not task[at.IS_DERIVED] > 0.0:
         return
@@ -107,18 +106,7 @@ STATE = ((at.X1, at.NO_ROW), (at.X2, at.X1), (at.V1, at.NO_ROW), (at.V2, at.NO_R
 def observe(task, lanes, frames, streams, first, last):
     """Append the newest frame to the history, and drop the oldest.
 
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    lanes
-        (rows, lanes) float64, read.
-    frames
-        (frames * channels, lanes) float32, oldest frame first, written.
-    streams
-        (2, lanes) uint64, advanced by what is reserved for a frame.
-    first, last
-        The lanes first .. last - 1.
+    The streams advance by what is reserved for a frame.
     """
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
@@ -145,21 +133,7 @@ def pass_frame(task, streams, first, last):
 
 @borrowing_kernel
 def write_channels(task, lanes, frames, newest, first, last):
-    """Write the scaled channels of the newest frame.
-
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    lanes
-        (rows, lanes) float64, read.
-    frames
-        (frames * channels, lanes) float32, written.
-    newest
-        First row of the newest frame.
-    first, last
-        The lanes first .. last - 1.
-    """
+    """Write the scaled channels of the newest frame."""
     prefer_widest_vectors()
     for k in range(int(task[at.CHANNEL_COUNT])):
         scale, shift = scaling(task, k)
@@ -176,21 +150,7 @@ def write_channels(task, lanes, frames, newest, first, last):
 
 @borrowing_kernel
 def blur(task, frames, newest, streams, first, last):
-    """Add the sensors' noise to the newest frame.
-
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    frames
-        (frames * channels, lanes) float32, written.
-    newest
-        First row of the newest frame.
-    streams
-        (2, lanes) uint64, read.
-    first, last
-        The lanes first .. last - 1.
-    """
+    """Add the sensors' noise to the newest frame; the streams are read, and do not advance."""
     prefer_widest_vectors()
     is_reserved, ahead = task[at.HAS_RESERVED_NOISE] > 0.0, 0
     channels, k = int(task[at.CHANNEL_COUNT]), next_noisy(task, 0)
