@@ -13,14 +13,8 @@ from mm_gym.scene.part import parts_of
 from mm_gym.scene.schema import _numbers
 from mm_gym.simulation.lanes import Lanes
 
-from .excited import BASE, NOISE
+from .excited import BASE, FRICTION, NOISE
 
-FRICTION = {
-    "kind": "dry_friction",
-    "static_coefficient": 0.51,
-    "kinetic_coefficient": 0.4,
-    "reference_velocity": 0.01,
-}
 PLANTS = {
     "linear": {},
     "massless": {"carriage.mass": 0.0},

@@ -10,15 +10,10 @@ from mm_gym.excitation import interpolation
 from mm_gym.precision.oracle import Oracle
 
 from .conftest import assert_lanes_equal_single
+from .excited import FRICTION
 
 BASE = Scene(initial={"carriage_displacement": 0.01}, control={"time_step": 0.01, "steps": 2000})
 SHORT = {"control.steps": 60}
-FRICTION = {
-    "kind": "dry_friction",
-    "static_coefficient": 0.51,
-    "kinetic_coefficient": 0.4,
-    "reference_velocity": 0.01,
-}
 PLANTS = {
     "linear": {},
     "massless": {"carriage.mass": 0.0},
