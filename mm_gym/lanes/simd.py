@@ -46,6 +46,9 @@ NUMBERS = ir.VectorType(ir.DoubleType(), LANES)
 """The compiler's type of a vector."""
 
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
+_ONE = 0x3FF << 52
+"""Bits of the double 1."""
+
 _BITS = ir.VectorType(ir.IntType(1), LANES)
 
 
@@ -80,11 +83,15 @@ def spread(builder: Any, kind: types.Type, value: Any) -> Any:
         return value
     if isinstance(kind, types.Integer):
         value = builder.sitofp(value, ir.DoubleType())
-    first = builder.insert_element(
-        ir.Constant(NUMBERS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
-    )
+    return _copies(builder, NUMBERS, value)
+
+
+def _copies(builder: Any, kind: Any, value: Any) -> Any:
+    """Return a vector of a kind with a value in every lane."""
+    unset = ir.Constant(kind, ir.Undefined)
+    first = builder.insert_element(unset, value, ir.Constant(ir.IntType(32), 0))
     order = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-    return builder.shuffle_vector(first, ir.Constant(NUMBERS, ir.Undefined), order)
+    return builder.shuffle_vector(first, unset, order)
 
 
 def _operation(result: types.Type, build: Callable[..., Any], count: int) -> Callable[..., Any]:
@@ -190,6 +197,30 @@ def root(x: float) -> float:
 @overload(root)
 def _compiled_root(x):
     return (lambda x: _root(x)) if x == VECTOR else (lambda x: math.sqrt(x))
+
+
+@intrinsic
+def _inverse_root(_context, x, k):
+    def build(_context, builder, _signature, arguments):
+        x, k = arguments
+        one = ir.Constant(ir.IntType(64), _ONE)
+        whole = builder.bitcast(x, _INTEGERS)
+        bits = builder.lshr(whole, _copies(builder, _INTEGERS, k))
+        first = _copies(builder, _INTEGERS, builder.add(one, builder.lshr(one, k)))
+        return builder.bitcast(builder.sub(first, bits), NUMBERS)
+
+    return VECTOR(x, k), build
+
+
+def inverse_root(x: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """Return x**(-1 / 2**k), up to 10 % too large: a double's bits are nearly its logarithm."""
+    bits = np.asarray(x, np.float64).view(np.uint64) >> np.uint64(k)
+    return (np.uint64(_ONE + (_ONE >> k)) - bits).view(np.float64)
+
+
+@overload(inverse_root)
+def _compiled_inverse_root(x, k):
+    return lambda x, k: _inverse_root(x, k)
 
 
 def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:

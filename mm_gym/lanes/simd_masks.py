@@ -137,3 +137,21 @@ def lowest(number: int) -> int:
 @overload(lowest)
 def _compiled_lowest(number):
     return lambda number: _lowest(number)
+
+
+@intrinsic
+def _how_many(_context, number):
+    def build(_context, builder, _signature, arguments):
+        return builder.ctpop(arguments[0])
+
+    return types.int64(number), build
+
+
+def how_many(number: int) -> int:
+    """Return how many bits are set of a number that is not negative."""
+    return int(number).bit_count()
+
+
+@overload(how_many)
+def _compiled_how_many(number):
+    return lambda number: _how_many(number)

@@ -66,8 +66,25 @@ def _get(_context, rows, k):
     return VECTOR(rows, k), build
 
 
+def _place(builder: Any, rows: Any, k: Any) -> Any:
+    """Return the address of the number of a row and a lane."""
+    row = builder.gep(rows, [builder.extract_value(k, 0)])
+    numbers = builder.bitcast(row, ir.DoubleType().as_pointer())
+    return builder.gep(numbers, [builder.extract_value(k, 1)])
+
+
+@intrinsic
+def _get_number(_context, rows, k):
+    def build(_context, builder, _signature, arguments):
+        return builder.load(_place(builder, *arguments))
+
+    return types.float64(rows, k), build
+
+
 @overload(operator.getitem)
 def _getitem(rows, k):
+    if rows == ROWS and isinstance(k, types.BaseTuple):
+        return lambda rows, k: _get_number(rows, (np.int64(k[0]), np.int64(k[1])))
     return (lambda rows, k: _get(rows, k)) if rows == ROWS else None
 
 
@@ -81,9 +98,40 @@ def _set(_context, rows, k, value):
     return types.none(rows, k, value), build
 
 
+@intrinsic
+def _set_number(_context, rows, k, value):
+    def build(context, builder, _signature, arguments):
+        builder.store(arguments[2], _place(builder, *arguments[:2]))
+        return context.get_dummy_value()
+
+    return types.none(rows, k, value), build
+
+
 @overload(operator.setitem)
 def _setitem(rows, k, value):
+    if rows == ROWS and isinstance(k, types.BaseTuple):
+        return lambda rows, k, value: _set_number(
+            rows, (np.int64(k[0]), np.int64(k[1])), float(value)
+        )
     return (lambda rows, k, value: _set(rows, k, value)) if rows == ROWS else None
+
+
+@intrinsic
+def _from_row(_context, rows, k):
+    def build(_context, builder, _signature, arguments):
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return ROWS(rows, k), build
+
+
+def from_row(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+    """Return the rows from one of them on, lent as they are."""
+    return rows[k:]
+
+
+@overload(from_row)
+def _compiled_from_row(rows, k):
+    return lambda rows, k: _from_row(rows, k)
 
 
 @intrinsic

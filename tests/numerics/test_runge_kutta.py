@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from mm_gym import Scene, compile_scene
-from mm_gym.compiler.jit import plain
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
 from mm_gym.lanes import layout as at
+from mm_gym.lanes.memory import on_cache_line
+from mm_gym.lanes.simd import LANES as WIDTH
+from mm_gym.lanes.simd import element, inverse_root
+from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.forces import carriage_force, interface_force, spring_force, stiffness
 from mm_gym.law.motion import Coefficients, rates
 from mm_gym.methods.runge_kutta import layout as of
-from mm_gym.methods.runge_kutta.tableau import tableaus
+from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
 
 LANES = 150
@@ -151,12 +155,58 @@ def test_law_of_motion_is_that_of_the_forces():
         assert got == pytest.approx(want, rel=1e-14)  # some ten roundings
 
 
-@pytest.mark.parametrize(("pair", "power"), [(0, 3), (1, 5), (2, 8)])
-def test_estimates_fall_with_their_power_of_the_step(pair, power):
-    tableau = tableaus()[pair]
+@pytest.mark.parametrize("pair", tableaus(), ids=lambda pair: f"{pair.power}")
+def test_estimates_fall_with_their_power_of_the_step(pair):
     # The next power adds a tenth at most.
-    ratio = tableau.estimates(0.2)[0] / tableau.estimates(0.1)[0]
-    assert np.log2(ratio) == pytest.approx(power, abs=0.15)
+    ratio = pair.estimates(0.2)[0] / pair.estimates(0.1)[0]
+    assert np.log2(ratio) == pytest.approx(pair.power, abs=0.15)
+
+
+@borrowing_kernel
+def _sum(numbers, number, found):
+    rows = rows_of(numbers)
+    found[0], found[1], found[2], found[3] = _first(summed(rows, number, rows[0], rows[1]))
+
+
+@inlined_kernel
+def _first(vectors):
+    first, second, third, fourth = vectors
+    return element(first, 2), element(second, 2), element(third, 2), element(fourth, 2)
+
+
+@pytest.mark.parametrize("pair", tableaus(), ids=lambda pair: f"{pair.power}")
+def test_sums_are_those_of_the_pair(pair):
+    numbers, found = on_cache_line(of.SIZE * WIDTH), np.zeros(4)
+    rows = numbers.reshape(-1, WIDTH)
+    rows[:] = np.random.default_rng(4).uniform(-1.0, 1.0, rows.shape)
+    kicks = rows[of.KICKS : of.COEFFICIENTS, 2].reshape(-1, 2)[: len(pair.times)]
+    start = rows[:2, 2]
+    for i in range(1, len(pair.times)):
+        weights = pair.weights[i]
+        way = pair.times[i] * start + weights @ pair.weights @ kicks
+        _sum(numbers, first_sum(pair) + i - 1, found)
+        assert found == pytest.approx([*(start + weights @ kicks), *way], rel=1e-12)
+    for k, weights in enumerate(pair.errors):
+        _sum(numbers, first_sum(pair) + pair.stages + k, found)
+        way = weights @ pair.weights @ kicks if k == 0 or pair.is_combined else (0.0, 0.0)
+        assert found == pytest.approx([*(weights @ kicks), *way], rel=1e-12, abs=1e-14)
+
+
+@borrowing_kernel
+def _write_inverse_root(numbers, k):
+    rows = rows_of(numbers)
+    rows[0] = inverse_root(rows[0], k)
+
+
+@pytest.mark.parametrize("k", [1, 2, 3])
+def test_inverse_roots_are_near(k):
+    numbers = on_cache_line(WIDTH)
+    for start in np.geomspace(1e-9, 1e9, 50 * WIDTH).reshape(-1, WIDTH):
+        numbers[:] = start
+        _write_inverse_root(numbers, k)
+        excess = numbers * start ** (0.5**k)
+        assert excess.min() > 1.0 - 1e-12
+        assert excess.max() < 1.1
 
 
 def test_intervals_longer_than_the_scenes_are_left_to_the_series():

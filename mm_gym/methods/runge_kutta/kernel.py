@@ -1,9 +1,10 @@
 """Embedded Runge-Kutta steps for every law of motion, over vectors of lanes.
 
-Lanes are taken LANES at a time through a few equal steps. A lane whose error estimate is above the
-limit, or whose friction may change its regime, waits in a slot of another vector, in which each
-lane has steps of its own; events are found for all of its lanes at once. What is still in doubt
-after many steps is left to the Taylor series. A lane's result follows from its own numbers.
+Lanes are taken some vectors at a time, which go through the stages of a step side by side. Each
+lane has steps of its own: their lengths follow from its error estimates, and from when friction
+changes its regime. When most of the lanes have arrived, the others wait in the slots of another
+group until these are full. What is still in doubt after many steps is left to the Taylor series. A
+lane's result follows from its own numbers.
 """
 
 from __future__ import annotations
@@ -16,29 +17,45 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.elementary import on_circle
-from mm_gym.lanes.groups import read, write_states
-from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
-from mm_gym.lanes.simd_masks import all_hold, bits, larger, lowest, smaller, where
-from mm_gym.lanes.simd_memory import rows_on_stack
+from mm_gym.lanes.groups import read, write, write_states
+from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root
+from mm_gym.lanes.simd_masks import (
+    all_hold,
+    bits,
+    how_many,
+    larger,
+    lowest,
+    none,
+    smaller,
+    where,
+)
+from mm_gym.lanes.simd_memory import from_row, rows_on_stack
 from mm_gym.law.forces import slip_intercept, stiffness
 from mm_gym.law.motion import Coefficients, is_resolved, rates
 from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as series
 
-MOST_STEPS = 24.0
-"""Steps of a waiting lane before the Taylor series takes over: their errors add up."""
+VECTORS = 2
+"""Vectors of a group: the arithmetic of one hides the latency of another's."""
 
-_ALL = (1 << LANES) - 1
+MOST_STEPS = 24.0
+"""Steps of a lane before the Taylor series takes over: their errors add up."""
+
 LEAST = 1.0 / 16.0
 """Part of the sample interval's error that any step may have, however short."""
+
+SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
+"""Of the next step: what is left of the length that would just do, and its limits."""
 
 NEWTON_STEPS = 5
 """For the time of an event, on the cubic: the step to it corrects what is left."""
 
 _TO_QUARTERS = 2.0 / math.pi
-
-_group, _waiting = rows_on_stack(of.SIZE), rows_on_stack(of.SIZE)
+_GROUP = VECTORS * LANES
+_ALL = (1 << _GROUP) - 1
+_group, _waiting = rows_on_stack(VECTORS * of.SIZE), rows_on_stack(VECTORS * of.SIZE)
 
 
 @borrowing_kernel
@@ -47,24 +64,29 @@ def propagate(model, lanes, first, last):
     if not model[of.STEPS] > 0.0:
         return taylor.propagate(model, lanes, first, last)
     b, w, idle, status = _group(), _waiting(), _ALL, at.OK
-    for i in range(first, last, LANES):
-        count = min(LANES, last - i)
-        _load(model, lanes, i, count, b)
-        stopped = _advance(model, b)
-        if stopped == 0 and count == LANES:
-            write_states(lanes, i, b[0], b[1], b[2], b[3])
-            continue
-        for k in range(count):
-            if (stopped >> k) & 1 == 0:
-                for row in range(4):
-                    lanes[row, i + k] = element(b[row], k)
-                continue
+    for i in range(first, last, _GROUP):
+        count = min(_GROUP, last - i)
+        for k in range(0, count, LANES):
+            _load(model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+        everyone = busy = (1 << count) - 1
+        while 2 * how_many(busy) > count:
+            _walk(model, b, count)
+            busy = everyone & _those(b, count, of.GOES_ON)
+        for k in range(0, count, LANES):
+            _store(lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+        busy = everyone - (everyone & _those(b, count, of.DONE))
+        while busy != 0:
             while idle == 0:
-                idle, status = _walk(model, lanes, w, idle, status)
-            _wait(model, b, k, w, idle, i + k)
-            idle &= idle - 1
+                idle, status = _empty(model, lanes, w, idle, status)
+            slot, k = lowest(idle), lowest(busy)
+            if idle == _ALL:  # numbers in all slots, so that none costs time as a denormal one
+                for other in range(_GROUP - 1, 0, -1):
+                    _move(model, b, k, w, other)
+            _move(model, b, k, w, slot)
+            _vector_of(w, slot)[of.LANE, slot % LANES] = i + k
+            idle, busy = idle & (idle - 1), busy & (busy - 1)
     while idle != _ALL:
-        idle, status = _walk(model, lanes, w, idle, status)
+        idle, status = _empty(model, lanes, w, idle, status)
     return status
 
 
@@ -77,15 +99,30 @@ def shorten(model, piece):
         piece[of.LIMIT] = model[of.LIMIT] * part
 
 
+@inlined_kernel
+def _vector_of(group, k):
+    """Return the rows of the vector in a group that lane k is in."""
+    return from_row(group, k // LANES * of.SIZE)
+
+
+@inlined_kernel
+def _those(group, count, outcome):
+    """Return the bits of the lanes of a group with an outcome."""
+    found = 0
+    for k in range(0, count, LANES):
+        found |= bits(_vector_of(group, k)[of.OUTCOME] == outcome) << k
+    return found
+
+
 @borrowing_kernel
 def _load(model, lanes, i, count, b):
-    """Load the state and the coefficients of a group of lanes."""
+    """Load the state and the coefficients of a vector of lanes."""
     for row in range(4):
         b[of.STATE + row] = read(lanes, row, i, count)
     stretch = read(lanes, at.STRETCH, i, count)
     k1, k0 = read(lanes, at.K1, i, count), read(lanes, at.K0, i, count)
-    b[of.BY_M1] = 1.0 / read(lanes, at.M1, i, count)
-    b[of.BY_M2] = 1.0 / read(lanes, at.M2, i, count)
+    b[of.ONE_BY_M1] = 1.0 / read(lanes, at.M1, i, count)
+    b[of.ONE_BY_M2] = 1.0 / read(lanes, at.M2, i, count)
     b[of.LINEAR] = k1 * read(lanes, at.ALPHA, i, count)
     b[of.CUBIC] = k1 * read(lanes, at.BETA, i, count)
     b[of.D] = read(lanes, at.D, i, count)
@@ -116,6 +153,28 @@ def _load(model, lanes, i, count, b):
         b[row + 1] = read(lanes, harmonic + at.FREQUENCY, i, count)
         b[row + 2] = read(lanes, harmonic + at.COSINE, i, count)
         b[row + 3] = read(lanes, harmonic + at.SINE, i, count)
+    b[of.OUTCOME] = everywhere(of.GOES_ON)
+    for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
+        b[row] = everywhere(0.0)
+    _set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
+    b[of.KICKS], b[of.KICKS + 1] = _first_kicks(model, b)
+
+
+@borrowing_kernel
+def _store(lanes, i, count, b):
+    """Write the states of those lanes of a vector that are done."""
+    done = b[of.OUTCOME] == of.DONE
+    if count == LANES and all_hold(done):
+        write_states(lanes, i, b[0], b[1], b[2], b[3])
+        return
+    for row in range(4):
+        write(lanes, row, i, count, where(done, b[row], read(lanes, row, i, count)))
+
+
+@inlined_kernel
+def _set_length(b, h):
+    """Write the length of the next step [s]."""
+    b[of.LENGTH], b[of.BY_M1], b[of.BY_M2] = h, h * b[of.ONE_BY_M1], h * b[of.ONE_BY_M2]
 
 
 @inlined_kernel
@@ -127,35 +186,52 @@ def _enter(b, regime):
 
 
 @borrowing_kernel
-def _advance(model, b):
-    """Advance a group by equal steps; return the bits of the lanes that stop on the way.
-
-    STATE and ELAPSED are those where a lane stops, NEXT and TARGET are for its next step. It makes
-    the step that it stopped at again and again, with the same result, while others go on.
-    """
-    count, friction = int(model[of.STEPS]), model[series.HAS_FRICTION] > 0.0
-    length = model[at.SAMPLE_INTERVAL] / count
-    b[of.LENGTH], b[of.NEXT] = everywhere(length), everywhere(0.5 * length)
-    b[of.ELAPSED], b[of.TARGET], b[of.SHIFT] = everywhere(0.0), everywhere(0.0), everywhere(0.0)
-    good = b[of.LENGTH] > 0.0
-    for k in range(count):
-        _step(model, b)
-        good = b[of.GOOD] > 0.0
-        if friction:
-            _judge(model, b)
-            good = good & (b[of.VERDICT] == of.STAYS)
-        for row in range(4):
-            b[of.STATE + row] = where(good, b[of.END + row], b[of.STATE + row])
-        b[of.ELAPSED] = where(good, (k + 1) * length, b[of.ELAPSED])
-    return _ALL - bits(good)
+def _move(model, b, k, w, slot):
+    """Copy lane k of a group to a slot of another."""
+    sources = 2 * int(model[at.TERMS]) + of.HARMONIC_ROWS * int(model[at.HARMONIC_COUNT])
+    one, other = _vector_of(b, k), _vector_of(w, slot)
+    k, slot = k % LANES, slot % LANES
+    for row in range(of.SOURCES + sources):
+        if row < of.END or of.KICKS <= row < of.KICKS + 2 or row >= of.COEFFICIENTS:
+            other[row, slot] = one[row, k]
 
 
 @borrowing_kernel
-def _step(model, b):
-    """Step from the state to the end, each lane by its length; tell whether the error is small."""
-    prefer_widest_vectors()
-    stay_apart()
-    p = Coefficients(
+def _empty(model, lanes, w, idle, status):
+    """Let all lanes that wait make a step; return the idle slots and the status."""
+    _walk(model, w, _GROUP)
+    busy = _ALL - idle
+    done = busy - (busy & _those(w, _GROUP, of.GOES_ON))
+    idle |= done
+    while done != 0:
+        slot = lowest(done)
+        done &= done - 1
+        own, k = _vector_of(w, slot), slot % LANES
+        lane = int(own[of.LANE, k])
+        if own[of.OUTCOME, k] == of.DONE:
+            for row in range(4):
+                lanes[row, lane] = own[row, k]
+        else:
+            status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
+    return idle, status
+
+
+@borrowing_kernel
+def _walk(model, group, count):
+    """Let the lanes of a group that go on make a step, each by its length."""
+    _pass_stages(model, group, count)
+    for k in range(0, count, LANES):
+        b = _vector_of(group, k)
+        _assess(model, b)
+        if model[series.HAS_FRICTION] > 0.0:
+            _follow(model, b)
+        _conclude(model, b)
+
+
+@inlined_kernel
+def _coefficients(b):
+    """Return what the law of motion reads, with the masses for accelerations times h."""
+    return Coefficients(
         b[of.BY_M1],
         b[of.BY_M2],
         b[of.LINEAR],
@@ -168,68 +244,96 @@ def _step(model, b):
         b[of.BY_L0],
         b[of.STRETCH],
     )
-    x1, x2, v1, v2 = b[of.STATE], b[of.STATE + 1], b[of.STATE + 2], b[of.STATE + 3]
-    h, is_finite, is_excited = b[of.LENGTH], model[series.IS_FINITE] > 0.0, _is_excited(model)
-    push, shake, slot, stages = b[of.FORCE], alike(h, 0.0), of.TABLEAU, int(model[of.STAGES])
-    y1, y2, w1, w2 = x1, x2, v1, v2
-    for i in range(stages + 1):
-        c, slot = model[slot], slot + 1
-        q1 = q2 = r1 = r2 = alike(h, 0.0)
-        for j in range(i):
-            velocity, position, slot = model[slot], model[slot + 1], slot + 2
-            a1, a2 = b[of.FIRST + j], b[of.SECOND + j]
-            q1, q2 = fma(velocity, a1, q1), fma(velocity, a2, q2)
-            r1, r2 = fma(position, a1, r1), fma(position, a2, r2)
-        w1, w2 = fma(h, q1, v1), fma(h, q2, v2)
-        y1, y2 = fma(h, fma(h, r1, c * v1), x1), fma(h, fma(h, r2, c * v2), x2)
-        if is_excited:
-            push, shake = _excitation(model, b, fma(c, h, b[of.ELAPSED]))
-        a1, a2 = rates(p, is_finite, y1, y2 - y1, w1, w2 - w1, push, shake)
-        b[of.FIRST + i], b[of.SECOND + i] = a1, a2
-    b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3] = y1, y2, w1, w2
+
+
+@inlined_kernel
+def _kicks(model, b, time, x1, x2, v1, v2):
+    """Return the accelerations at a time [s] since the interval's start, times the step's length.
+
+    So they are added to velocities as they are.
+    """
+    push, shake = b[of.FORCE], alike(time, 0.0)
+    if model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0:
+        push, shake = _excitation(model, b, time)
+        shake = shake * b[of.LENGTH]
+    is_finite = model[series.IS_FINITE] > 0.0
+    return rates(_coefficients(b), is_finite, x1, x2 - x1, v1, v2 - v1, push, shake)
+
+
+@inlined_kernel
+def _first_kicks(model, b):
+    """Return them where the step begins."""
+    return _kicks(model, b, b[of.ELAPSED], b[0], b[1], b[2], b[3])
+
+
+@borrowing_kernel
+def _pass_stages(model, group, count):
+    """Work out the stages behind the first."""
+    prefer_widest_vectors()
+    stay_apart()
+    for i in range(int(model[of.STAGES])):
+        for k in range(0, count, LANES):
+            _pass_stage(model, _vector_of(group, k), i)
+
+
+@inlined_kernel
+def _pass_stage(model, b, i):
+    """Work out a stage, and take it for the step's end."""
+    h = b[of.LENGTH]
+    w1, w2, r1, r2 = summed(b, int(model[of.SUM]) + i, b[2], b[3])
+    y1, y2 = fma(h, r1, b[0]), fma(h, r2, b[1])
+    time, kick = fma(model[of.TIMES + i], h, b[of.ELAPSED]), of.KICKS + 2 * (i + 1)
+    if i + 1 == int(model[of.STAGES]):
+        b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3] = y1, y2, w1, w2
+    b[kick], b[kick + 1] = _kicks(model, b, time, y1, y2, w1, w2)
+
+
+@borrowing_kernel
+def _assess(model, b):
+    """Tell whether a step's error is small, and by what factor the next may be longer."""
+    prefer_widest_vectors()
+    stay_apart()
+    x1, x2, v1, v2, h = b[0], b[1], b[2], b[3], b[of.LENGTH]
+    y1, y2, w1, w2 = b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3]
     far = larger(larger(abs(x1), abs(x2)), larger(abs(y1), abs(y2)))
     fast = larger(larger(abs(v1), abs(v2)), larger(abs(w1), abs(w2)))
-    q1, q2, r1, r2 = _estimate(b, model, slot, stages)
-    o1, o2, s1, s2 = _estimate(b, model, slot + 2 * (stages + 1), stages)
-    change, shift = larger(abs(q1), abs(q2)) * h, larger(abs(r1), abs(r2)) * h * h
-    other = larger(abs(o1), abs(o2)) * h
+    stages = int(model[of.STAGES])
+    estimates = int(model[of.SUM]) + stages
+    q1, q2, r1, r2 = summed(b, estimates, v1, v2)
+    o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
+    change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
+    other = larger(abs(o1), abs(o2))
     if model[of.IS_COMBINED] > 0.0:  # Hairer, Norsett and Wanner (1993), II.10
         change = _combined(change, other)
-        shift = _combined(shift, larger(abs(s1), abs(s2)) * h * h)
+        shift = _combined(shift, larger(abs(s1), abs(s2)) * h)
     limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, LEAST))
     good = (shift <= limit * far) & (change <= limit * fast)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the
     # speed is that of the oscillation.
-    a1, a2, e1, e2 = b[of.FIRST], b[of.SECOND], b[of.FIRST + stages], b[of.SECOND + stages]
+    last = of.KICKS + 2 * stages
+    a1, a2, e1, e2 = b[of.KICKS], b[of.KICKS + 1], b[last], b[last + 1]
     steep = larger(larger(abs(a1), abs(a2)), larger(abs(e1), abs(e2)))
-    good = good & (other * other <= model[of.COARSE] * fma(fast, fast, steep * far))
-    if is_finite:
-        good = good & is_resolved(p, x2 - x1, y2 - y1)
-    b[of.GOOD] = where(good & (far + fast < np.inf), alike(h, 1.0), alike(h, 0.0))
-
-
-@inlined_kernel
-def _estimate(b, model, slot, stages):
-    """Return an estimate of the errors of velocities over h, and of positions over h^2."""
-    q1 = q2 = r1 = r2 = alike(b[of.LENGTH], 0.0)
-    for j in range(stages + 1):
-        a1, a2 = b[of.FIRST + j], b[of.SECOND + j]
-        velocity, position = model[slot + 2 * j], model[slot + 2 * j + 1]
-        q1, q2 = fma(velocity, a1, q1), fma(velocity, a2, q2)
-        r1, r2 = fma(position, a1, r1), fma(position, a2, r2)
-    return q1, q2, r1, r2
+    coarse = model[of.COARSE] * fma(fast * fast, h, steep * far)
+    good = good & (other * other * h <= coarse)
+    if model[series.IS_FINITE] > 0.0:
+        good = good & is_resolved(_coefficients(b), x2 - x1, y2 - y1)
+    good = good & (far + fast < np.inf)
+    b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
+    if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
+        return
+    error = larger(shift / (limit * far), change / (limit * fast))
+    factor = inverse_root(error, int(model[of.ROOTS]))
+    # The second estimate falls with the fourth power at least.
+    factor = SAFETY * smaller(factor, inverse_root(other * other * h / coarse, 3))
+    low, high = alike(h, SHORTER), alike(h, LONGER)
+    longer, shorter = smaller(high, factor), larger(low, factor)
+    b[of.FACTOR] = where(good, longer, where(factor < SAFETY, shorter, alike(h, 0.5)))
 
 
 @inlined_kernel
 def _combined(fifth, third):
     """Return an estimate of eighth order from those of the fifth and the third, all positive."""
-    both = root(fma(fifth, fifth, 0.01 * third * third))
-    return where(both > 0.0, fifth * fifth / both, both)
-
-
-@inlined_kernel
-def _is_excited(model):
-    return model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0
+    return fifth * smaller(alike(fifth, 1.0), 10.0 * fifth / third)
 
 
 @borrowing_kernel
@@ -259,12 +363,11 @@ def _judge(model, b):
     it, and what changes their sign once has one root.
     """
     stay_apart()
-    h, vr, regime = b[of.LENGTH], b[of.VR], b[of.REGIME]
-    third = (1.0 / 3.0) * h
+    h, vr, regime, third = b[of.LENGTH], b[of.VR], b[of.REGIME], 1.0 / 3.0
     c0, c3 = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
-    last = int(model[of.STAGES])
-    c1 = fma(b[of.SECOND] - b[of.FIRST], third, c0)
-    c2 = fma(b[of.FIRST + last] - b[of.SECOND + last], third, c3)
+    last = of.KICKS + 2 * int(model[of.STAGES])
+    c1 = fma(b[of.KICKS + 1] - b[of.KICKS], third, c0)
+    c2 = fma(b[last] - b[last + 1], third, c3)
     bend = abs(fma(-2.0, c1, c0 + c2)) + abs(fma(-2.0, c2, c1 + c3))
     margin, zero, one = model[of.BEND] * bend, alike(h, 0.0), alike(h, 1.0)
     sticks = regime == 0.0
@@ -290,77 +393,41 @@ def _judge(model, b):
         low, high = where(value >= 0.0, t, low), where(value < 0.0, t, high)
         t = t - value / slope
         t = where((t > low) & (t < high), t, 0.5 * (low + high))
-    b[of.TARGET] = where(leaves, side, zero)
-    b[of.NEXT] = where(leaves, t, 0.5) * h
+    b[of.SIDE], b[of.TIME] = side, where(leaves, t, 0.5) * h
 
 
 @borrowing_kernel
-def _wait(model, b, k, w, idle, lane):
-    """Let lane k of a group wait in the first of the idle slots."""
-    sources = 2 * int(model[at.TERMS]) + of.HARMONIC_ROWS * int(model[at.HARMONIC_COUNT])
-    slot = lowest(idle)
-    for row in range(of.SOURCES + sources):
-        if row < of.END or row >= of.COEFFICIENTS:
-            number = element(b[row], k)
-            # All slots have numbers from the beginning, so that none costs time as a denormal one.
-            w[row] = everywhere(number) if idle == _ALL else with_element(w[row], slot, number)
-    w[of.LENGTH] = with_element(w[of.LENGTH], slot, element(b[of.NEXT], k))
-    w[of.LANE] = with_element(w[of.LANE], slot, float(lane))
-    w[of.COUNT] = with_element(w[of.COUNT], slot, 0.0)
-
-
-@borrowing_kernel
-def _walk(model, lanes, w, idle, status):
-    """Let all lanes that wait make a step; return the idle slots and the status."""
-    _step(model, w)
-    if model[series.HAS_FRICTION] > 0.0:
-        _follow(model, w)
-    else:
-        w[of.NEXT] = 0.5 * w[of.LENGTH]
-    _conclude(model, w)
-    busy = _ALL - idle
-    while busy != 0:
-        slot = lowest(busy)
-        busy &= busy - 1
-        outcome = element(w[of.OUTCOME], slot)
-        if outcome != of.GOES_ON:
-            lane = int(element(w[of.LANE], slot))
-            if outcome == of.DONE:
-                for row in range(4):
-                    lanes[row, lane] = element(w[row], slot)
-            else:
-                status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
-            idle |= 1 << slot
-    return idle, status
-
-
-@borrowing_kernel
-def _follow(model, w):
+def _follow(model, b):
     """Accept steps in one regime and steps to its boundary; the latter enter the next regime.
 
     What a step to the boundary misses it by, its last accelerations correct.
     """
-    target, h, last, zero = w[of.TARGET] + 0.0, w[of.LENGTH], int(model[of.STAGES]), everywhere(0.0)
-    a1, a2 = w[of.FIRST + last], w[of.SECOND + last]
-    x1, x2, v1, v2 = w[of.END], w[of.END + 1], w[of.END + 2], w[of.END + 3]
-    _judge(model, w)
-    to_boundary = target * target * w[of.GOOD]
-    within = w[of.GOOD] - to_boundary
+    target, h, zero = b[of.TARGET] + 0.0, b[of.LENGTH], everywhere(0.0)
+    _judge(model, b)
+    stays = b[of.VERDICT] == of.STAYS
+    b[of.SHIFT], b[of.NEXT], b[of.ARRIVES] = zero, zero, zero
+    if all_hold(stays) and none(target * target > 0.0):
+        return
+    last = of.KICKS + 2 * int(model[of.STAGES])
+    a1, a2 = b[last] / h, b[last + 1] / h
+    x1, x2, v1, v2 = b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3]
+    to_boundary = target * target * b[of.GOOD]
+    within = b[of.GOOD] - to_boundary
     # Outwards from stick, inwards from slip; else the boundary is passed for the second time.
-    towards = where(w[of.REGIME] == 0.0, target, -target) * (a2 - a1) > 0.0
-    missed = fma(target, w[of.VR], v1 - v2) / (a2 - a1)
+    towards = where(b[of.REGIME] == 0.0, target, -target) * (a2 - a1) > 0.0
+    missed = fma(target, b[of.VR], v1 - v2) / (a2 - a1)
     arrives = where(towards & (abs(missed) <= model[of.NEAR]), to_boundary, zero)
     shift = where(arrives > 0.0, missed, zero)
-    w[of.END], w[of.END + 1] = _shifted(shift, x1, v1, a1), _shifted(shift, x2, v2, a2)
-    w[of.END + 2], w[of.END + 3] = fma(shift, a1, v1), fma(shift, a2, v2)
-    _enter(w, where(arrives > 0.0, target - w[of.REGIME], w[of.REGIME]))
+    b[of.END], b[of.END + 1] = _shifted(shift, x1, v1, a1), _shifted(shift, x2, v2, a2)
+    b[of.END + 2], b[of.END + 3] = fma(shift, a1, v1), fma(shift, a2, v2)
+    _enter(b, where(arrives > 0.0, target - b[of.REGIME], b[of.REGIME]))
     again = where(towards, h + missed, 0.5 * h)
-    following = where(to_boundary > arrives, again, w[of.NEXT])
-    w[of.NEXT] = where(w[of.GOOD] > 0.0, following, 0.5 * h)
-    leaves = where(w[of.VERDICT] == of.LEAVES, within, zero)
-    w[of.TARGET] = where(to_boundary > arrives, target, leaves * w[of.TARGET])
-    w[of.GOOD] = where(w[of.VERDICT] == of.STAYS, within, zero) + arrives
-    w[of.SHIFT] = shift
+    following = where(to_boundary > arrives, again, b[of.TIME])
+    b[of.NEXT] = where(b[of.GOOD] > 0.0, following, zero)
+    leaves = (b[of.VERDICT] == of.LEAVES) & (within > 0.0)
+    b[of.TARGET] = where(to_boundary > arrives, target, where(leaves, b[of.SIDE], zero))
+    b[of.GOOD] = where(stays, within, zero) + arrives
+    b[of.SHIFT], b[of.ARRIVES] = shift, arrives
 
 
 @inlined_kernel
@@ -370,19 +437,32 @@ def _shifted(time, x, v, a):
 
 
 @borrowing_kernel
-def _conclude(model, w):
+def _conclude(model, b):
     """Make the accepted steps, and choose the lengths of the next ones."""
-    h, shift, is_good = w[of.LENGTH], w[of.SHIFT], w[of.GOOD] > 0.0
-    rest = model[at.SAMPLE_INTERVAL] - w[of.ELAPSED]
-    is_last = is_good & (h >= rest) & (shift == 0.0)
+    h, shift, interval = b[of.LENGTH], b[of.SHIFT], model[at.SAMPLE_INTERVAL]
+    good = (b[of.OUTCOME] == of.GOES_ON) & (b[of.GOOD] > 0.0)
+    is_last = good & (h >= interval - b[of.ELAPSED]) & (shift == 0.0)
     for row in range(4):
-        w[row] = where(is_good, w[of.END + row], w[row])
-    w[of.ELAPSED] = where(is_good, w[of.ELAPSED] + h + shift, w[of.ELAPSED])
-    rest = model[at.SAMPLE_INTERVAL] - w[of.ELAPSED]
+        b[row] = where(good, b[of.END + row], b[row])
+    b[of.OUTCOME] = where(is_last, of.DONE, b[of.OUTCOME])
+    if none(b[of.OUTCOME] == of.GOES_ON):
+        return
+    b[of.ELAPSED] = where(good, b[of.ELAPSED] + h + shift, b[of.ELAPSED])
+    rest, enters = interval - b[of.ELAPSED], b[of.ARRIVES] > 0.0
     # A step to an event was short for another reason than its error.
-    longer = where(shift == 0.0, h + h, model[at.SAMPLE_INTERVAL] / model[of.STEPS])
-    w[of.LENGTH] = smaller(where(is_good, longer, w[of.NEXT]), rest)
-    w[of.COUNT] = w[of.COUNT] + 1.0
-    lasts = (w[of.COUNT] < MOST_STEPS) & (w[of.LENGTH] > 0.0)
+    longer = where(enters, interval / model[of.STEPS], h * b[of.FACTOR])
+    longer = where(longer + longer < rest, longer, where(longer < rest, 0.5 * rest, rest))
+    shorter = where(b[of.NEXT] > 0.0, b[of.NEXT], h * b[of.FACTOR])
+    length = smaller(where(good, longer, shorter), rest)
+    _set_length(b, where(b[of.OUTCOME] == of.GOES_ON, length, h))
+    last, scale = of.KICKS + 2 * int(model[of.STAGES]), b[of.LENGTH] / h
+    for row in range(2):
+        b[of.KICKS + row] = where(good, b[last + row], b[of.KICKS + row]) * scale
+    if not none(enters):
+        a1, a2 = _first_kicks(model, b)
+        b[of.KICKS] = where(enters, a1, b[of.KICKS])
+        b[of.KICKS + 1] = where(enters, a2, b[of.KICKS + 1])
+    b[of.COUNT] = b[of.COUNT] + 1.0
+    lasts = (b[of.COUNT] < MOST_STEPS) & (b[of.LENGTH] > 0.0)
     outcome = where(lasts, of.GOES_ON, everywhere(of.GIVEN_UP))
-    w[of.OUTCOME] = where(is_last, of.DONE, outcome)
+    b[of.OUTCOME] = where(b[of.OUTCOME] == of.GOES_ON, outcome, b[of.OUTCOME])

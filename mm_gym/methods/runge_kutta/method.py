@@ -12,7 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as of
-from mm_gym.methods.runge_kutta.tableau import Tableau, tableaus
+from mm_gym.methods.runge_kutta.tableau_kernel import Tableau, first_sum, tableaus
 from mm_gym.methods.support import (
     PARAMETRIC_SWITCHED_LINEAR,
     SMOOTH_NONLINEAR,
@@ -85,8 +85,8 @@ class RungeKutta(Method):
     name = "runge_kutta"
     title = "the Runge-Kutta method"
     how = (
-        "Runge-Kutta pairs, in a few equal steps or, where a lane's error estimate or a change of "
-        "regime asks for it, in steps of its own; what is in doubt is redone by the Taylor series"
+        "Runge-Kutta pairs, each lane in steps of its own, whose lengths follow from its error "
+        "estimates and changes of regime; what is in doubt is redone by the Taylor series"
     )
     kinds = (SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR)
     entries = build(kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
@@ -148,8 +148,10 @@ class RungeKutta(Method):
             of.IS_COMBINED: tableau.is_combined,
             of.BEND: min(1.0, _BENT * phase**2),
             of.NEAR: _NEAR * math.sqrt(limit) / rate,
+            of.ROOTS: round(math.log2(tableau.power - 1)),
+            of.SUM: first_sum(tableau),
         }
-        return np.concatenate([series, [own[slot] for slot in sorted(own)], tableau.slots()])
+        return np.concatenate([series, [own[slot] for slot in sorted(own)], tableau.times[1:]])
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the orders of the pairs."""
@@ -158,7 +160,7 @@ class RungeKutta(Method):
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the work expected."""
         steps = int(model[of.STEPS])
-        evaluations = steps * (int(model[of.STAGES]) + 1)
+        evaluations = steps * int(model[of.STAGES]) + 1
         return f"{evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
 
     def bound(self, settings: Settings) -> str:
