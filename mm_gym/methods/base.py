@@ -59,6 +59,8 @@ class Method(ABC):
         Its compiled functions.
     option
         The field of ``solver`` that sets its accuracy, if any.
+    tightest
+        The smallest tolerance that it keeps.
     """
 
     name: ClassVar[str]
@@ -67,19 +69,29 @@ class Method(ABC):
     kinds: ClassVar[tuple[str, ...]]
     entries: ClassVar[Entries]
     option: ClassVar[Option | None] = None
+    tightest: ClassVar[float] = 0.0
 
     def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002 - most defer to none
         """Return why `auto` prefers a later method although this one applies, or None."""
         return None
 
-    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:  # noqa: ARG002 - most apply at any
+    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
         """Return why the method does not apply to a support, or None if it does.
 
         With settings, also why not with those.
         """
         if support.kind not in self.kinds:
             return f"{self.title} cannot propagate a {support.kind} plant"
-        return self.limit(support)
+        obstacle = self.limit(support)
+        if obstacle is not None or settings is None:
+            return obstacle
+        if settings.tolerance < self.tightest:
+            return f"solver.tolerance is below {self.tightest:g}"
+        return self.failing(support, settings)
+
+    def failing(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002 - few fail
+        """Return why the method cannot keep the settings on a plant that it applies to, or None."""
+        return None
 
     def limit(self, support: Support) -> str | None:  # noqa: ARG002 - most have no limit
         """Return why the method does not apply to a plant of its kinds, or None if it does."""

@@ -120,14 +120,10 @@ class Splitting(Method):
     kinds = (SMOOTH_NONLINEAR,)
     entries = build(kernel.propagate, shorten=taylor.shorten)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
+    tightest = TIGHTEST
 
-    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
-        """Return why the method does not apply, or None if it does."""
-        obstacle = super().obstacle(support)
-        if obstacle is not None or settings is None:
-            return obstacle
-        if settings.tolerance < TIGHTEST:
-            return f"solver.tolerance is below {TIGHTEST:g}"
+    def failing(self, support: Support, settings: Settings) -> str | None:
+        """Return why not, where round-off is beyond the tolerance."""
         if plan_of(support, settings) is None:
             return f"its round-off is beyond solver.tolerance = {settings.tolerance:g}"
         return None

@@ -45,13 +45,7 @@ class TruncatedSeries(Method):
     kinds = (PARAMETRIC_LINEAR,)
     entries = build(kernel.propagate, respond=respond)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
-
-    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
-        """Return why the method does not apply, or None if it does."""
-        obstacle = super().obstacle(support)
-        if obstacle is None and settings is not None and settings.tolerance < TIGHTEST:
-            return f"solver.tolerance is below {TIGHTEST:g}"
-        return obstacle
+    tightest = TIGHTEST
 
     def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002
         """Return why `auto` takes an exact method at tight tolerances."""
