@@ -59,6 +59,12 @@ def is_excited(model):
     return model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0
 
 
+@inlined_kernel
+def rows_of_sources(model):
+    """Return how many rows there are."""
+    return 2 * int(model[at.TERMS]) + ROWS_OF_HARMONIC * int(model[at.HARMONIC_COUNT])
+
+
 @borrowing_kernel
 def load_sources(model, lanes, i, count, b, first):
     """Write the rows of b from `first` on, of the lanes i .. i + count - 1."""

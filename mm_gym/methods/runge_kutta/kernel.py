@@ -9,14 +9,12 @@ lane's result follows from its own numbers.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.excitation.sources import excitation, is_excited, load_sources, rows_of_sources
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
-from mm_gym.lanes.elementary import on_circle
 from mm_gym.lanes.groups import read, write, write_states
 from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root
 from mm_gym.lanes.simd_masks import (
@@ -52,7 +50,6 @@ SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 NEWTON_STEPS = 5
 """For the time of an event, on the cubic: the step to it corrects what is left."""
 
-_TO_QUARTERS = 2.0 / math.pi
 _GROUP = VECTORS * LANES
 _ALL = (1 << _GROUP) - 1
 _group, _waiting = rows_on_stack(VECTORS * of.SIZE), rows_on_stack(VECTORS * of.SIZE)
@@ -141,18 +138,7 @@ def _load(model, lanes, i, count, b):
         slip = b[of.STATE + 3] - b[of.STATE + 2]
         zero, one = everywhere(0.0), everywhere(1.0)
         _enter(b, where(slip > vr, one, where(slip < -vr, -one, zero)))
-    terms = 2 * int(model[at.TERMS])
-    for n in range(terms):
-        b[of.SOURCES + n] = read(lanes, int(model[at.JETS]) + n, i, count)
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        row, harmonic = (
-            of.SOURCES + terms + of.HARMONIC_ROWS * j,
-            at.HARMONICS + at.HARMONIC_ROWS * j,
-        )
-        b[row] = read(lanes, harmonic + at.AMPLITUDE, i, count)
-        b[row + 1] = read(lanes, harmonic + at.FREQUENCY, i, count)
-        b[row + 2] = read(lanes, harmonic + at.COSINE, i, count)
-        b[row + 3] = read(lanes, harmonic + at.SINE, i, count)
+    load_sources(model, lanes, i, count, b, of.SOURCES)
     b[of.OUTCOME] = everywhere(of.GOES_ON)
     for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
         b[row] = everywhere(0.0)
@@ -188,10 +174,9 @@ def _enter(b, regime):
 @borrowing_kernel
 def _move(model, b, k, w, slot):
     """Copy lane k of a group to a slot of another."""
-    sources = 2 * int(model[at.TERMS]) + of.HARMONIC_ROWS * int(model[at.HARMONIC_COUNT])
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
-    for row in range(of.SOURCES + sources):
+    for row in range(of.SOURCES + rows_of_sources(model)):
         if row < of.END or of.KICKS <= row < of.KICKS + 2 or row >= of.COEFFICIENTS:
             other[row, slot] = one[row, k]
 
@@ -253,9 +238,9 @@ def _kicks(model, b, time, x1, x2, v1, v2):
     So they are added to velocities as they are.
     """
     push, shake = b[of.FORCE], alike(time, 0.0)
-    if model[at.TERMS] + model[at.HARMONIC_COUNT] > 0.0:
-        push, shake = _excitation(model, b, time)
-        shake = shake * b[of.LENGTH]
+    if is_excited(model):
+        force, shake = excitation(model, b, of.SOURCES, time)
+        push, shake = push + force, shake * b[of.LENGTH]
     is_finite = model[series.IS_FINITE] > 0.0
     return rates(_coefficients(b), is_finite, x1, x2 - x1, v1, v2 - v1, push, shake)
 
@@ -334,25 +319,6 @@ def _assess(model, b):
 def _combined(fifth, third):
     """Return an estimate of eighth order from those of the fifth and the third, all positive."""
     return fifth * smaller(alike(fifth, 1.0), 10.0 * fifth / third)
-
-
-@borrowing_kernel
-def _excitation(model, b, time):
-    """Return force [N] and ground acceleration [m/s^2] at a time [s] since the interval's start."""
-    terms, fraction = int(model[at.TERMS]), time * (1.0 / model[at.SAMPLE_INTERVAL])
-    push, shake = alike(time, 0.0), alike(time, 0.0)
-    for n in range(terms - 1, -1, -1):
-        push = fma(push, fraction, b[of.SOURCES + n])
-        shake = fma(shake, fraction, b[of.SOURCES + terms + n])
-    for j in range(int(model[at.HARMONIC_COUNT])):
-        row = of.SOURCES + 2 * terms + of.HARMONIC_ROWS * j
-        cosine, sine = on_circle(b[row + 1] * time * _TO_QUARTERS)
-        value = b[row] * fma(b[row + 3], cosine, b[row + 2] * sine)
-        if (int(model[at.GROUND]) >> j) & 1:
-            shake = shake + value
-        else:
-            push = push + value
-    return push + b[of.FORCE], shake
 
 
 @borrowing_kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mm_gym.excitation.sources import MOST_ROWS
 from mm_gym.methods.taylor import layout as series
 
 # Steps of a sample interval to begin with, 0 if the series do all the work; stages of a step; the
@@ -17,9 +18,6 @@ TIMES = SUM + 1
 
 MOST_STAGES = 13
 """The end of the step counts."""
-
-MOST_SOURCES = 48
-"""Rows that excitation may have."""
 
 # Rows of a vector each: the state at the step's start and end; both accelerations of each stage,
 # times the step's length.
@@ -39,10 +37,9 @@ GOES_ON, DONE, GIVEN_UP = 0.0, 1.0, 2.0
 # 0 if the error says it; what corrects the time of this one [s]; whether it ends in a new regime.
 TARGET, NEXT, SHIFT, ARRIVES = (OUTCOME + 1 + k for k in range(4))
 SOURCES = ARRIVES + 1
-"""Then the jets' coefficients, and amplitude, frequency, cosine and sine of each harmonic."""
-HARMONIC_ROWS = 4
+"""Those of `excitation.sources`."""
 # Whether the step is accepted, and by what factor the next may be longer; whether the slip velocity
 # stays in its regime, leaves it, or may; at which boundary, and after what time [s].
-GOOD, FACTOR, VERDICT, SIDE, TIME = (SOURCES + MOST_SOURCES + k for k in range(5))
+GOOD, FACTOR, VERDICT, SIDE, TIME = (SOURCES + MOST_ROWS + k for k in range(5))
 STAYS, LEAVES, MAY_LEAVE = 0.0, 1.0, 2.0
 SIZE = TIME + 1

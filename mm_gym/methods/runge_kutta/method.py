@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.excitation import sources
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
@@ -53,9 +54,6 @@ FINER = 1e-3
 """Part of the tolerance for the series, which redo the hardest steps: a sphere that bounces off the
 end of its springs makes errors grow."""
 
-LONGEST_TURN = 0.25 * math.pi
-"""Of a harmonic in a sample interval [rad]: as far as `lanes.elementary.on_circle` goes."""
-
 SHORTEST = 1e-3
 """Phase [rad] that shorter sample intervals are taken for: any step does."""
 
@@ -91,6 +89,7 @@ class RungeKutta(Method):
     kinds = (SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR)
     entries = build(kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
+    tightest = TIGHTEST
 
     def deferral(self, support: Support, settings: Settings) -> str | None:
         """Return why `auto` prefers a series, or None."""
@@ -104,13 +103,8 @@ class RungeKutta(Method):
             return f"solver.tolerance is {TIGHT:g}, where a series has an error of round-off only"
         return None
 
-    def obstacle(self, support: Support, settings: Settings | None = None) -> str | None:
-        """Return why the method does not apply, or None if it does."""
-        obstacle = super().obstacle(support)
-        if obstacle is not None or settings is None:
-            return obstacle
-        if settings.tolerance < TIGHTEST:
-            return f"solver.tolerance is below {TIGHTEST:g}"
+    def failing(self, support: Support, settings: Settings) -> str | None:
+        """Return why not, where it takes too many steps."""
         if plan_of(support, settings) is None:
             return f"it takes more than {MOST_EVALUATIONS} evaluations of the forces"
         return None
@@ -119,16 +113,7 @@ class RungeKutta(Method):
         """Return why not, where a carriage can escape or the excitation is fast or manifold."""
         if support.low[at.BETA] < 0.0:
             return "carriage.cubic_coefficient is negative"
-        turn = support.frequencies.max(initial=0.0) * support.sample_interval
-        if not turn <= LONGEST_TURN:
-            return (
-                f"a harmonic turns by {turn:.3g} rad in a sample interval; at most "
-                f"{LONGEST_TURN:.3g}"
-            )
-        rows = 2 * support.terms + of.HARMONIC_ROWS * len(support.ground)
-        if rows > of.MOST_SOURCES:
-            return f"the excitation has {rows} numbers in a lane; at most {of.MOST_SOURCES}"
-        return None
+        return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
         """Return the model of the Taylor series, then the steps and their weights."""
