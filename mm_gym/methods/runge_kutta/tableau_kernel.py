@@ -84,7 +84,7 @@ class Tableau(NamedTuple):
         )
         first, second = np.abs(self.errors @ rates)
         if self.is_combined:
-            first = first * first / math.hypot(first, 0.1 * second)
+            first = first * first / abs(complex(first, 0.1 * second))
         return float(first), float(second)
 
     def longest(self, limit: float, part: float = 1.0) -> float:
