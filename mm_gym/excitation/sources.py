@@ -100,9 +100,9 @@ def excitation(model, b, first, time):
 
 @borrowing_kernel
 def strongest(model, b, first):
-    """Return bounds of force and ground acceleration in the interval.
+    """Return bounds of force [N] and ground acceleration [m/s^2] in the interval.
 
-    Of each also those of its third and fourth derivative over time, in units of the interval.
+    Each is followed by bounds of its third and fourth derivative over time in sample intervals.
     """
     zero, terms = alike(b[first], 0.0), int(model[at.TERMS])
     force, ground = (zero, zero, zero), (zero, zero, zero)

@@ -28,9 +28,12 @@ METHODS: tuple[Method, ...] = (
     RK4(),
     SemiImplicitEuler(),
 )
-"""The decision table: ``"auto"`` takes the first method that applies, a name the first so named."""
+"""The decision table: ``"auto"`` takes the first method that applies and defers to no later one.
+
+A name takes the first so named that applies.
+"""
 
 
 def names() -> list[str]:
-    """Return the values of ``solver.method`` besides "auto"."""
+    """Return the values of ``solver.method`` other than "auto"."""
     return list(dict.fromkeys(method.name for method in METHODS))

@@ -66,7 +66,7 @@ _SERIES = Taylor()
 
 
 class Plan(NamedTuple):
-    """The steps of a sample interval."""
+    """The pair, and the steps that a sample interval is expected to take."""
 
     tableau: Tableau
     steps: int
@@ -116,7 +116,7 @@ class RungeKutta(Method):
         return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the model of the Taylor series, then the steps and their weights."""
+        """Return the model of the Taylor series, then the steps to begin with and their stages."""
         finer = settings._replace(tolerance=settings.tolerance * FINER)
         series = _SERIES.model(support, finer)
         plan = None if self.limit(support) else plan_of(support, settings)
@@ -146,7 +146,7 @@ class RungeKutta(Method):
         """Return the work expected."""
         steps = int(model[of.STEPS])
         evaluations = steps * int(model[of.STAGES]) + 1
-        return f"{evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
+        return f"some {evaluations} evaluations of the forces, in {steps} step{'s' * (steps > 1)}"
 
     def bound(self, settings: Settings) -> str:
         """Return the tolerance."""

@@ -1,11 +1,11 @@
 """Extrapolated splitting: drifts solved exactly, kicks by the springs, and their gradient.
 
 A substep is the fourth-order method A of Chin (Phys. Lett. A 226, 1997), after Suzuki: drifts of
-both masses with their dampers, between kicks by the springs and the held force; the kick in the
-middle is corrected by the force's gradient. It is symmetric, so that its error is a series in even
-powers of the substep: several columns, each with its own number of substeps, are extrapolated
-(Gragg, 1965) until what the coarsest one contributes is below the
-tolerance. Where that does not happen the Taylor series takes over.
+both masses with their dampers, between kicks by the springs, the held force and the excitation; the
+kick in the middle is corrected by the force's gradient. It is symmetric, so that its error is a
+series in even powers of the substep: several columns, each with its own number of substeps, are
+extrapolated (Gragg, 1965) until what the coarsest one contributes is below the tolerance. Where
+that does not happen the Taylor series takes over.
 
 Lanes are taken LANES at a time, without branches. A lane's result follows from its own numbers.
 Constants of the plant are numbers where all lanes share them, and vectors where they are drawn.
@@ -58,7 +58,7 @@ def _advance(model, lanes, b, columns, first, last):
     lanes
         (rows, count) read, and the state written.
     b
-        (4 * of.MOST, LANES) written: the columns' states.
+        (of.ROWS, LANES) written: the columns' states, and the constants of drawn plants.
     columns
         How many there are.
     first, last
@@ -122,7 +122,7 @@ def _finish(model, lanes, b, done, i, count):
     lanes
         (rows, count) read, and the state written.
     b
-        (4 * of.MOST, LANES) read and written: the columns' states.
+        (of.ROWS, LANES) read and written: the columns' states, what is drawn, what excites.
     done
         How many columns are in b already.
     i, count
@@ -228,7 +228,7 @@ def _is_within(model, slot, b, last, turn, size, speed):
     slot
         Slot of the weights.
     b
-        (4 * of.MOST, LANES) read: the columns' states.
+        (of.ROWS, LANES) read: the columns' states.
     last
         The last column.
     turn

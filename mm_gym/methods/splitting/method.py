@@ -33,8 +33,8 @@ TIGHT = 1e-9
 errors of 1e-11 over an episode where the splitting's reach the tolerance in each control step."""
 
 LONGEST = 6.0
-"""Longest sample interval, in radians of the fastest oscillation; in longer ones the Taylor series,
-which chooses each step's length by itself, is cheaper."""
+"""Longest sample interval, in radians of the fastest oscillation; in longer ones a method that
+chooses the length of each step is cheaper."""
 
 MARGIN = 0.5
 """Part of the tolerance that estimate and bound of the error may reach."""
