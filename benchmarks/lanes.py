@@ -19,7 +19,7 @@ from benchmarks.recorded import record
 from benchmarks.report import installed, table, three_digits
 from mm_gym import MovingMassVectorEnv, compile_scene, load_scene
 from mm_gym.drawing import COLOURS, legend_below, panels, save, style
-from mm_gym.methods import METHODS
+from mm_gym.methods import METHODS, Settings
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ def _settings(scene: Scene) -> list[tuple[str, Scene]]:
         elif support.is_nonlinear or method.name != "taylor":
             name, values = method.option
             for value in values:
-                if value < LEAST:
+                if value < LEAST or method.obstacle(support, Settings(value, 1)) is not None:
                     continue
                 solver = {"method": method.name, name: value}
                 found[f"{method.name}, {name} {value:.0e}"] = scene.replace(solver=solver)
