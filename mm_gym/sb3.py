@@ -30,12 +30,15 @@ if TYPE_CHECKING:
     Indices = None | int | Iterable[int]
     Info: TypeAlias = dict[str, Any]
     Lanes: TypeAlias = VectorEnv[Any, Any, Any]
+    Wrapper: TypeAlias = VectorWrapper[Any, Any, Any, Any, Any]
+else:  # a class without parameters before Gymnasium 1.4
+    Wrapper = VectorWrapper
 
 ENDS = ("final_obs", "final_info")
 """Entries of a vector environment's info on the episodes that a step ends."""
 
 
-class Monitored(VectorWrapper[Any, Any, Any, Any, Any]):
+class Monitored(Wrapper):
     """Keeps the rewards of the last step before other wrappers change them."""
 
     rewards: NDArray[Any]

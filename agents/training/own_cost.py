@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
+    Wrapper = VectorWrapper[Any, Any, Any, Any, Any]
+else:  # a class without parameters before Gymnasium 1.4
+    Wrapper = VectorWrapper
 
 ACTUATORS = {"applied_force": "force", "stretch": "stretch"}
 """Channels that are what the actuators have."""
@@ -117,7 +120,7 @@ def _compiled(function: Callable[..., float], count: int, reward: str) -> Callab
         return np.vectorize(function, otypes=[np.float64])
 
 
-class OwnReward(VectorWrapper[Any, Any, Any, Any, Any]):
+class OwnReward(Wrapper):
     """Reward the steps of a vector environment with same-step autoreset by an own cost."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], cost: OwnCost) -> None:

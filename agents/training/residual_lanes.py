@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from agents.training.arrays import Arrays
     from mm_gym import MovingMassVectorEnv
 
+    Wrapper = VectorWrapper[Any, Any, Any, Any, Any]
+else:  # a class without parameters before Gymnasium 1.4
+    Wrapper = VectorWrapper
+
 KNOWN = ("state", "applied")
 """What a base may read of the information."""
 
@@ -77,7 +81,7 @@ class Cohort:
         send(self.base, action)
 
 
-class ResidualLanes(VectorWrapper[Any, Any, Any, Any, Any]):
+class ResidualLanes(Wrapper):
     """Add `authority` times the agent's actions to those of a base, which the agent observes too.
 
     Parameters
