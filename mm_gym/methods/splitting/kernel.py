@@ -359,29 +359,24 @@ def _own_dampers(model, b, slot):
     t = 0.75 * model[slot + of.MIDDLE]  # half a substep
     m11, m12 = t * b[of.OWN + of.DAMPED], t * b[of.OWN + of.DRAGGED]
     m21 = t * b[of.OWN + of.DRAGGING]
-    order = int(model[of.DEGREE])
-    weight = model[of.RECIPROCALS + order]
-    p11, p12, p21, p22 = (
-        everywhere(weight),
-        everywhere(0.0),
-        everywhere(0.0),
-        everywhere(weight),
-    )
+    m, order = (m11, m12, m21), int(model[of.DEGREE])
+    zero, weight = everywhere(0.0), everywhere(model[of.RECIPROCALS + order])
+    p = weight, zero, zero, weight
     for n in range(order - 1, -1, -1):
-        weight = model[of.RECIPROCALS + n]
-        p11, p12, p21, p22 = (
-            fma(m11, p11, fma(m12, p21, weight)),
-            fma(m11, p12, m12 * p22),
-            m21 * (p11 - p21),
-            fma(m21, p12 - p22, weight),
-        )
-    decay = (
-        fma(m11, p11, fma(m12, p21, 1.0)),
+        p = _times_and(m, p, model[of.RECIPROCALS + n])
+    return (t * p[0], t * p[1], t * p[2], t * p[3]), _times_and(m, p, 1.0)
+
+
+@inlined_kernel
+def _times_and(m, p, weight):
+    """Return M P and a weight on the diagonal; what M has at its end is minus what is before it."""
+    (m11, m12, m21), (p11, p12, p21, p22) = m, p
+    return (
+        fma(m11, p11, fma(m12, p21, weight)),
         fma(m11, p12, m12 * p22),
         m21 * (p11 - p21),
-        fma(m21, p12 - p22, 1.0),
+        fma(m21, p12 - p22, weight),
     )
-    return (t * p11, t * p12, t * p21, t * p22), decay
 
 
 @inlined_kernel
