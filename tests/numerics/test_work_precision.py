@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -210,9 +212,15 @@ def test_recommended_settings_keep_their_error_in_fresh_steps(
     assert max(without) > 2.0
 
 
+RUN = 2.0**-10
+"""Duration of a run [s], of a clock that does not depend on how busy the machine is."""
+
+
 def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(episode, "MOST_CHECKED", 10)
     monkeypatch.setattr(episode, "EPISODES", 1)
+    clock = itertools.count(0.0, RUN)  # each run takes one tick
+    monkeypatch.setattr(measure, "time", SimpleNamespace(perf_counter=clock.__next__))
     scene = load_scene("mm_gym/CarriageForceDuffing-v0")
     alone, many = (work_precision(scene, lanes=count) for count in (1, 512))
     assert (many.lanes, many.steps, many.auto) == (512, measure.STEPS_OF_LANES, "taylor")
@@ -222,8 +230,8 @@ def test_cost_of_many_lanes_is_that_of_one_among_them(monkeypatch: pytest.Monkey
         for result in (alone, many)
     ]
     assert settings[0].error == settings[1].error
-    # Sixteen lanes are worked on as quickly as one, and the 512 have one call.
-    assert 0.0 < settings[1].seconds < 0.25 * settings[0].seconds
+    assert settings[0].seconds == RUN / alone.steps
+    assert settings[1].seconds == RUN / (many.steps * 512)
     with pytest.raises(SceneError, match="lanes: got 0; allowed: whole numbers of at least 1"):
         work_precision(scene, lanes=0)
 
