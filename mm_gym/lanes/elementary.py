@@ -5,6 +5,8 @@ is installed, but not for the lanes that fill no vector: these would be rounded 
 Polynomials without branches or calls are vectorised as they are.
 """
 
+# ruff: noqa: ARG001, PLW0108 - as in `lanes.simd`
+
 from __future__ import annotations
 
 import math
@@ -15,9 +17,10 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, plain
 from mm_gym.lanes.arithmetic import fma, stay_apart
-from mm_gym.lanes.simd import alike
+from mm_gym.lanes.simd import VECTOR, alike, recasting
+from mm_gym.lanes.simd_masks import where
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,18 +68,81 @@ def _reread(_context, x):
 
 def bits_of(x: float) -> int:
     """Return the bits of a double as an integer."""
-    return np.float64(x).view(np.int64)
+    return np.asarray(x, np.float64).view(np.int64)[()]
 
 
 def double_of(x: int) -> float:
     """Return the double of these bits."""
-    return np.int64(x).view(np.float64)
+    return np.asarray(x, np.int64).view(np.float64)[()]
 
 
 @overload(bits_of)
 @overload(double_of)
-def _compiled(x) -> Callable[..., float]:  # noqa: ARG001 - as the functions
-    return lambda x: _reread(x)  # noqa: PLW0108 - numba wants a plain function
+def _compiled(x) -> Callable[..., float]:
+    return lambda x: _reread(x)
+
+
+def _integers(kind, value):
+    """Return an integer in every lane, or one."""
+    count = getattr(kind, "count", None)
+    return ir.Constant(kind, value if count is None else [value] * count)
+
+
+def _split(builder, x, whole):
+    """Return the bits of a number, and the exponent of its part that is a power of two."""
+    bits = builder.bitcast(x, whole)
+    above = builder.sub(bits, _integers(whole, _HALF_ROOT))
+    return bits, builder.ashr(above, _integers(whole, _MANTISSA))
+
+
+def _exponent(builder, x, whole, number):
+    return builder.sitofp(_split(builder, x, whole)[1], number)
+
+
+def _mantissa(builder, x, whole, number):
+    bits, exponent = _split(builder, x, whole)
+    shifted = builder.shl(exponent, _integers(whole, _MANTISSA))
+    return builder.bitcast(builder.sub(bits, shifted), number)
+
+
+def _power_of_two(builder, x, whole, number):
+    biased = builder.add(builder.bitcast(x, whole), _integers(whole, _ONE))
+    return builder.bitcast(builder.shl(biased, _integers(whole, _MANTISSA)), number)
+
+
+_compiled_exponent, _compiled_mantissa, _compiled_power_of_two = map(
+    recasting, (_exponent, _mantissa, _power_of_two)
+)
+
+
+def exponent_of(x: float) -> float:
+    """Return e of x = m 2^e, with m from the root of 1/2 to that of 2."""
+    return ((bits_of(x) - _HALF_ROOT) >> _MANTISSA) * 1.0
+
+
+@overload(exponent_of)
+def _exponent_of(x):
+    return lambda x: _compiled_exponent(x)
+
+
+def mantissa_of(x: float) -> float:
+    """Return m of the same."""
+    return double_of(bits_of(x) - (((bits_of(x) - _HALF_ROOT) >> _MANTISSA) << _MANTISSA))
+
+
+@overload(mantissa_of)
+def _mantissa_of(x):
+    return lambda x: _compiled_mantissa(x)
+
+
+def two_to_the(x: float) -> float:
+    """Return 2^n of an integer n to which `_ROUNDING` was added."""
+    return double_of((bits_of(x) + _ONE) << _MANTISSA)
+
+
+@overload(two_to_the)
+def _two_to_the(x):
+    return lambda x: _compiled_power_of_two(x)
 
 
 @borrowing_kernel
@@ -104,10 +170,9 @@ def _value(coefficients, x):
 @inlined_kernel
 def logarithm(x):
     """Return ln x of a normal number x > 0, from x = m 2^e and 2 artanh((m - 1) / (m + 1))."""
-    bits = bits_of(x)
-    exponent = (bits - _HALF_ROOT) >> _MANTISSA
-    m = double_of(bits - (exponent << _MANTISSA))  # from sqrt(1/2) to sqrt(2)
-    s, e = (m - 1.0) / (m + 1.0), float(exponent)
+    e = exponent_of(x)
+    m = mantissa_of(x)  # from sqrt(1/2) to sqrt(2)
+    s = (m - 1.0) / (m + 1.0)
     return fma(e, _LN2_HIGH, fma(s, _value(_ATANH, s * s), e * _LN2_LOW))
 
 
@@ -121,8 +186,53 @@ def on_circle(x):
 @inlined_kernel
 def exponential(x):
     """Return exp(x) for x <= 0; no less than exp(-708)."""
-    x = max(x, _SMALLEST)
+    x = where(x > _SMALLEST, x, _SMALLEST)
     rounded = fma(x, 1.0 / math.log(2.0), _ROUNDING)
     n = rounded - _ROUNDING
     value = _value(_EXPONENTIAL, fma(-n, _LN2_LOW, fma(-n, _LN2_HIGH, x)))
-    return value * double_of((bits_of(rounded) + _ONE) << _MANTISSA)
+    return value * two_to_the(rounded)
+
+
+_SMALLEST_NORMAL = 2.0**-1022
+
+
+def exp_of(x: float) -> float:
+    """Return exp(x) of a number of any kind, for x <= 0; no less than exp(-708)."""
+    return plain(exponential)(x)
+
+
+@overload(exp_of)
+def _compiled_exp(x):
+    return (lambda x: exponential(x)) if x in (types.float64, VECTOR) else None
+
+
+def log_of(x: float) -> float:
+    """Return ln x of a number of any kind, for x >= 0; no less than that of 2^-1022."""
+    return plain(_logarithm_above)(x)
+
+
+@inlined_kernel
+def _logarithm_above(x):
+    return logarithm(where(x > _SMALLEST_NORMAL, x, _SMALLEST_NORMAL))
+
+
+@overload(log_of)
+def _compiled_log(x):
+    return (lambda x: _logarithm_above(x)) if x in (types.float64, VECTOR) else None
+
+
+def power(x: float, exponent: float) -> float:
+    """Return x to the power of an exponent from 0 on, for 0 <= x <= 1; numbers of any kind."""
+    return plain(_power)(x, exponent)
+
+
+@inlined_kernel
+def _power(x, exponent):
+    return exponential(exponent * _logarithm_above(x))
+
+
+@overload(power)
+def _compiled_power(x, exponent):
+    if all(kind in (types.float64, VECTOR) for kind in (x, exponent)):
+        return lambda x, exponent: _power(x, exponent)
+    return None

@@ -196,7 +196,9 @@ def root(x: float) -> float:
 
 @overload(root)
 def _compiled_root(x):
-    return (lambda x: _root(x)) if x == VECTOR else (lambda x: math.sqrt(x))
+    if x == VECTOR:
+        return lambda x: _root(x)
+    return (lambda x: math.sqrt(x)) if isinstance(x, types.Number) else None
 
 
 @intrinsic
@@ -223,7 +225,7 @@ def _compiled_inverse_root(x, k):
     return lambda x, k: _inverse_root(x, k)
 
 
-def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:
+def recasting(build: Callable[..., Any]) -> Callable[..., Any]:
     """Return an intrinsic of a number or vector, given the types of integers and numbers."""
 
     def codegen(_context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -234,10 +236,10 @@ def _recasting(build: Callable[..., Any]) -> Callable[..., Any]:
     return intrinsic(lambda _context, x: (x(x), codegen))
 
 
-_read_bits = _recasting(
+_read_bits = recasting(
     lambda builder, x, whole, number: builder.sitofp(builder.bitcast(x, whole), number)
 )
-_write_bits = _recasting(
+_write_bits = recasting(
     lambda builder, x, whole, number: builder.bitcast(builder.fptosi(x, whole), number)
 )
 
@@ -278,7 +280,7 @@ def alike(x: float, value: float) -> float:
 def _compiled_alike(x, value):
     if x == VECTOR:
         return lambda x, value: _spread_number(value)  # noqa: ARG005
-    return lambda x, value: value  # noqa: ARG005
+    return (lambda x, value: value) if isinstance(x, types.Number) else None  # noqa: ARG005
 
 
 @intrinsic

@@ -35,7 +35,9 @@ def where(condition: bool, x: float, y: float) -> float:  # noqa: FBT001 - as Nu
 def _where(condition, x, y):
     if condition == MASK:
         return lambda condition, x, y: _select(condition, x, y)
-    return lambda condition, x, y: x if condition else y
+    if all(isinstance(kind, types.Number | types.Boolean) for kind in (x, y)):
+        return lambda condition, x, y: x if condition else y
+    return None  # `lanes.tangents` has the rest
 
 
 @intrinsic
