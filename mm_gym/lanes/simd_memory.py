@@ -131,7 +131,7 @@ def from_row(rows: NDArray[np.float64], k: int) -> NDArray[np.float64]:
 
 @overload(from_row)
 def _compiled_from_row(rows, k):
-    return lambda rows, k: _from_row(rows, k)
+    return (lambda rows, k: _from_row(rows, k)) if rows == ROWS else None
 
 
 @intrinsic

@@ -6,7 +6,7 @@ Ordinary Differential Equations I*, 1993, II.14). Many weights are 0, and the ne
 never counts in a position: each sum is code of its own, in which only the others appear.
 """
 
-# ruff: noqa: ANN401, ARG001, PLW0108 - as in `lanes.simd`
+# ruff: noqa: ANN401, ARG001 - as in `lanes.simd`
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, call
+from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, call, element, everywhere
+from mm_gym.lanes.tangents import TANGENTS, slopes_of, tangent, value_of, vectors_of
 from mm_gym.methods.runge_kutta import layout as of
 
 if TYPE_CHECKING:
@@ -167,10 +168,13 @@ def summed(rows: Any, number: int, v1: Any, v2: Any) -> tuple[Any, Any, Any, Any
     return kept * v1 + first, kept * v2 + second, time * v1 + way, time * v2 + other
 
 
-@intrinsic
-def _summed(_context, rows, number, v1, v2):
+@intrinsic(prefer_literal=True)
+def _summed(_context, rows, stride, first, number, v1, v2):
+    """Sum vectors that are `stride` rows apart, the first of them at row `first`: literals."""
+
     def build(context, builder, signature, arguments):
-        rows, number, *starts = arguments
+        rows, _, _, number, *starts = arguments
+        apart, offset = (kind.literal_value for kind in signature.args[1:3])
         end, nowhere = (builder.append_basic_block() for _ in range(2))
         choice, found = builder.switch(number, nowhere), []
         for k, (time, velocities, places) in enumerate(_all_sums()):
@@ -178,7 +182,13 @@ def _summed(_context, rows, number, v1, v2):
             choice.add_case(k, block)
             builder.position_at_end(block)
             sums = [
-                _sum(builder, [(factor, starts[side]), *_kicks(builder, rows, side, weights)])
+                _sum(
+                    builder,
+                    [
+                        (factor, starts[side]),
+                        *_kicks(builder, rows, (apart, offset), side, weights),
+                    ],
+                )
                 for factor, weights in ((float(time > 0.0), velocities), (time, places))
                 for side in range(2)
             ]
@@ -193,13 +203,19 @@ def _summed(_context, rows, number, v1, v2):
                 result.add_incoming(value, block)
         return context.make_tuple(builder, signature.return_type, results)
 
-    return types.UniTuple(VECTOR, 4)(rows, number, v1, v2), build
+    literals = isinstance(stride, types.Literal) and isinstance(first, types.Literal)
+    kind = types.UniTuple(VECTOR, 4)
+    return (kind(rows, stride, first, number, v1, v2), build) if literals else None
 
 
-def _kicks(builder: Any, rows: Any, side: int, weights: Any) -> list[tuple[float, Any]]:
+def _kicks(
+    builder: Any, rows: Any, spacing: tuple[int, int], side: int, weights: Any
+) -> list[tuple[float, Any]]:
     """Return the weights that are not 0, each with the acceleration that it is for."""
+    stride, first = spacing
     places = [
-        (j, ir.Constant(ir.IntType(64), of.KICKS + 2 * j + side)) for j in range(len(weights))
+        (j, ir.Constant(ir.IntType(64), stride * (of.KICKS + 2 * j + side) + first))
+        for j in range(len(weights))
     ]
     return [
         (float(weights[j]), builder.load(builder.gep(rows, [place]), align=64))
@@ -224,4 +240,19 @@ def _sum(builder: Any, terms: list[tuple[float, Any]]) -> Any:
 
 @overload(summed)
 def _compiled_summed(rows, number, v1, v2):
-    return lambda rows, number, v1, v2: _summed(rows, number, v1, v2)
+    if rows == TANGENTS:
+        return _summed_tangents
+    return lambda rows, number, v1, v2: _summed(rows, 1, 0, number, v1, v2)
+
+
+def _summed_tangents(rows, number, v1, v2):
+    """Return the same of numbers with tangents: of their values, and of their slopes."""
+    first, second = everywhere(value_of(v1)), everywhere(value_of(v2))
+    a, b, c, d = _summed(vectors_of(rows), 2, 0, number, first, second)
+    p, q, r, s = _summed(vectors_of(rows), 2, 1, number, slopes_of(v1), slopes_of(v2))
+    return (
+        tangent(element(a, 0), p),
+        tangent(element(b, 0), q),
+        tangent(element(c, 0), r),
+        tangent(element(d, 0), s),
+    )
