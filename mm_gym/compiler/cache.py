@@ -313,9 +313,14 @@ def _file_name(function: Callable[..., Any], kind: str) -> str:
 
 
 def closed_over(function: Callable[..., Any]) -> tuple[object, ...]:
-    """Return the names of the kernels that a kernel closes over, and that those close over."""
-    kernels = [cell.cell_contents for cell in function.__closure__ or ()]
-    return tuple(
-        (kernel.__module__, kernel.__qualname__, closed_over(getattr(kernel, "py_func", kernel)))
-        for kernel in kernels
-    )
+    """Return the names of the kernels that a kernel closes over, and that those close over.
+
+    Of a constant it is how it represents itself.
+    """
+    return tuple(_name_of(cell.cell_contents) for cell in function.__closure__ or ())
+
+
+def _name_of(value: Any) -> object:  # noqa: ANN401 - a kernel or a constant
+    if not callable(value):
+        return repr(value)
+    return value.__module__, value.__qualname__, closed_over(getattr(value, "py_func", value))

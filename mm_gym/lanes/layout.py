@@ -14,6 +14,7 @@ TOO_MANY_EVENTS = 4
 TOO_MANY_SERIES = 5
 DIVERGED = 6
 COLLAPSED = 7
+TOO_MANY_STEPS = 8
 
 MESSAGES: dict[int, str] = {
     ESCAPED: (
@@ -26,6 +27,10 @@ MESSAGES: dict[int, str] = {
     ),
     TOO_MANY_SERIES: (
         "the series needs too many steps within one control step; "
+        "shorten control.time_step or loosen solver.tolerance"
+    ),
+    TOO_MANY_STEPS: (
+        "the motion needs too many steps within one control step; "
         "shorten control.time_step or loosen solver.tolerance"
     ),
     DIVERGED: (
@@ -93,7 +98,9 @@ SAMPLE_INTERVAL, HARMONIC_COUNT, GROUND = (
 INTERVALS = 3  # sample intervals in a control step
 JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no other sources
 EXCITATION = 6  # slot where the sampled excitation is described
-MODEL_OWN = 7
+INTERFACE = 7
+"""Row of the first parameter of an interface in value form; its own state, if any, is before."""
+MODEL_OWN = 8
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step

@@ -27,8 +27,6 @@ class Coefficients(NamedTuple):
         k1 alpha [N/m] and k1 beta [N/m^3] of the carriage's spring.
     d
         Damping of the carriage [N s/m].
-    slope, intercept
-        Of the line that the interface's force follows in the present regime [N s/m, N].
     k2
         Stiffness of springs small on large [N/m].
     twice_k0, by_l0, stretch
@@ -40,8 +38,6 @@ class Coefficients(NamedTuple):
     linear: Any
     cubic: Any
     d: Any
-    slope: Any
-    intercept: Any
     k2: Any
     twice_k0: Any
     by_l0: Any
@@ -49,7 +45,23 @@ class Coefficients(NamedTuple):
 
 
 @inlined_kernel
-def rates(p, is_finite, x1, offset, v1, slip, push, shake):
+def coefficients(m1, m2, k1, alpha, beta, d, k2, k0, l0, stretch):
+    """Return what the equations read; `k2` is 0 without springs, and for those of finite stretch.
+
+    Parameters
+    ----------
+    m1, m2, k1, alpha, beta, d, k0, l0, stretch
+        Parameters of a lane; those of finite stretch may be any numbers without it.
+    k2
+        Stiffness of springs small on large [N/m].
+    """
+    return Coefficients(
+        1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, k2, k0 + k0, 1.0 / l0, stretch
+    )
+
+
+@inlined_kernel
+def rates(p, is_finite, x1, offset, v1, link, push, shake):
     """Return the accelerations [m/s^2] of carriage and sphere.
 
     Parameters
@@ -61,8 +73,10 @@ def rates(p, is_finite, x1, offset, v1, slip, push, shake):
         force.
     x1, offset
         Displacement of the carriage, and of the sphere relative to it [m].
-    v1, slip
-        Velocity of the carriage, and of the sphere relative to it [m/s].
+    v1
+        Velocity of the carriage [m/s].
+    link
+        Force of the interface on the carriage [N].
     push, shake
         Force on the carriage [N], and acceleration of the ground [m/s^2].
     """
@@ -73,7 +87,7 @@ def rates(p, is_finite, x1, offset, v1, slip, push, shake):
         springs = p.twice_k0 * offset * (1.0 + (p.stretch + p.stretch) / (product * product))  # (6)
     else:
         springs = p.k2 * offset  # (5)
-    inner = fma(p.slope, slip, p.intercept + springs)  # (3), (4)
+    inner = link + springs
     outer = fma(fma(p.cubic * x1, x1, p.linear), x1, fma(p.d, v1, -push))
     return fma(inner - outer, p.by_m1, -shake), fma(-inner, p.by_m2, -shake)
 

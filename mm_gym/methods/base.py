@@ -71,6 +71,10 @@ class Method(ABC):
     option: ClassVar[Option | None] = None
     tightest: ClassVar[float] = 0.0
 
+    def entries_of(self, support: Support) -> Entries:  # noqa: ARG002 - most have one kind
+        """Return the compiled functions for a support."""
+        return self.entries
+
     def deferral(self, support: Support, settings: Settings) -> str | None:  # noqa: ARG002 - most defer to none
         """Return why `auto` prefers a later method although this one applies, or None."""
         return None
@@ -155,6 +159,7 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
     model[at.SAMPLE_INTERVAL] = support.sample_interval
     model[at.INTERVALS] = support.intervals_per_step
     model[at.JETS], model[at.TERMS] = support.jets, support.terms
+    model[at.INTERFACE] = support.interface_row
     model[at.HARMONIC_COUNT] = len(support.ground)
     model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
     return model

@@ -10,6 +10,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout as at
 from mm_gym.law import forces
+from mm_gym.law.interface import LINE, Interface
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +23,7 @@ SWITCHED_LINEAR = "switched linear"
 PARAMETRIC_SWITCHED_LINEAR = "parametric switched linear"
 SMOOTH_NONLINEAR = "smooth nonlinear"
 SWITCHED_NONLINEAR = "switched nonlinear"
+GENERAL = "general nonlinear"
 MASSLESS = "massless carriage"
 KINDS = (
     LINEAR,
@@ -30,9 +32,11 @@ KINDS = (
     PARAMETRIC_SWITCHED_LINEAR,
     SMOOTH_NONLINEAR,
     SWITCHED_NONLINEAR,
+    GENERAL,
     MASSLESS,
 )
-"""The kinds of plants. Parametric: parameters differ between lanes or change between steps."""
+"""The kinds of plants. Parametric: parameters differ between lanes or change between steps.
+General: the interface is one of `mm_gym.law.interfaces`."""
 
 PHYSICAL = range(at.M1, at.HARMONICS)
 """Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
@@ -63,6 +67,9 @@ class Support:
     idle_velocity
         Reference velocity [m/s] of dry friction that is left out because no motion of the scene
         slips; infinite without it.
+    interface, interface_row
+        What acts between the masses besides springs, in value form, and the row of its first
+        parameter; the row before is its own state.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.
@@ -82,6 +89,8 @@ class Support:
     terms: int
     excitation: NDArray[np.float64]
     idle_velocity: float = math.inf
+    interface: Interface = LINE
+    interface_row: int = 0
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -120,7 +129,40 @@ class Support:
     def _dynamic_rows(self) -> set[int]:
         """Rows of the physical parameters, the stretch and the harmonics' frequencies."""
         frequencies = range(*self._frequency_rows.indices(len(self.low)))
-        return {at.STRETCH, *PHYSICAL, *frequencies}
+        return {at.STRETCH, *PHYSICAL, *frequencies, *self.interface_rows}
+
+    @property
+    def interface_rows(self) -> range:
+        """Rows of the parameters of an interface in value form."""
+        count = len(self.interface.parameters) if self.is_general else 0
+        return range(self.interface_row, self.interface_row + count)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether the interface is known by its value only."""
+        return self.interface is not LINE
+
+    @property
+    def own_rows(self) -> list[int]:
+        """Row of the interface's own state, if it has one."""
+        return [self.interface_row - 1] if self.interface.has_state else []
+
+    @property
+    def state_rows(self) -> list[int]:
+        """Rows of x1, x2, v1, v2, and of that."""
+        return [at.X1, at.X2, at.V1, at.V2, *self.own_rows]
+
+    @property
+    def interface_slopes(self) -> tuple[float, float]:
+        """Bounds of the interface's slopes over slip velocity [N s/m] and offset [N/m]."""
+        if not self.is_general:
+            return 0.0, 0.0
+        one = self.interface
+        p = [
+            float((self.high if name in one.rising else self.low)[row])
+            for name, row in zip(one.parameters, self.interface_rows, strict=True)
+        ]
+        return one.damping(p), one.stiffness(p)
 
     @property
     def slips(self) -> bool:
@@ -140,6 +182,8 @@ class Support:
     @property
     def kind(self) -> str:
         """One of `KINDS`: the simplest plant that covers all values."""
+        if self.is_general:
+            return GENERAL
         if self.low[at.M1] == 0.0:
             return MASSLESS
         if self.is_nonlinear:
@@ -151,8 +195,9 @@ class Support:
 
     @property
     def stiffest(self) -> float:
-        """The largest k2 [N/m]: it falls with stretch, and never exceeds 6 k0."""
-        return float(plain(forces.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+        """The largest k2 [N/m], the interface's in: it falls with stretch, and is at most 6 k0."""
+        springs = float(plain(forces.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+        return springs + self.interface_slopes[1]
 
     @property
     def outer_stiffness(self) -> float:
@@ -182,6 +227,8 @@ class Support:
     def steepest(self) -> float:
         """The largest slope of the interface's force [N s/m], in stick or slip."""
         high, vr = self.high, float(self.low[at.VR])
+        if self.is_general:
+            return self.interface_slopes[0]
         if vr == 0.0:
             return float(high[at.C])
         stick = plain(forces.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)

@@ -11,7 +11,6 @@ from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.law import forces
 from mm_gym.metrics.totals import End, Totals
-from mm_gym.step.outputs import derive
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,7 +68,7 @@ class LaneResponse:
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model
         for values in (before, after):
-            derive(self._task, model, values, 0, env.num_envs)
+            env.plant.entries.derive(self._task, model, values, 0, env.num_envs)
         duration = np.where(counts, env.scene.control.time_step, 0.0)
         self._totals.add(_end(before), _end(after), after[at.FORCE][:, None], duration[:, None])
         self._totals.add_jumps(jumps[:, None])

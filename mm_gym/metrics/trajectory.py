@@ -92,5 +92,6 @@ def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bo
     state = recording.starts[rows] if first else states_at(recording, inner)
     exciting = excitation(recording, Place(rows, part))
     applied = recording.applied[rows]
-    absolute = acceleration(recording.parameters, state, applied, exciting[:, 0])[:, 0]
-    return End(np.ascontiguousarray(state.T)[:, None], absolute[None], exciting[None, :, 1])
+    support = recording.plant.support
+    absolute = acceleration(support, recording.parameters, state, applied, exciting[:, 0])[:, 0]
+    return End(np.ascontiguousarray(state[:, :4].T)[:, None], absolute[None], exciting[None, :, 1])

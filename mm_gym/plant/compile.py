@@ -95,6 +95,7 @@ def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lane at the start of an episode, and (row, low, high) of each drawn value."""
     low, high = support.start_low, support.start_high
     followers = [row for row, _, _ in support.products]
-    rows, template = np.setdiff1d(np.flatnonzero(low != high), followers), low.copy()
+    drawn = np.union1d(np.flatnonzero(low != high), support.own_rows)  # own states begin at 0
+    rows, template = np.setdiff1d(drawn, followers).astype(np.intp), low.copy()
     plain(forces.write_regimes)(template[:, None], 0, 1)  # lanes rest before their first episode
     return template, np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

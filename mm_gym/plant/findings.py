@@ -71,8 +71,7 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
     """Yield what no plant covers, as far as the scene itself shows it."""
     interface, drawn = scene.interface, scene.randomization
     if (
-        interface.kind == "dry_friction"
-        and interface.normal_force is None
+        getattr(interface, "normal_force", 0.0) is None
         and "sphere.mass" in drawn
         and is_whole(["interface.kind", "interface.normal_force"], wrong)
     ):

@@ -6,12 +6,13 @@ The laws are (1) to (6) of docs/model.md and their slopes.
 from __future__ import annotations
 
 from decimal import Context, Decimal, localcontext
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import CompileError
+from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout as at
 from mm_gym.law import forces
 from mm_gym.state_space.coefficients import values_of
@@ -19,7 +20,12 @@ from mm_gym.state_space.equations import state_space
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
+
+    from mm_gym.law.interface import Interface
+    from mm_gym.methods.support import Support
 
     Array = NDArray[np.float64]
     Decimals = NDArray[np.object_]
@@ -49,7 +55,53 @@ class Tangent(NamedTuple):
     spring_force: float
 
 
-def tangent(row: Array) -> Tangent:
+ROUND_OFF = 1e-12
+"""What is left of a slope that is 0."""
+
+
+@cache
+def _slopes_with(interface: Interface) -> Callable[..., None]:
+    from mm_gym.sensitivity.tangent_kernel import slopes_with  # noqa: PLC0415 - few need it
+
+    return slopes_with(interface)
+
+
+def interface_slopes(support: Support, row: Array) -> tuple[float, float, float]:
+    """Return force [N] and slopes of an interface in value form, at the state of a lane (rows,).
+
+    The slopes are those over the slip velocity [N s/m] and over the offset [N/m]. A state of its
+    own follows small motions as the offset does, and is 0 at the point.
+
+    Raises
+    ------
+    SceneError
+        If its own state would leave 0 by itself.
+    """
+    if not support.is_general:
+        return 0.0, 0.0, 0.0
+    found, interface = np.zeros((2, 4)), support.interface
+    point = np.array([row[at.X2] - row[at.X1], row[at.V2] - row[at.V1], 0.0])
+    _slopes_with(interface)(row[list(support.interface_rows)], point, found)
+    (force, stiffness, damping, over_own), (_, _, own_by_slip, own_by_own) = found.tolist()
+    if abs(own_by_own) > ROUND_OFF * abs(own_by_slip * point[1]):
+        msg = (
+            f"about: got a slip velocity of {point[1]:g} m/s, at which the state of "
+            f"interface.kind = {interface.kind!r} relaxes; allowed: 0"
+        )
+        raise SceneError(msg)
+    return force, damping, stiffness + over_own * own_by_slip
+
+
+def values_about(support: Support, row: Array) -> dict[str, Decimal]:
+    """Return `values_of` a lane, an interface in value form by its slopes."""
+    values = values_of(row)
+    _, damping, stiffness = interface_slopes(support, row)
+    values["c"] += Decimal(damping)
+    values["k2"] += Decimal(stiffness)
+    return values
+
+
+def tangent(support: Support, row: Array) -> Tangent:
     """Return the motion about the state that a lane (rows,) is in.
 
     Raises
@@ -63,6 +115,7 @@ def tangent(row: Array) -> Tangent:
     x1, x2, v1, v2 = (float(value) for value in row[:4])
     offset, w = x2 - x1, v2 - v1
     values = values_of(row)
+    link, damping, stiffness = interface_slopes(support, row)
     beta, vr = float(row[at.BETA]), float(row[at.VR])
     over_offset, over_stretch = _spring_slopes(row, offset)
     if row[at.L0] > 0.0:
@@ -70,6 +123,8 @@ def tangent(row: Array) -> Tangent:
     if vr > 0.0 and abs(w) > vr:
         values["c"] = Decimal(float(row[at.CHI]))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+        values["c"] += Decimal(damping)
+        values["k2"] += Decimal(stiffness)
         k1 = Decimal(float(row[at.K1]))
         values["k1"] += 3 * k1 * Decimal(beta) * Decimal(x1) ** 2  # the slope of (1)
         system = state_space(values)
@@ -77,7 +132,7 @@ def tangent(row: Array) -> Tangent:
         slope = Decimal(over_stretch)
         zero = 0 * m1
         stretch = np.array([zero, zero, slope / m1, -slope / m2])
-        force, spring_force = _forces(row)
+        force, spring_force = _forces(row, link)
         moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
         one = np.array([Decimal(value) for value in moving])
         drivers = np.column_stack([system.force, stretch, system.force, system.ground, one])
@@ -97,13 +152,13 @@ def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:
     )
 
 
-def _forces(row: Array) -> tuple[tuple[float, float], float]:
+def _forces(row: Array, link: float) -> tuple[tuple[float, float], float]:
     """Return the forces [N] on both masses at the point, and the springs' on the carriage."""
     x1, x2, v1, v2 = (float(value) for value in row[:4])
     k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
     springs = float(plain(forces.spring_force)(k0, l0, stretch, x2 - x1))
     c, vr, kinetic, chi = (float(row[k]) for k in (at.C, at.VR, at.KINETIC_FORCE, at.CHI))
-    inner = float(plain(forces.interface_force)(c, vr, kinetic, chi, v2 - v1)) + springs
+    inner = float(plain(forces.interface_force)(c, vr, kinetic, chi, v2 - v1)) + link + springs
     k1, alpha, beta, d = (float(row[k]) for k in (at.K1, at.ALPHA, at.BETA, at.D))
     outer = -d * v1 - float(plain(forces.carriage_force)(k1, alpha, beta, x1))
     return (inner + outer, -inner), springs

@@ -35,6 +35,7 @@ cubic coefficient above 0, linear coefficient 0  smooth nonlinear    splitting, 
 any other cubic coefficient, or finite stretch   smooth nonlinear    Runge-Kutta pairs; a Taylor
                                                                      series at tight tolerances
 the same with dry friction                       switched nonlinear  the same, crossings located
+Stribeck friction or Bouc-Wen hysteresis         general nonlinear   Runge-Kutta pairs
 cubic coefficient below 0                        smooth or switched  Taylor series, crossings
                                                  nonlinear           located
 ===============================================  ==================  ==============================
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
     from mm_gym.scene.scene import Solver
 
+REMEDY = "shorten control.time_step, or loosen solver.tolerance"
 FIXED = "every parameter has one value"
 
 
@@ -79,6 +81,10 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     asked, settings = solver.method, settings_of(solver)
     obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
+    if not applicable:
+        whys = [f"{m.title}: {why}" for m, why in obstacles.items() if support.kind in m.kinds]
+        msg = f"solver.method: none propagates this scene ({'; '.join(whys)}); {REMEDY}"
+        raise CompileError(msg)
     deferrals = {method: method.deferral(support, settings) for method in applicable[:-1]}
     chosen = next((m for m in applicable if deferrals.get(m) is None), applicable[0])
     reasons = _reasons(support, obstacles | deferrals, chosen)
@@ -107,9 +113,11 @@ def _reasons(
         return balance, *_instability(support), FIXED
     before = [method for method in _before(chosen) if support.kind in method.kinds]
     skipped = [f"not {method.title}: {obstacles[method]}" for method in before]
-    if support.is_nonlinear:
+    if support.is_nonlinear and not support.is_general:
         return (*reasons, *skipped)
-    if not support.slips:
+    if support.is_general:
+        reasons.append(f"interface.kind = {support.interface.kind!r} is known by its value only")
+    elif not support.slips:
         reasons.append(_coupling(support))
     moves = [_moves(name, support) for name in support.varying]
     if support.sampled:

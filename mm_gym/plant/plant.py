@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from decimal import Context, localcontext
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,10 @@ from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout as at
 from mm_gym.plant.linear_parts import ControlLoop
+from mm_gym.plant.linearise import values_about
 from mm_gym.plant.state_space import state_space_of
-from mm_gym.state_space.coefficients import linear_system, values_of
+from mm_gym.state_space.equations import state_space
+from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 from mm_gym.state_space.transition import massless_transition, transition
 
 if TYPE_CHECKING:
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
     from mm_gym.sensitivity.jacobian import Jacobian
     from mm_gym.state_space.equations import StateSpace
     from mm_gym.state_space.linear_system import LinearSystem
+    from mm_gym.step.control_step import Entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,11 @@ class Plant:
     digest: str
 
     @property
+    def entries(self) -> Entries:
+        """The compiled functions that propagate it."""
+        return self.method.entries_of(self.support)
+
+    @property
     def kind(self) -> str:
         """The kind of plant; see `mm_gym.methods.support.KINDS`."""
         return self.support.kind
@@ -124,11 +133,10 @@ class Plant:
         """
         row = self._middle(stretch)
         massless = row[at.M1] == 0.0
-        both = (
-            massless_transition(values_of(row), self.time_step)
-            if massless
-            else transition(linear_system(row), self.time_step)
-        )
+        if massless:
+            both = massless_transition(values_about(self.support, row), self.time_step)
+        else:
+            both = transition(_equations(self.support, row), self.time_step)
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
@@ -137,7 +145,7 @@ class Plant:
         if row[at.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
             raise CompileError(msg)
-        return linear_system(row)
+        return _equations(self.support, row)
 
     def state_space(
         self,
@@ -205,8 +213,8 @@ class Plant:
         Parameters
         ----------
         state
-            (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4); None for those of
-            `at`.
+            (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4), with the interface's
+            own state behind them if it has one; None for those of `at`.
         action
             (k,) in [-1, 1], force then stretch, or (lanes, k). Beyond [-1, 1] it is clipped, and
             changes nothing.
@@ -254,6 +262,7 @@ class Plant:
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
         middle = 0.5 * (self.support.start_low + self.support.start_high)
+        middle[at.X1 : at.V2 + 1] = 0.0
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:
                 msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
@@ -280,6 +289,12 @@ class Plant:
             ("error", method.bound(self.settings)),
         ]
         return "\n".join(f"{title:8} {text}" for title, text in lines)
+
+
+def _equations(support: Support, row: NDArray[np.float64]) -> StateSpace:
+    """Return the linear equations of a lane (rows,) in decimal arithmetic."""
+    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
+        return state_space(values_about(support, row))
 
 
 @lru_cache(maxsize=4096)

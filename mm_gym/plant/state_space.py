@@ -52,7 +52,7 @@ def state_space_of(
     parts = Parts(
         loop=loop,
         row=row,
-        tangent=tangent(row),
+        tangent=tangent(loop.support, row),
         filters=shaping_filters(loop.support, row),
         impulses=random_impulses(loop.support, row),
         inputs=asked_inputs,

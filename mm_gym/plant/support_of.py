@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.lanes import layout as at
+from mm_gym.law.interface import LINE
+from mm_gym.law.interfaces import INTERFACES
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY
@@ -53,15 +55,21 @@ def support_of(scene: Scene) -> Support:
     CompileError
         If the excitation divides a control step too finely.
     """
-    values = _fields(scene)
-    layout = lay_out(scene, _rate(scene, values))
-    rows = {name: ROWS[name] for name in values}
+    values, interface = _fields(scene), INTERFACES.get(scene.interface.kind, LINE)
+    own, others = [], values
+    if interface is not LINE:
+        own = [f"interface.{name}" for name in interface.parameters]
+        others = {n: value for n, value in values.items() if not n.startswith("interface.")}
+    layout = lay_out(scene, _rate(scene, others))
+    rows = {name: ROWS[name] for name in others}
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
-    low, high = np.zeros(layout.size + len(ratios)), np.zeros(layout.size + len(ratios))
-    own = [(rows[name], value) for name, value in values.items()]
+    first = layout.size + len(ratios) + interface.has_state
+    rows |= {name: first + k for k, name in enumerate(own)}
+    low, high = np.zeros(first + len(own)), np.zeros(first + len(own))
+    stated = [(rows[name], value) for name, value in values.items() if name in rows]
     drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
-    for row, value in [*own, *layout.values.items(), *drawn]:
+    for row, value in [*stated, *layout.values.items(), *drawn]:
         low[row], high[row] = bounds(value)
     if scene.springs.kind == "none":
         # Springs of stiffness 0, unstretched: the kernels divide by the stretch.
@@ -87,7 +95,7 @@ def support_of(scene: Scene) -> Support:
         ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
-        parameters=(*CONSTANT, *layout.values, *ratios.values()),
+        parameters=(*CONSTANT, *layout.values, *ratios.values(), *(rows[name] for name in own)),
         products=tuple(
             (rows[field], ratios[name], rows[of])
             for name, (field, of) in scene.drawn_ratios.items()
@@ -95,6 +103,8 @@ def support_of(scene: Scene) -> Support:
         jets=layout.jets,
         terms=layout.terms,
         excitation=layout.description,
+        interface=interface,
+        interface_row=first if own else 0,
     )
 
 
@@ -139,7 +149,7 @@ def _fields(scene: Scene) -> dict[str, NumberOrRange]:
         for field, value in getattr(scene, part):
             if isinstance(value, float | tuple):
                 values[f"{part}.{field}"] = value
-    if scene.interface.kind == "dry_friction" and scene.interface.normal_force is None:
+    if getattr(scene.interface, "normal_force", 0.0) is None:
         values["interface.normal_force"] = scene.sphere.mass * GRAVITY
     if scene.actuation.stretch is not None and "springs.stretch" in values:
         values.setdefault("initial.stretch", values["springs.stretch"])

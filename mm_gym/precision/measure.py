@@ -186,7 +186,7 @@ def _end(recording: Recording, n: int) -> NDArray[np.float64]:
     """Return the state (4,) at the end of a sample interval, by the recording's plant."""
     plant, lane = recording.plant, lane_at(recording, n)
     interval = n % plant.support.intervals_per_step
-    status = plant.method.entries.cross(plant.model, lane, interval, 0, 1)
+    status = plant.entries.cross(plant.model, lane, interval, 0, 1)
     if status > at.ENDED:
         raise SimulationError(at.MESSAGES[status])
     return lane[:4, 0]

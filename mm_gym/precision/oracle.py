@@ -210,6 +210,9 @@ class Oracle:
             return 0.0
         if interface.kind == "viscous":
             return interface.damping * w
+        if interface.kind != "dry_friction":
+            msg = f"reference: got interface.kind = {interface.kind!r}; it is not known here"
+            raise SimulationError(msg)
         normal = (
             self.scene.sphere.mass * GRAVITY
             if interface.normal_force is None

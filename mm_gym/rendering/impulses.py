@@ -10,6 +10,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
 from mm_gym.law.forces import carriage_force, interface_force, spring_force
+from mm_gym.law.interfaces import INTERFACES
 from mm_gym.rendering import history as rows
 
 if TYPE_CHECKING:
@@ -28,7 +29,9 @@ LEAST = 0.05
 
 
 def can_be_seen(subject: Subject) -> bool:
-    """Tell whether the control steps are short enough to find impulses."""
+    """Tell whether the control steps are short enough to find impulses, and all forces known."""
+    if subject.interface in INTERFACES:  # its own state is not kept
+        return False
     largest = subject.impulse or subject.ground_impulse
     return largest > 0.0 and 2.0 * pi * subject.time_step <= MOST_TURN * subject.period
 

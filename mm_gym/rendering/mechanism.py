@@ -187,7 +187,7 @@ class Mechanism:
         left, right = middle - place.POST + 14, middle + place.POST - 14
         if self.subject.interface == "viscous":
             canvas.box(left, top - place.FILM, right, top + 1, look.FILM)
-        elif self.subject.interface == "dry_friction":
+        elif self.subject.interface != "none":
             for k in range(int((right - left) / 8.0)):
                 x = left + 8.0 * k
                 canvas.polygon(

@@ -90,6 +90,45 @@ class DryFriction(Part):
     }
 
 
+class Stribeck(Part):
+    """Smooth friction that falls with the slip velocity: creep at rest, a damper far above v_s."""
+
+    kind: Literal["stribeck"] = "stribeck"
+    static_coefficient: Positive
+    """mu1 [-]: of slow slip, but faster than v_r"""
+    kinetic_coefficient: Positive
+    """mu2 [-]: of fast slip; at most mu1"""
+    reference_velocity: Positive
+    """v_r [m/s]: slower slip is creep, with a damping of mu1 F_N / v_r"""
+    stribeck_velocity: Positive
+    """v_s [m/s], over which friction falls from mu1 to mu2"""
+    slip_damping: NonNegative = 0.0
+    """chi [N s/m]"""
+    normal_force: Positive | None = None
+    """F_N [N]; by default sphere.mass * 9.81"""
+
+    rules: ClassVar[tuple[Rule, ...]] = DryFriction.rules
+    ratios: ClassVar[dict[str, Ratio]] = DryFriction.ratios
+
+
+class BoucWen(Part):
+    """Hysteretic interface: a spring that yields, with a memory of its own; at rest it is k."""
+
+    kind: Literal["bouc_wen"] = "bouc_wen"
+    stiffness: Positive
+    """k [N/m]: before yielding"""
+    yield_displacement: Positive
+    """u_y [m]"""
+    stiffness_ratio: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """alpha [-]: stiffness long after yielding over that before"""
+    exponent: Annotated[float, Field(ge=1)] = 2.0
+    """n [-]: how sharp the yielding is"""
+    shape: Annotated[float, Field(ge=0.5)] = 0.5
+    """beta [-]: 1/2 unloads as stiff as before yielding; less would be a source of energy"""
+    damping: NonNegative = 0.0
+    """c [N s/m]"""
+
+
 class NoSprings(Part):
     """No springs: only the interface acts between sphere and carriage."""
 
@@ -118,6 +157,8 @@ class FiniteStretch(Part):
     """l0 [m]"""
 
 
-Interface = Annotated[NoInterface | Viscous | DryFriction, Field(discriminator="kind")]
+Interface = Annotated[
+    NoInterface | Viscous | DryFriction | Stribeck | BoucWen, Field(discriminator="kind")
+]
 
 Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")]

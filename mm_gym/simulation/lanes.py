@@ -78,7 +78,7 @@ class Lanes:
         self.plant = plant
         self.count = count
         self._allocate()
-        self._advance = plant.method.entries.advance_of(
+        self._advance = plant.entries.advance_of(
             plant.task, plant.model, self._frames, excited=plant.support.sampled
         )
         self.outputs: tuple[NDArray[Any], ...] = (
@@ -102,7 +102,7 @@ class Lanes:
         )
         self._bind_steps()
         self._bind_episodes()
-        expect(self._advance, episodes.start, episodes.show_first)
+        expect(self._advance, episodes.start, plant.entries.show_first)
         if plant.support.sampled:
             expect(begin_excitation)
 
@@ -140,7 +140,7 @@ class Lanes:
         start = self.plant.template, self.plant.draws, self._constants
         self._start = bind(episodes.start, *start, values, streams)
         self._begin_excitation = bind(begin_excitation, model, values, streams)
-        self._show = bind(episodes.show_first, model, task, values, self._frames, streams)
+        self._show = bind(self.plant.entries.show_first, model, task, values, self._frames, streams)
         self.rest = bind(episodes.rest, values)
         ends = self._ends
         self._listing = ends, ends.view(np.uint64), np.zeros(ends.shape[1], np.int64)

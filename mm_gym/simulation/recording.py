@@ -47,9 +47,9 @@ class Recording:
         What was simulated, and its lane (rows,) with the drawn values.
     states
         (n + 1, 4) the initial state, then the state at the end of each sample interval: x1, x2 [m],
-        v1, v2 [m/s].
+        v1, v2 [m/s]; (n + 1, 5) if the interface has a state of its own.
     starts
-        (n, 4) the state at the start of each, after impulses at that instant.
+        (n, 4) or (n, 5) the state at the start of each, after impulses at that instant.
     applied
         (n, 2) the force [N] and stretch [-] held over each.
     jets
@@ -103,10 +103,11 @@ def blank(plant: Plant, start: Array, steps: int) -> Recording:
     For no control step it has one sample interval, which shows the initial force and stretch.
     """
     n = max(1, steps) * plant.support.intervals_per_step
-    states, applied = np.empty((n + 1, 4)), np.empty((n, 2))
-    states[0], applied[:] = start[:4], start[[at.FORCE, at.STRETCH]]
+    first = start[plant.support.state_rows]
+    states, applied = np.empty((n + 1, len(first))), np.empty((n, 2))
+    states[0], applied[:] = first, start[[at.FORCE, at.STRETCH]]
     jets = np.zeros((n, 2 * plant.support.terms))
-    return Recording(plant, start, states, np.tile(start[:4], (n, 1)), applied, jets)
+    return Recording(plant, start, states, np.tile(first, (n, 1)), applied, jets)
 
 
 def first(recording: Recording, count: int) -> Recording:
@@ -132,7 +133,7 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
         If the propagation cannot be completed.
     """
     plant, last = lanes.plant, first + len(commands) * lanes.plant.support.intervals_per_step
-    status = plant.method.entries.run_of(excited=plant.support.sampled)(
+    status = plant.entries.run_of(excited=plant.support.sampled)(
         plant.model,
         plant.task,
         lanes.values,
@@ -152,7 +153,8 @@ def column(recording: Recording, row: int, elapsed: float, duration: float) -> A
     Its state is that of the start.
     """
     support, lane = recording.plant.support, recording.parameters.copy()
-    lane[:4], lane[[at.FORCE, at.STRETCH]] = recording.starts[row], recording.applied[row]
+    lane[support.state_rows] = recording.starts[row]
+    lane[[at.FORCE, at.STRETCH]] = recording.applied[row]
     jets = jets_over(recording, np.array([row]), elapsed, duration)
     lane[support.jets : support.jets + 2 * support.terms] = jets[0]
     for harmonic in harmonic_rows(recording.plant):
@@ -210,6 +212,7 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
         If the propagation cannot be completed.
     """
     plant, elapsed = recording.plant, 0.0
+    rows = plant.support.state_rows
     began = row * plant.support.sample_interval
     values, state = recording.parameters[:, None].copy(), recording.starts[row]
     impulses = recording.impulses_of(row)
@@ -218,23 +221,24 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
         if stops_at_corners(plant):
             end = next_corner(plant.model, values, began, elapsed, end, 0)
         values[:, 0] = column(recording, row, elapsed, end - elapsed)
-        values[:4, 0] = state
+        values[rows, 0] = state
         yield elapsed, end - elapsed, values
         shorter = plant.at_interval(end - elapsed)
-        status = plant.method.entries.propagate(shorter.model, values, 0, 1)
+        status = plant.entries.propagate(shorter.model, values, 0, 1)
         if status > at.ENDED:
             msg = f"{plant.method.name}: {at.MESSAGES[status]}"
             raise SimulationError(msg)
-        state, elapsed = values[:4, 0].copy(), end
-        state[2:] += impulses[impulses[:, 0] == elapsed, 1:].sum(axis=0)
+        state, elapsed = values[rows, 0], end
+        state[2:4] += impulses[impulses[:, 0] == elapsed, 1:].sum(axis=0)
 
 
 def states_at(recording: Recording, place: Place) -> Array:
-    """Return the states (n, 4) at positions."""
+    """Return the states (n, 4) at positions; (n, 5) with the interface's own behind them."""
+    rows = recording.plant.support.state_rows
     sampled = recording.states[place.row]
     for i in np.flatnonzero(place.part):
         *_, (_, _, lane) = pieces(recording, int(place.row[i]), float(place.part[i]))
-        sampled[i] = lane[:4, 0]
+        sampled[i] = lane[rows, 0]
     return sampled
 
 
@@ -256,7 +260,7 @@ def breaks(recording: Recording, row: int) -> list[tuple[float, Array]]:
 
 def stops_at_corners(plant: Plant) -> bool:
     """Tell whether the plant is propagated from corner to corner of its records."""
-    return plant.method.entries.stops_at_corners and bool(plant.support.excitation[CORNERS])
+    return plant.entries.stops_at_corners and bool(plant.support.excitation[CORNERS])
 
 
 def locate(recording: Recording, instants: Array) -> Place:

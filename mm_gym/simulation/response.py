@@ -15,6 +15,8 @@ from mm_gym.step.channels import CHANNELS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.methods.support import Support
+
     Array = NDArray[np.float64]
 
 
@@ -34,8 +36,23 @@ def spring_force(p: Array, state: Array, stretch: Array) -> Array:
     return np.broadcast_to(force, len(state)).astype(np.float64)
 
 
-def interface_force(p: Array, slip: Array) -> Array:
-    """Return the force (n,) [N] of the interface on the carriage at slip velocities (n,) [m/s]."""
+def interface_force(support: Support, p: Array, state: Array) -> Array:
+    """Return the force (n,) [N] of the interface on the carriage.
+
+    Parameters
+    ----------
+    support
+        All values that the scene can reach.
+    p
+        (rows,) the lane's parameters.
+    state
+        (n, 4) x1, x2 [m], v1, v2 [m/s], or (n, 5) with the interface's own behind them.
+    """
+    slip = state[:, 3] - state[:, 2]
+    if support.is_general:
+        own = p[list(support.interface_rows)]
+        offset, inner = state[:, 1] - state[:, 0], state[:, -1]
+        return plain(support.interface.force)(own, offset, slip, inner)
     c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
     intercept = plain(forces.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
     regime = np.where(np.abs(slip) <= plain(forces.threshold)(vr), 0.0, np.sign(slip))
@@ -44,6 +61,13 @@ def interface_force(p: Array, slip: Array) -> Array:
         slope, constant = plain(forces.interface_line)(side, c, chi, intercept)
         force[regime == side] = slope * slip[regime == side] + constant
     return force
+
+
+def interface_energy(support: Support, p: Array, state: Array) -> Array:
+    """Return the energy (n,) [J] that the interface can give back; see `interface_force`."""
+    own, slip = p[list(support.interface_rows)], state[:, 3] - state[:, 2]
+    energy = plain(support.interface.energy)
+    return np.zeros(len(state)) + energy(own, state[:, 1] - state[:, 0], slip, state[:, -1])
 
 
 def base_force(p: Array, state: Array, force: Array) -> Array:
@@ -57,15 +81,15 @@ def base_force(p: Array, state: Array, force: Array) -> Array:
     return spring + p[at.D] * v1 - force
 
 
-def acceleration(p: Array, state: Array, applied: Array, disturbance: Array) -> Array:
+def acceleration(
+    support: Support, p: Array, state: Array, applied: Array, disturbance: Array
+) -> Array:
     """Return the absolute accelerations (n, 2) [m/s^2] of carriage and sphere, (1) and (2).
 
     Parameters
     ----------
-    p
-        (rows,) the lane's parameters.
-    state
-        (n, 4) x1, x2 [m], v1, v2 [m/s].
+    support, p, state
+        As for `interface_force`.
     applied
         (n, 2) force [N] and stretch [-].
     disturbance
@@ -79,7 +103,7 @@ def acceleration(p: Array, state: Array, applied: Array, disturbance: Array) -> 
     if p[at.M1] == 0.0:
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
-    inner = interface_force(p, state[:, 3] - state[:, 2]) + spring_force(p, state, applied[:, 1])
+    inner = interface_force(support, p, state) + spring_force(p, state, applied[:, 1])
     outer = disturbance - base_force(p, state, applied[:, 0])
     return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])
 

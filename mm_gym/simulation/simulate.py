@@ -96,7 +96,8 @@ def simulate(
     held = recording.applied[np.minimum(place.row, recording.last)]
     return Trajectory(
         time=instants,
-        state=state,
+        state=state[:, :4],
+        interface_state=state[:, 4:],
         action=held[:, _columns(plant)],
         applied=held,
         actuators=plant.actuators,
@@ -202,5 +203,5 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
     plant, many = lanes.plant, lanes.plant.support.intervals_per_step
     for first in range(0, len(recording.starts), many):
         time = first // many * plant.time_step
-        wanted = _numbers("action", policy(time, recording.states[first].copy()), ActionError)
+        wanted = _numbers("action", policy(time, recording.states[first, :4].copy()), ActionError)
         run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)

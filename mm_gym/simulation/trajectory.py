@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_csv
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
@@ -17,6 +19,7 @@ from mm_gym.simulation.response import (
     acceleration,
     base_force,
     check_channel,
+    interface_energy,
     root_mean_square,
     spring_force,
 )
@@ -25,7 +28,6 @@ from mm_gym.step.channels import CHANNELS
 if TYPE_CHECKING:
     from os import PathLike
 
-    import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -48,6 +50,8 @@ class Trajectory:
         (n,) [s].
     state
         (n, 4): x1, x2 [m], v1, v2 [m/s], ground frame.
+    interface_state
+        (n, 1) the interface's own state [-], if it has one, otherwise (n, 0).
     action
         (n, k): what the actuators applied from each instant on, in the order of `actuators`.
     applied
@@ -62,6 +66,7 @@ class Trajectory:
 
     time: NDArray[np.float64]
     state: NDArray[np.float64]
+    interface_state: NDArray[np.float64]
     action: NDArray[np.float64]
     applied: NDArray[np.float64]
     actuators: tuple[str, ...]
@@ -80,7 +85,13 @@ class Trajectory:
 
         Impulses are not in it: they change the velocities at once.
         """
-        return acceleration(self.parameters, self.state, self.applied, self.excitation[:, 0])
+        support, states = self.recording.plant.support, self._states
+        return acceleration(support, self.parameters, states, self.applied, self.excitation[:, 0])
+
+    @property
+    def _states(self) -> NDArray[np.float64]:
+        """The states (n, 4), or (n, 5) with the interface's own behind them."""
+        return np.hstack([self.state, self.interface_state])
 
     @cached_property
     def base_force(self) -> NDArray[np.float64]:
@@ -123,7 +134,10 @@ class Trajectory:
     @cached_property
     def energy(self) -> NDArray[np.float64]:
         """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
-        return mechanical_energy(self.parameters, self.state, self.applied[:, 1])
+        energy = mechanical_energy(self.parameters, self.state, self.applied[:, 1])
+        return energy + interface_energy(
+            self.recording.plant.support, self.parameters, self._states
+        )
 
     @cached_property
     def work(self) -> Work:
@@ -136,7 +150,7 @@ class Trajectory:
         The integrals are of the exact motion from the start of each control step. With a method of
         finite order the balance therefore shows its error.
         """
-        return work_of(self.recording, self.place, self.state, self.energy)
+        return work_of(self.recording, self.place, self._states, self.energy)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write time, state, action and excitation as columns with units; all digits are kept."""

@@ -10,8 +10,10 @@ from mm_gym.excitation.impulses import apply_first_impulses
 from mm_gym.excitation.kinds import excite, has_corners
 from mm_gym.lanes import layout as at
 from mm_gym.law.escapes import are_terminated
+from mm_gym.law.interface import LINE, Interface
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
-from mm_gym.step.outputs import derive, observe, pass_frame
+from mm_gym.step.episodes import show_first_with
+from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
 from mm_gym.step.task import approach, check_termination, command, finite, score, task_and_model
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ class Entries(NamedTuple):
     advance_unexcited: Callable[..., int]
     run_unexcited: Callable[..., int]
     propagate: Callable[..., int]
+    show_first: Callable[..., int]
+    derive: Callable[..., None]
     cross: Callable[..., int]
     stops_at_corners: bool
     is_simple: Callable[..., bool] | None
@@ -70,6 +74,7 @@ def build(
     respond: Callable[..., None] | None = None,
     shorten: Callable[..., None] = unchanged,
     stops_at_corners: bool = False,
+    interface: Interface = LINE,
 ) -> Entries:
     """Return the entries for a kernel ``propagate(model, lanes, first, last) -> status``.
 
@@ -92,20 +97,34 @@ def build(
         What else it needs for that, see `mm_gym.step.crossing.by_pieces`.
     stops_at_corners
         Whether it stops at the corners of records too.
+    interface
+        What acts between the masses besides springs.
     """
     is_simple, at_once = simplest or (None, None)
     if respond is not None:
         cross = by_superposition(propagate, respond)
     else:
         cross = by_pieces(propagate, has_corners if stops_at_corners else at_none, shorten)
+    derive = derive_with(link_of(interface))
     return Entries(
-        *_entries(cross, excite, excite_and_apply),
-        *_entries(unexcited(whole or propagate), leave, leave),
+        *_entries(cross, excite, excite_and_apply, derive),
+        *_entries(unexcited(whole or propagate), leave, leave, derive),
         propagate,
+        show_first_with(derive),
+        derive,
         cross,
         stops_at_corners,
         *((is_simple, _advance(at_once)) if at_once else (None, None)),
     )
+
+
+@borrowing_kernel
+def record_state(model, lanes, states, k):
+    """Copy the state of lane 0 to states[k]."""
+    for row in range(4):
+        states[k, row] = lanes[row, 0]
+    if states.shape[1] > 4:  # noqa: PLR2004 - the interface has a state of its own
+        states[k, 4] = lanes[int(model[at.INTERFACE]) - 1, 0]
 
 
 @borrowing_kernel
@@ -174,11 +193,13 @@ def _entries(
     cross: Callable[..., int],
     disturb: Callable[..., None],
     disturb_and_apply: Callable[..., None],
+    derive: Callable[..., None],
 ) -> tuple[Callable[..., int], Callable[..., int]]:
     """Return kernels that make a control step and run a simulation.
 
     `disturb` writes the excitation of a sample interval, and `cross` takes lanes through it;
-    `disturb_and_apply` also applies the impulses at the interval's start.
+    `disturb_and_apply` also applies the impulses at the interval's start; `derive` as
+    `outputs.derive_with` returns it.
     """
 
     @borrowing_kernel
@@ -196,7 +217,8 @@ def _entries(
         commands
             (steps, 2) read: force [N] and stretch [-] asked for in each control step.
         starts, states
-            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end.
+            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end; (n, 5)
+            with the interface's own state behind them.
         applied
             (n, 2) written: force [N] and stretch [-] held.
         jets
@@ -217,25 +239,25 @@ def _entries(
                 applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
-                for row in range(4):
-                    starts[k, row] = lanes[row, 0]
+                record_state(model, lanes, starts, k)
                 status = cross(model, lanes, interval, 0, 1)
                 if status > at.ENDED:
                     return status
                 rotate(model, lanes, interval, 0, 1)
-                for row in range(4):
-                    states[k, row] = lanes[row, 0]
+                record_state(model, lanes, states, k)
             lanes[at.NOW, 0] += 1.0
             pass_frame(task, streams, 0, 1)
         return at.OK
 
-    return _advance(in_turn(cross, disturb)), run
+    return _advance(in_turn(cross, disturb, derive)), run
 
 
-def in_turn(cross: Callable[..., int], disturb: Callable[..., None]) -> Callable[..., int]:
+def in_turn(
+    cross: Callable[..., int], disturb: Callable[..., None], derive: Callable[..., None]
+) -> Callable[..., int]:
     """Return a kernel that steps lanes block by block, one pass after the other.
 
-    `disturb` and `cross` as for `_entries`.
+    `disturb`, `cross` and `derive` as for `_entries`.
     """
 
     @borrowing_kernel

@@ -10,6 +10,8 @@ a status, and serve the lanes first .. last - 1 of those listed.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel
@@ -22,7 +24,6 @@ from mm_gym.lanes.random import next_episode, uniform
 from mm_gym.law.forces import write_regimes
 from mm_gym.step.outputs import (
     blur,
-    derive,
     pass_frame,
     rows_of,
     scaling,
@@ -30,6 +31,9 @@ from mm_gym.step.outputs import (
     write_channels,
 )
 from mm_gym.step.task import finite, task_and_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @borrowing_kernel
@@ -158,25 +162,30 @@ def _write_regimes_and_phases(model, lanes, first, last):
         begin_harmonic(lanes, harmonic, model[at.SAMPLE_INTERVAL], first, last)
 
 
-@borrowing_kernel
-def show_first(model, task, lanes, frames, streams, which, first, last):
-    """Fill the history of the lanes listed with their first frame.
+def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
+    """Return the kernel that shows the first frame, with a kernel of `outputs.derive_with`."""
 
-    Parameters
-    ----------
-    lanes
-        (rows, count) read; what is derived from the state is written.
-    frames
-        (history, count) float32, written, the newest frame last.
-    model, task, streams, which, first, last
-        See above.
-    """
-    own = which[place_of(first, which) : place_of(last, which)]
-    if task[at.IS_DERIVED] > 0.0:
-        for i in own:
-            derive(task, model, lanes, i, i + 1)
-    fill_history(task, lanes, frames, streams, own)
-    return at.OK
+    @borrowing_kernel
+    def show_first(model, task, lanes, frames, streams, which, first, last):
+        """Fill the history of the lanes listed with their first frame.
+
+        Parameters
+        ----------
+        lanes
+            (rows, count) read; what is derived from the state is written.
+        frames
+            (history, count) float32, written, the newest frame last.
+        model, task, streams, which, first, last
+            See above.
+        """
+        own = which[place_of(first, which) : place_of(last, which)]
+        if task[at.IS_DERIVED] > 0.0:
+            for i in own:
+                derive(task, model, lanes, i, i + 1)
+        fill_history(task, lanes, frames, streams, own)
+        return at.OK
+
+    return show_first
 
 
 @borrowing_kernel

@@ -8,6 +8,8 @@ the lanes first .. last - 1.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
@@ -19,39 +21,69 @@ from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
 from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
 from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.forces import carriage_force, interface_force, spring_force
+from mm_gym.law.interface import LINE, Interface, force_of, has_state
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
-@borrowing_kernel
-def derive(task, model, lanes, first, last):
-    """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
-
-    The first three of them are written only if a channel shows one of the three, DISTURBANCE only
-    then or if a channel shows it.
-    """
-    if not task[at.IS_DERIVED] > 0.0:
-        return
-    has_reactions, is_pushed = task[at.HAS_REACTIONS] > 0.0, False
-    for k in range(int(task[at.CHANNEL_COUNT])):
-        is_pushed |= rows_of(task, k)[0] == at.DISTURBANCE
-    if has_reactions or is_pushed:
-        write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
-    write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
-    if has_reactions:
-        for i in range(first, last):
-            write_reactions(lanes, i)
-
-
-@borrowing_kernel
-def write_reactions(lanes, i):
-    """Write accelerations and spring force of a lane, from its state and the excitation."""
-    x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
-    v1, w = lanes[at.V1, i], lanes[at.V2, i] - lanes[at.V1, i]
-    springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
+@inlined_kernel
+def _line(model, lanes, i):  # noqa: ARG001 - other interfaces look up their row in the model
+    """Return the force [N] of a viscous interface or of dry friction on a lane's carriage."""
     c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
-    inner = interface_force(c, vr, kinetic, lanes[at.CHI, i], w) + springs
+    w = lanes[at.V2, i] - lanes[at.V1, i]
+    return interface_force(c, vr, kinetic, lanes[at.CHI, i], w)
+
+
+def link_of(interface: Interface) -> Callable[..., float]:
+    """Return the kernel (model, lanes, i) -> force [N] of an interface on a lane's carriage."""
+    if interface is LINE:
+        return _line
+
+    @borrowing_kernel
+    def link(model, lanes, i):
+        first = int(model[at.INTERFACE])
+        own = lanes[first - 1, i] if has_state(interface) else 0.0
+        offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
+        return force_of(interface, lanes[first:, i], offset, w, own)
+
+    return link
+
+
+def derive_with(link: Callable[..., float]) -> Callable[..., None]:
+    """Return the kernel that writes what follows from the state, with a kernel of `link_of`."""
+
+    @borrowing_kernel
+    def derive(task, model, lanes, first, last):
+        """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
+
+        The first three of them are written only if a channel shows one of the three, DISTURBANCE
+        only then or if a channel shows it.
+        """
+        if not task[at.IS_DERIVED] > 0.0:
+            return
+        has_reactions, is_pushed = task[at.HAS_REACTIONS] > 0.0, False
+        for k in range(int(task[at.CHANNEL_COUNT])):
+            is_pushed |= rows_of(task, k)[0] == at.DISTURBANCE
+        if has_reactions or is_pushed:
+            write_excitation(model, lanes, at.DISTURBANCE, False, first, last)
+        write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
+        if has_reactions:
+            for i in range(first, last):
+                write_reactions(lanes, link(model, lanes, i), i)
+
+    return derive
+
+
+@borrowing_kernel
+def write_reactions(lanes, link, i):
+    """Write accelerations and spring force of a lane, given its interface's force [N]."""
+    x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
+    springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
+    inner = link + springs
     spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
-    outer = lanes[at.DISTURBANCE, i] + lanes[at.FORCE, i] - lanes[at.D, i] * v1 - spring
-    lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer) / lanes[at.M1, i]  # (1)
+    outer = lanes[at.DISTURBANCE, i] + lanes[at.FORCE, i] - lanes[at.D, i] * lanes[at.V1, i]
+    lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer - spring) / lanes[at.M1, i]  # (1)
     lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
     lanes[at.SPRING_FORCE, i] = springs
 

@@ -117,10 +117,10 @@ def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str)
         raise DesignError(msg)
     excitation = excitation_of(scene, excitation)
     check_path(excitation, channel)
-    if scene.interface.kind == "dry_friction":
+    if scene.interface.kind not in ("viscous", "none"):
         msg = (
-            "interface.kind: 'dry_friction' has no damping to tune; allowed: 'viscous', 'none'; "
-            "for friction see friction_absorber"
+            f"interface.kind: {scene.interface.kind!r} has no damping to tune; allowed: 'viscous', "
+            "'none'; for friction see friction_absorber"
         )
         raise DesignError(msg)
     require_resonance(linear_values(scene))

@@ -20,7 +20,7 @@ from mm_gym.law.forces import (
     has_escaped,
     stiffness,
 )
-from mm_gym.law.motion import Coefficients, rates
+from mm_gym.law.motion import coefficients, rates
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -35,7 +35,7 @@ def propagate_rk4(model, lanes, first, last):
     half, sixth = 0.5 * h, h / 6.0
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        (p, held), (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
@@ -44,13 +44,13 @@ def propagate_rk4(model, lanes, first, last):
                 _excitation(model, lanes, i, count, (k + 0.5) * h),
                 _excitation(model, lanes, i, count, (k + 1.0) * h),
             )
-            a1, a2 = _field(p, finite, held, start, x1, x2, v1, v2)
+            a1, a2 = _field(p, finite, start, x1, x2, v1, v2)
             p1, p2 = v1 + half * a1, v2 + half * a2
-            b1, b2 = _field(p, finite, held, middle, x1 + half * v1, x2 + half * v2, p1, p2)
+            b1, b2 = _field(p, finite, middle, x1 + half * v1, x2 + half * v2, p1, p2)
             q1, q2 = v1 + half * b1, v2 + half * b2
-            c1, c2 = _field(p, finite, held, middle, x1 + half * p1, x2 + half * p2, q1, q2)
+            c1, c2 = _field(p, finite, middle, x1 + half * p1, x2 + half * p2, q1, q2)
             r1, r2 = v1 + h * c1, v2 + h * c2
-            d1, d2 = _field(p, finite, held, end, x1 + h * q1, x2 + h * q2, r1, r2)
+            d1, d2 = _field(p, finite, end, x1 + h * q1, x2 + h * q2, r1, r2)
             y1 = x1 + sixth * (v1 + 2.0 * (p1 + q1) + r1)
             y2 = x2 + sixth * (v2 + 2.0 * (p2 + q2) + r2)
             w1 = v1 + sixth * (a1 + 2.0 * (b1 + c1) + d1)
@@ -73,13 +73,11 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     h = model[at.SAMPLE_INTERVAL] / substeps
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        (p, held), (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
-            a1, a2 = _field(
-                p, finite, held, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2
-            )
+            a1, a2 = _field(p, finite, _excitation(model, lanes, i, count, k * h), x1, x2, v1, v2)
             w1, w2 = v1 + h * a1, v2 + h * a2
             y1, y2 = x1 + h * w1, x2 + h * w2
             if may_escape:
@@ -129,30 +127,28 @@ def _state(lanes, i, count):
 
 @inlined_kernel
 def _constants(lanes, i, count):
-    """Return the coefficients of the lanes i .. i + count - 1, and the force held [N]."""
+    """Return the coefficients of the lanes i .. i + count - 1, damping, and the force held [N]."""
     k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
-    k1, nothing = read(lanes, at.K1, i, count), everywhere(0.0)  # smooth plants have no friction
-    p = Coefficients(
-        1.0 / read(lanes, at.M1, i, count),
-        1.0 / read(lanes, at.M2, i, count),
-        k1 * read(lanes, at.ALPHA, i, count),
-        k1 * read(lanes, at.BETA, i, count),
+    p = coefficients(
+        read(lanes, at.M1, i, count),
+        read(lanes, at.M2, i, count),
+        read(lanes, at.K1, i, count),
+        read(lanes, at.ALPHA, i, count),
+        read(lanes, at.BETA, i, count),
         read(lanes, at.D, i, count),
-        read(lanes, at.C, i, count),
-        nothing,
         stiffness(k0, stretch),
-        k0 + k0,
-        1.0 / read(lanes, at.L0, i, count),
+        k0,
+        read(lanes, at.L0, i, count),
         stretch,
     )
-    return p, read(lanes, at.FORCE, i, count)
+    return p, read(lanes, at.C, i, count), read(lanes, at.FORCE, i, count)
 
 
 @inlined_kernel
-def _field(p, finite, held, excitation, x1, x2, v1, v2):
+def _field(p, finite, excitation, x1, x2, v1, v2):
     """Return the accelerations [m/s^2] under a force held and an excitation."""
-    force, ground = excitation
-    return rates(p, finite, x1, x2 - x1, v1, v2 - v1, held + force, ground)
+    (force, ground), (own, c, held) = excitation, p
+    return rates(own, finite, x1, x2 - x1, v1, c * (v2 - v1), held + force, ground)
 
 
 @inlined_kernel

@@ -1,5 +1,7 @@
 """Embedded Runge-Kutta steps for every law of motion, over vectors of lanes.
 
+`entries_of` an interface are compiled for it: its force, and a state that it may have of its own.
+
 Lanes are taken some vectors at a time, which go through the stages of a step side by side. Each
 lane has steps of its own: their lengths follow from its error estimates, and from when friction
 changes its regime. When most of the lanes have arrived, the others wait in the slots of another
@@ -8,6 +10,8 @@ lane's result follows from its own numbers.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,11 +33,26 @@ from mm_gym.lanes.simd_masks import (
 )
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
 from mm_gym.law.forces import slip_intercept, stiffness
-from mm_gym.law.motion import Coefficients, is_resolved, rates
+from mm_gym.law.interface import (
+    LINE,
+    Interface,
+    force_of,
+    has_state,
+    is_line,
+    own_row,
+    parameters_of,
+    rate_of,
+    resolves,
+    states_of,
+)
+from mm_gym.law.motion import Coefficients, coefficients, is_resolved, rates
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as series
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 VECTORS = 2
 """Vectors of a group: the arithmetic of one hides the latency of another's."""
@@ -41,8 +60,18 @@ VECTORS = 2
 MOST_STEPS = 24.0
 """Steps of a lane before the Taylor series takes over: their errors add up."""
 
+MOST_STEPS_ALONE = 20_000.0
+"""Steps of a lane before giving up, where there is no series."""
+
 LEAST = 1.0 / 16.0
 """Part of the sample interval's error that any step may have, however short."""
+
+LEAST_ALONE = 1.0 / 256.0
+"""The same where there is no series, and so may be more steps."""
+
+LONGEST_WAY, LONGEST_WAY_OF_BOTH = 2.0, 0.5
+"""Of a step along what an interface's force bends over; with two estimates, which smaller errors
+need."""
 
 SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 """Of the next step: what is left of the length that would just do, and its limits."""
@@ -55,35 +84,51 @@ _ALL = (1 << _GROUP) - 1
 _group, _waiting = rows_on_stack(VECTORS * of.SIZE), rows_on_stack(VECTORS * of.SIZE)
 
 
+def propagate_with(interface: Interface) -> Callable[..., int]:
+    """Return the kernel of an interface that is no line: there is no series to leave doubts to."""
+
+    @borrowing_kernel
+    def propagate(model, lanes, first, last):
+        return _propagate(interface, model, lanes, first, last)
+
+    return propagate
+
+
 @borrowing_kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
     if not model[of.STEPS] > 0.0:
         return taylor.propagate(model, lanes, first, last)
+    return _propagate(LINE, model, lanes, first, last)
+
+
+@inlined_kernel
+def _propagate(interface, model, lanes, first, last):
+    """Advance the lanes by one sample interval."""
     b, w, idle, status = _group(), _waiting(), _ALL, at.OK
     for i in range(first, last, _GROUP):
         count = min(_GROUP, last - i)
         for k in range(0, count, LANES):
-            _load(model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+            _load(interface, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
         everyone = busy = (1 << count) - 1
         while 2 * how_many(busy) > count:
-            _walk(model, b, count)
+            _walk(interface, model, b, count)
             busy = everyone & _those(b, count, of.GOES_ON)
         for k in range(0, count, LANES):
-            _store(lanes, i + k, min(LANES, count - k), _vector_of(b, k))
+            _store(interface, model, lanes, i + k, min(LANES, count - k), _vector_of(b, k))
         busy = everyone - (everyone & _those(b, count, of.DONE))
         while busy != 0:
             while idle == 0:
-                idle, status = _empty(model, lanes, w, idle, status)
+                idle, status = _empty(interface, model, lanes, w, idle, status)
             slot, k = lowest(idle), lowest(busy)
             if idle == _ALL:  # numbers in all slots, so that none costs time as a denormal one
                 for other in range(_GROUP - 1, 0, -1):
-                    _move(model, b, k, w, other)
-            _move(model, b, k, w, slot)
+                    _move(interface, model, b, k, w, other)
+            _move(interface, model, b, k, w, slot)
             _vector_of(w, slot)[of.LANE, slot % LANES] = i + k
             idle, busy = idle & (idle - 1), busy & (busy - 1)
     while idle != _ALL:
-        idle, status = _empty(model, lanes, w, idle, status)
+        idle, status = _empty(interface, model, lanes, w, idle, status)
     return status
 
 
@@ -112,23 +157,39 @@ def _those(group, count, outcome):
 
 
 @borrowing_kernel
-def _load(model, lanes, i, count, b):
+def _load(interface, model, lanes, i, count, b):
     """Load the state and the coefficients of a vector of lanes."""
     for row in range(4):
         b[of.STATE + row] = read(lanes, row, i, count)
-    stretch = read(lanes, at.STRETCH, i, count)
-    k1, k0 = read(lanes, at.K1, i, count), read(lanes, at.K0, i, count)
-    b[of.ONE_BY_M1] = 1.0 / read(lanes, at.M1, i, count)
-    b[of.ONE_BY_M2] = 1.0 / read(lanes, at.M2, i, count)
-    b[of.LINEAR] = k1 * read(lanes, at.ALPHA, i, count)
-    b[of.CUBIC] = k1 * read(lanes, at.BETA, i, count)
-    b[of.D] = read(lanes, at.D, i, count)
-    b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), everywhere(0.0)
-    if model[series.IS_FINITE] > 0.0:
-        b[of.TWICE_K0] = k0 + k0
-        b[of.BY_L0], b[of.STRETCH] = 1.0 / read(lanes, at.L0, i, count), stretch
+    if has_state(interface):
+        b[of.OWN] = read(lanes, own_row(model), i, count)
+    stretch, k0 = read(lanes, at.STRETCH, i, count), read(lanes, at.K0, i, count)
+    is_finite, nothing = model[series.IS_FINITE] > 0.0, everywhere(0.0)
+    p = coefficients(
+        read(lanes, at.M1, i, count),
+        read(lanes, at.M2, i, count),
+        read(lanes, at.K1, i, count),
+        read(lanes, at.ALPHA, i, count),
+        read(lanes, at.BETA, i, count),
+        read(lanes, at.D, i, count),
+        nothing if is_finite else where(k0 > 0.0, stiffness(k0, stretch), nothing),
+        k0,
+        read(lanes, at.L0, i, count) if is_finite else everywhere(1.0),
+        stretch,
+    )
+    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR], b[of.CUBIC] = (
+        p.by_m1,
+        p.by_m2,
+        p.linear,
+        p.cubic,
+    )
+    b[of.D], b[of.K2], b[of.TWICE_K0], b[of.BY_L0] = p.d, p.k2, p.twice_k0, p.by_l0
+    b[of.STRETCH] = stretch
+    if is_line(interface):
+        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), nothing
     else:
-        b[of.K2] = where(k0 > 0.0, stiffness(k0, stretch), 0.0)
+        for k in range(parameters_of(interface)):
+            b[of.PARAMETERS + k] = read(lanes, int(model[at.INTERFACE]) + k, i, count)
     b[of.FORCE] = read(lanes, at.FORCE, i, count)
     if model[series.HAS_FRICTION] > 0.0:
         vr, chi = read(lanes, at.VR, i, count), read(lanes, at.CHI, i, count)
@@ -143,13 +204,16 @@ def _load(model, lanes, i, count, b):
     for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
         b[row] = everywhere(0.0)
     _set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
-    b[of.KICKS], b[of.KICKS + 1] = _first_kicks(model, b)
+    b[of.KICKS], b[of.KICKS + 1], b[of.OWN_KICKS] = first_kicks(interface, model, b)
 
 
 @borrowing_kernel
-def _store(lanes, i, count, b):
+def _store(interface, model, lanes, i, count, b):
     """Write the states of those lanes of a vector that are done."""
     done = b[of.OUTCOME] == of.DONE
+    if has_state(interface):
+        row = own_row(model)
+        write(lanes, row, i, count, where(done, b[of.OWN], read(lanes, row, i, count)))
     if count == LANES and all_hold(done):
         write_states(lanes, i, b[0], b[1], b[2], b[3])
         return
@@ -172,19 +236,21 @@ def _enter(b, regime):
 
 
 @borrowing_kernel
-def _move(model, b, k, w, slot):
+def _move(interface, model, b, k, w, slot):
     """Copy lane k of a group to a slot of another."""
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
     for row in range(of.SOURCES + rows_of_sources(model)):
         if row < of.END or of.KICKS <= row < of.KICKS + 2 or row >= of.COEFFICIENTS:
             other[row, slot] = one[row, k]
+    if has_state(interface):
+        other[of.OWN_KICKS, slot] = one[of.OWN_KICKS, k]
 
 
 @borrowing_kernel
-def _empty(model, lanes, w, idle, status):
+def _empty(interface, model, lanes, w, idle, status):
     """Let all lanes that wait make a step; return the idle slots and the status."""
-    _walk(model, w, _GROUP)
+    _walk(interface, model, w, _GROUP)
     busy = _ALL - idle
     done = busy - (busy & _those(w, _GROUP, of.GOES_ON))
     idle |= done
@@ -196,21 +262,25 @@ def _empty(model, lanes, w, idle, status):
         if own[of.OUTCOME, k] == of.DONE:
             for row in range(4):
                 lanes[row, lane] = own[row, k]
-        else:
+            if has_state(interface):
+                lanes[own_row(model), lane] = own[of.OWN, k]
+        elif is_line(interface):
             status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
+        else:
+            status = max(status, at.TOO_MANY_STEPS)
     return idle, status
 
 
 @borrowing_kernel
-def _walk(model, group, count):
+def _walk(interface, model, group, count):
     """Let the lanes of a group that go on make a step, each by its length."""
-    _pass_stages(model, group, count)
+    _pass_stages(interface, model, group, count)
     for k in range(0, count, LANES):
         b = _vector_of(group, k)
-        _assess(model, b)
+        _assess(interface, model, b)
         if model[series.HAS_FRICTION] > 0.0:
             _follow(model, b)
-        _conclude(model, b)
+        _conclude(interface, model, b)
 
 
 @inlined_kernel
@@ -222,8 +292,6 @@ def _coefficients(b):
         b[of.LINEAR],
         b[of.CUBIC],
         b[of.D],
-        b[of.SLOPE],
-        b[of.INTERCEPT],
         b[of.K2],
         b[of.TWICE_K0],
         b[of.BY_L0],
@@ -232,49 +300,77 @@ def _coefficients(b):
 
 
 @inlined_kernel
-def _kicks(model, b, time, x1, x2, v1, v2):
+def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
     """Return the accelerations at a time [s] since the interval's start, times the step's length.
 
-    So they are added to velocities as they are.
+    So they are added to velocities as they are; and the same of the interface's own state.
     """
     push, shake = b[of.FORCE], alike(time, 0.0)
     if is_excited(model):
         force, shake = excitation(model, b, of.SOURCES, time)
         push, shake = push + force, shake * b[of.LENGTH]
-    is_finite = model[series.IS_FINITE] > 0.0
-    return rates(_coefficients(b), is_finite, x1, x2 - x1, v1, v2 - v1, push, shake)
+    is_finite, p, offset, slip = model[series.IS_FINITE] > 0.0, _parameters(b), x2 - x1, v2 - v1
+    link = force_of(interface, p, offset, slip, own)
+    a1, a2 = rates(_coefficients(b), is_finite, x1, offset, v1, link, push, shake)
+    return a1, a2, b[of.LENGTH] * rate_of(interface, p, offset, slip, own)
 
 
 @inlined_kernel
-def _first_kicks(model, b):
+def _parameters(b):
+    """Return the rows of the interface's parameters."""
+    return from_row(b, of.PARAMETERS)
+
+
+@inlined_kernel
+def first_kicks(interface, model, b):
     """Return them where the step begins."""
-    return _kicks(model, b, b[of.ELAPSED], b[0], b[1], b[2], b[3])
+    own = _own(interface, b, of.OWN)
+    return _kicks(interface, model, b, b[of.ELAPSED], b[0], b[1], b[2], b[3], own)
+
+
+@inlined_kernel
+def _own(interface, b, row):
+    """Return the interface's own state, 0 where it has none."""
+    return b[row] if has_state(interface) else alike(b[0], 0.0)
 
 
 @borrowing_kernel
-def _pass_stages(model, group, count):
+def _pass_stages(interface, model, group, count):
     """Work out the stages behind the first."""
     prefer_widest_vectors()
     stay_apart()
     for i in range(int(model[of.STAGES])):
         for k in range(0, count, LANES):
-            _pass_stage(model, _vector_of(group, k), i)
+            pass_stage(interface, model, _vector_of(group, k), i)
 
 
 @inlined_kernel
-def _pass_stage(model, b, i):
+def pass_stage(interface, model, b, i):
     """Work out a stage, and take it for the step's end."""
-    h = b[of.LENGTH]
-    w1, w2, r1, r2 = summed(b, int(model[of.SUM]) + i, b[2], b[3])
+    h, number = b[of.LENGTH], int(model[of.SUM]) + i
+    w1, w2, r1, r2 = summed(b, number, b[2], b[3])
     y1, y2 = fma(h, r1, b[0]), fma(h, r2, b[1])
     time, kick = fma(model[of.TIMES + i], h, b[of.ELAPSED]), of.KICKS + 2 * (i + 1)
+    own = _own(interface, b, of.OWN)
+    if has_state(interface):
+        own = summed_own(b, number, own)
+        b[of.END + of.OWN] = own
     if i + 1 == int(model[of.STAGES]):
         b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3] = y1, y2, w1, w2
-    b[kick], b[kick + 1] = _kicks(model, b, time, y1, y2, w1, w2)
+    a1, a2, change = _kicks(interface, model, b, time, y1, y2, w1, w2, own)
+    b[kick], b[kick + 1] = a1, a2
+    if has_state(interface):
+        b[kick + of.OWN_KICKS - of.KICKS] = change
+
+
+@inlined_kernel
+def summed_own(b, number, own):
+    """Return the interface's own state of a stage, or the same of an estimate's errors."""
+    return summed(from_row(b, of.OWN_KICKS - of.KICKS), number, own, own)[0]
 
 
 @borrowing_kernel
-def _assess(model, b):
+def _assess(interface, model, b):
     """Tell whether a step's error is small, and by what factor the next may be longer."""
     prefer_widest_vectors()
     stay_apart()
@@ -288,10 +384,12 @@ def _assess(model, b):
     o1, o2, s1, s2 = summed(b, estimates + 1, v1, v2)
     change, shift = larger(abs(q1), abs(q2)), larger(abs(r1), abs(r2)) * h
     other = larger(abs(o1), abs(o2))
-    if model[of.IS_COMBINED] > 0.0:  # Hairer, Norsett and Wanner (1993), II.10
+    # Hairer, Norsett and Wanner (1993), II.10: for forces that bend as springs do.
+    if model[of.IS_COMBINED] > 0.0 and is_line(interface):
         change = _combined(change, other)
         shift = _combined(shift, larger(abs(s1), abs(s2)) * h)
-    limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, LEAST))
+    least = LEAST if is_line(interface) else LEAST_ALONE
+    limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, least))
     good = (shift <= limit * far) & (change <= limit * fast)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the
     # speed is that of the oscillation.
@@ -303,6 +401,15 @@ def _assess(model, b):
     if model[series.IS_FINITE] > 0.0:
         good = good & is_resolved(_coefficients(b), x2 - x1, y2 - y1)
     good = good & (far + fast < np.inf)
+    slips = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
+    way = LONGEST_WAY_OF_BOTH if model[of.IS_COMBINED] > 0.0 else LONGEST_WAY
+    good = good & resolves(interface, _parameters(b), slips[0], slips[1], way)
+    if has_state(interface):
+        moved, zero = abs(b[of.OWN_KICKS]) * (model[at.SAMPLE_INTERVAL] / h), everywhere(0.0)
+        own = larger(larger(abs(b[of.OWN]), abs(b[of.END + of.OWN])), moved)
+        slid = abs(summed_own(b, estimates, zero))
+        good = good & (slid <= limit * own)
+        change = larger(change, slid * (fast / own))
     b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
     if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
         return
@@ -403,12 +510,12 @@ def _shifted(time, x, v, a):
 
 
 @borrowing_kernel
-def _conclude(model, b):
+def _conclude(interface, model, b):
     """Make the accepted steps, and choose the lengths of the next ones."""
     h, shift, interval = b[of.LENGTH], b[of.SHIFT], model[at.SAMPLE_INTERVAL]
     good = (b[of.OUTCOME] == of.GOES_ON) & (b[of.GOOD] > 0.0)
     is_last = good & (h >= interval - b[of.ELAPSED]) & (shift == 0.0)
-    for row in range(4):
+    for row in range(states_of(interface)):
         b[row] = where(good, b[of.END + row], b[row])
     b[of.OUTCOME] = where(is_last, of.DONE, b[of.OUTCOME])
     if none(b[of.OUTCOME] == of.GOES_ON):
@@ -424,11 +531,15 @@ def _conclude(model, b):
     last, scale = of.KICKS + 2 * int(model[of.STAGES]), b[of.LENGTH] / h
     for row in range(2):
         b[of.KICKS + row] = where(good, b[last + row], b[of.KICKS + row]) * scale
+    if has_state(interface):
+        own = b[last + of.OWN_KICKS - of.KICKS]
+        b[of.OWN_KICKS] = where(good, own, b[of.OWN_KICKS]) * scale
     if not none(enters):
-        a1, a2 = _first_kicks(model, b)
+        a1, a2, _ = first_kicks(interface, model, b)
         b[of.KICKS] = where(enters, a1, b[of.KICKS])
         b[of.KICKS + 1] = where(enters, a2, b[of.KICKS + 1])
     b[of.COUNT] = b[of.COUNT] + 1.0
-    lasts = (b[of.COUNT] < MOST_STEPS) & (b[of.LENGTH] > 0.0)
+    most = MOST_STEPS if is_line(interface) else MOST_STEPS_ALONE
+    lasts = (b[of.COUNT] < most) & (b[of.LENGTH] > 0.0)
     outcome = where(lasts, of.GOES_ON, everywhere(of.GIVEN_UP))
     b[of.OUTCOME] = where(b[of.OUTCOME] == of.GOES_ON, outcome, b[of.OUTCOME])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import Tableau, first_sum, tableaus
 from mm_gym.methods.support import (
+    GENERAL,
     PARAMETRIC_SWITCHED_LINEAR,
     SMOOTH_NONLINEAR,
     SWITCHED_LINEAR,
@@ -26,9 +27,13 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
+    from mm_gym.law.interface import Interface
     from mm_gym.methods.support import Support
+    from mm_gym.step.control_step import Entries
 
 TIGHTEST = 1e-12
 """Smallest tolerance: the round-off of the steps must not pass for their error."""
@@ -49,6 +54,10 @@ MOST_EVALUATIONS = 150
 COARSER = 0.5
 """Part that a step may have of the second estimate that a harmonic oscillation has where the first
 is at the limit. The errors of an oscillation on a cubic spring are larger."""
+
+COARSER_ALONE, MOST_EVALUATIONS_ALONE = 0.05, 3000
+"""The same where there is no series: forces bend more sharply than springs, and the first estimate
+may vanish by chance."""
 
 FINER = 1e-3
 """Part of the tolerance for the series, which redo the hardest steps: a sphere that bounces off the
@@ -84,15 +93,25 @@ class RungeKutta(Method):
     title = "the Runge-Kutta method"
     how = (
         "Runge-Kutta pairs, each lane in steps of its own, whose lengths follow from its error "
-        "estimates and changes of regime; what is in doubt is redone by the Taylor series"
+        "estimates and changes of regime; what is in doubt is redone by the Taylor series, if the "
+        "interface has one"
     )
-    kinds = (SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR)
+    kinds = (
+        *(SMOOTH_NONLINEAR, SWITCHED_LINEAR, PARAMETRIC_SWITCHED_LINEAR, SWITCHED_NONLINEAR),
+        GENERAL,
+    )
     entries = build(kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
 
+    def entries_of(self, support: Support) -> Entries:
+        """Return the kernels for a support's interface."""
+        return _entries_with(support.interface) if support.is_general else self.entries
+
     def deferral(self, support: Support, settings: Settings) -> str | None:
         """Return why `auto` prefers a series, or None."""
+        if support.is_general:
+            return None
         if settings.tolerance < TIGHT:
             return f"solver.tolerance is below {TIGHT:g}, where a series costs no more"
         if settings.tolerance > TIGHT:
@@ -106,11 +125,13 @@ class RungeKutta(Method):
     def failing(self, support: Support, settings: Settings) -> str | None:
         """Return why not, where it takes too many steps."""
         if plan_of(support, settings) is None:
-            return f"it takes more than {MOST_EVALUATIONS} evaluations of the forces"
+            return f"it takes more than {_most(alone=support.is_general)} evaluations of the forces"
         return None
 
     def limit(self, support: Support) -> str | None:
         """Return why not, where a carriage can escape or the excitation is fast or manifold."""
+        if support.low[at.M1] == 0.0:
+            return "carriage.mass is 0"
         if support.low[at.BETA] < 0.0:
             return "carriage.cubic_coefficient is negative"
         return sources.obstacle(support.frequencies, support.terms, support.sample_interval)
@@ -129,7 +150,11 @@ class RungeKutta(Method):
             of.STEPS: steps,
             of.STAGES: tableau.stages,
             of.LIMIT: limit,
-            of.COARSE: (COARSER * tableau.estimates(tableau.longest(limit / steps))[1]) ** 2,
+            of.COARSE: (
+                _coarser(alone=support.is_general)
+                * tableau.estimates(tableau.longest(limit / steps))[1]
+            )
+            ** 2,
             of.IS_COMBINED: tableau.is_combined,
             of.BEND: min(1.0, _BENT * phase**2),
             of.NEAR: _NEAR * math.sqrt(limit) / rate,
@@ -151,6 +176,12 @@ class RungeKutta(Method):
     def bound(self, settings: Settings) -> str:
         """Return the tolerance."""
         return f"{settings.tolerance:g} of the state's scale over a control step, and round-off"
+
+
+@cache
+def _entries_with(interface: Interface) -> Entries:
+    propagate = kernel.propagate_with(interface)
+    return build(propagate, shorten=kernel.shorten, stops_at_corners=True, interface=interface)
 
 
 def _limit(support: Support, settings: Settings) -> float:
@@ -177,22 +208,44 @@ def plan_of(support: Support, settings: Settings) -> Plan | None:
     The error is that on an undamped oscillation at the fastest rate of the scene.
     """
     phase = max(_rate(support) * support.sample_interval, SHORTEST)
-    return _plan(phase, _limit(support, settings))
+    return _plan(phase, _limit(support, settings), alone=support.is_general)
+
+
+def _most(*, alone: bool) -> int:
+    return MOST_EVALUATIONS_ALONE if alone else MOST_EVALUATIONS
+
+
+def _coarser(*, alone: bool) -> float:
+    return COARSER_ALONE if alone else COARSER
 
 
 @lru_cache(maxsize=256)
-def _plan(phase: float, limit: float) -> Plan | None:
+def _plan(phase: float, limit: float, *, alone: bool) -> Plan | None:
     plans = [
-        next((plan for plan in _plans(pair) if _is_enough(plan, phase, limit)), None)
+        next(
+            (
+                plan
+                for plan in _plans(pair, _most(alone=alone))
+                if _is_enough(plan, phase, limit, _coarser(alone=alone))
+            ),
+            None,
+        )
         for pair in tableaus()
     ]
     return min(filter(None, plans), key=lambda plan: plan.evaluations, default=None)
 
 
-def _plans(pair: Tableau) -> list[Plan]:
-    return [Plan(pair, steps) for steps in range(1, MOST_EVALUATIONS // len(pair.times) + 1)]
+def _plans(pair: Tableau, most: int) -> Iterator[Plan]:
+    return (Plan(pair, steps) for steps in range(1, most // len(pair.times) + 1))
 
 
-def _is_enough(plan: Plan, phase: float, limit: float) -> bool:
+def _is_enough(plan: Plan, phase: float, limit: float, coarser: float) -> bool:
     pair, steps = plan
-    return phase / steps <= pair.longest(limit / steps, COARSER)
+    return phase / steps <= _longest(len(pair.times), limit / steps, coarser)
+
+
+@lru_cache(maxsize=1 << 14)
+def _longest(stages: int, limit: float, coarser: float) -> float:
+    """Return `Tableau.longest`: the same for intervals of any length, and for many scenes."""
+    pair = next(pair for pair in tableaus() if len(pair.times) == stages)
+    return pair.longest(limit, coarser)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings, header
-from mm_gym.methods.support import KINDS, MASSLESS, fastest_rate
+from mm_gym.methods.support import GENERAL, KINDS, MASSLESS, fastest_rate
 from mm_gym.methods.taylor import blocks_kernel, kernel
 from mm_gym.methods.taylor import layout as series
 from mm_gym.step.control_step import build
@@ -45,7 +45,7 @@ class Taylor(Method):
         "adaptive Taylor series; the order follows from the tolerance, "
         "the length of each series from its last terms"
     )
-    kinds = tuple(kind for kind in KINDS if kind != MASSLESS)
+    kinds = tuple(kind for kind in KINDS if kind not in (GENERAL, MASSLESS))
     entries = build(blocks_kernel.propagate, shorten=kernel.shorten, stops_at_corners=True)
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(2, 16)))
 

@@ -7,8 +7,11 @@ Piecewise linear plants: exact quadratic forms of the state, doubled together wi
 accuracy. A motion with a cubic spring or finite stretch: Taylor series of the energy rate,
 integrated term by term between the friction's kinks (`rate_series_kernel`).
 
-With the methods they have in common the laws of the forces (`law.forces`), the search for changes
-of regime (`law.events`), and the series of the excitation and of q**-2 (`excitation.kinds`,
+Interfaces in value form: quadrature along the motion, which the plant's own method makes
+(`quadrature`); such a balance says nothing of the method.
+
+The others have in common with the methods the laws of the forces (`law.forces`), the search for
+changes of regime (`law.events`), and the series of the excitation and of q**-2 (`excitation.kinds`,
 `excitation.jets`, `lanes.arithmetic`). No method propagates a state for them, except from impulse
 to impulse and from corner to corner of a record (`recording.pieces`). So a balance that closes
 confirms how the plants propagate, and not the laws.
@@ -25,7 +28,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.law import forces
-from mm_gym.simulation.energy import rate_kernel, rate_series_kernel
+from mm_gym.simulation.energy import quadrature, rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 
 if TYPE_CHECKING:
@@ -117,7 +120,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     scale = energy[0] + (throughput - throughput[0]).sum(axis=1)
     p, stretch = recording.parameters, recording.applied[np.minimum(place.row, recording.last), 1]
     if min(p[at.ALPHA], p[at.BETA]) < 0.0:  # energies of both signs cancel
-        scale += np.maximum.accumulate(gross_energy(p, state, stretch)) - energy[0]
+        scale += np.maximum.accumulate(gross_energy(p, state[:, :4], stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
 
@@ -140,7 +143,7 @@ def energy_jumps(recording: Recording, steps: int) -> Array:
     if recording.plant.support.sampled:
         first = slice(inner.stop)
         after, before = recording.starts[first], recording.states[first]
-        impulse = after[:, 2:] ** 2 - before[:, 2:] ** 2
+        impulse = after[:, 2:4] ** 2 - before[:, 2:4] ** 2
         jumps[first, DISTURBANCE] = 0.5 * impulse @ p[[at.M1, at.M2]]
     return jumps
 
@@ -170,13 +173,15 @@ def _piecewise(recording: Recording, row: int, duration: float) -> Array:
             total[1] += masses @ (jump * (lane[2:4, 0] - 0.5 * jump))
         jets = lane[support.jets : support.jets + 2 * support.terms].T.copy()
         times = np.array([row * support.sample_interval + elapsed])
-        start = (lane[:4].T.copy(), applied, jets, times)
+        start = (lane[support.state_rows].T.copy(), applied, jets, times)
         total += _integrate(recording, start, length)[0]
     return total
 
 
 def _integrate(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
     """Return energies (k, 2) from states, what is applied, jets over the duration, and times."""
+    if recording.plant.support.is_general:
+        return quadrature.integrals(recording, start, duration)
     p = recording.parameters
     nonlinear = p[at.BETA] != 0.0 or p[at.L0] > 0.0
     # The exact forms bound the motion between kinks by an energy, which has no lower bound here.

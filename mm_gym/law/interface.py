@@ -1,0 +1,198 @@
+"""The contract of an interface: what acts between sphere and carriage besides the springs.
+
+An interface is one constant, which kernels take as an argument and are compiled for: no call and
+no choice is left of it. Its force, rate and energy are kernels over every kind of number.
+"""
+
+# ruff: noqa: ARG001, ARG005 - numba gives overloads types, and wants plain functions
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+from numba.extending import models, overload, register_model, typeof_impl
+
+from mm_gym.compiler.jit import inlined_kernel
+from mm_gym.compiler.llvm_code import lower_constant
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.simd import alike
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    Bound = Callable[[Sequence[float]], float]
+
+
+@inlined_kernel
+def _nothing(p, offset, slip, own):
+    return alike(slip, 0.0)
+
+
+def _zero(p: Sequence[float]) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """An interface in value form.
+
+    Its force must be continuous in offset, slip velocity and own state: whoever integrates it looks
+    for no events.
+
+    Attributes
+    ----------
+    kind
+        What ``interface.kind`` calls it.
+    parameters
+        Names of its fields in a scene, in the order of p.
+    force
+        Kernel (p, offset [m], slip [m/s], own) -> force on the carriage [N].
+    rate
+        Kernel of the same arguments -> rate of its own state [1/s], if it has one.
+    energy
+        Kernel of the same arguments -> energy that it stores and can give back [J].
+    resolves
+        Kernel (p, slip before, slip after, way) -> whether a step between these sees all that the
+        force does in between: error estimates miss what happens between two stages. It may be as
+        long as `way`, in units of the slip over which the force bends.
+    damping, stiffness
+        Of parameters p -> bound of the force's slope over the slip velocity [N s/m], and over the
+        offset, the own state's share included [N/m]. Both rise with each parameter in `rising`,
+        and fall with the others.
+    rising
+        Names of those parameters.
+    """
+
+    kind: str
+    parameters: tuple[str, ...]
+    force: Callable[..., Any]
+    rate: Callable[..., Any] | None = None
+    energy: Callable[..., Any] = _nothing
+    resolves: Callable[..., Any] | None = None
+    damping: Bound = _zero
+    stiffness: Bound = _zero
+    rising: frozenset[str] = frozenset()
+
+    @property
+    def has_state(self) -> bool:
+        """Whether it has a state of its own."""
+        return self.rate is not None
+
+    def __repr__(self) -> str:
+        """Return what tells it from others, also of another process and of another text."""
+        return self._name
+
+    @cached_property
+    def _name(self) -> str:
+        function = getattr(self.force, "py_func", self.force)
+        text = hashlib.sha256(Path(inspect.getfile(function)).read_bytes()).hexdigest()
+        return f"{function.__module__}.{self.kind}.{text[:16]}"
+
+
+class _Constant(types.Type):
+    """The type of one interface."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+
+
+_known: dict[str, Interface] = {}
+
+
+@typeof_impl.register(Interface)
+def _type_of(interface, _context):
+    _known[repr(interface)] = interface
+    return _Constant(repr(interface))
+
+
+register_model(_Constant)(models.OpaqueModel)
+
+
+@lower_constant(_Constant)
+def _constant(context, _builder, _kind, _interface):
+    return context.get_dummy_value()
+
+
+def force_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
+    """Return the force [N] of an interface on the carriage."""
+    return interface.force(p, offset, slip, own)
+
+
+@overload(force_of)
+def _force_of(interface, p, offset, slip, own):
+    force = _known[interface.name].force
+    return lambda interface, p, offset, slip, own: force(p, offset, slip, own)
+
+
+def rate_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
+    """Return the rate [1/s] of the own state, 0 without one."""
+    return (interface.rate or _nothing)(p, offset, slip, own)
+
+
+@overload(rate_of)
+def _rate_of(interface, p, offset, slip, own):
+    rate = _known[interface.name].rate or _nothing
+    return lambda interface, p, offset, slip, own: rate(p, offset, slip, own)
+
+
+def resolves(interface: Interface, p: Any, before: Any, after: Any, way: float) -> Any:  # noqa: ANN401
+    """Tell whether a step between two slip velocities [m/s] sees all of an interface's force."""
+    return interface.resolves is None or interface.resolves(p, before, after, way)
+
+
+@overload(resolves)
+def _resolves(interface, p, before, after, way):
+    function = _known[interface.name].resolves
+    if function is None:
+        return lambda interface, p, before, after, way: before == before  # noqa: PLR0124 - of its kind
+    return lambda interface, p, before, after, way: function(p, before, after, way)
+
+
+def _constant_of(answer: Callable[[Interface], Any]) -> Callable[[Interface], Any]:
+    """Return a function of an interface whose result kernels know when they are compiled."""
+
+    def ask(interface):
+        return answer(interface)
+
+    @overload(ask)
+    def _(interface):
+        value = answer(_known[interface.name])
+        return lambda interface: value
+
+    return ask
+
+
+states_of = _constant_of(lambda interface: 4 + interface.has_state)
+"""How many states a motion has: x1, x2, v1, v2, and that of the interface."""
+
+has_state = _constant_of(lambda interface: interface.has_state)
+"""Whether there is that of the interface."""
+
+parameters_of = _constant_of(lambda interface: len(interface.parameters))
+"""How many parameters an interface has."""
+
+is_line = _constant_of(lambda interface: interface is LINE)
+"""Whether an interface is a line in each regime."""
+
+
+@inlined_kernel
+def own_row(model):
+    """Return the row of that state in a lane."""
+    return int(model[at.INTERFACE]) - 1
+
+
+@inlined_kernel
+def _line(p, offset, slip, own):
+    return fma(p[0], slip, p[1])
+
+
+LINE = Interface("line", ("slope", "intercept"), _line)
+"""What a viscous interface is, and dry friction in one of its regimes: methods that know more of
+these write slope [N s/m] and force at w = 0 [N]."""

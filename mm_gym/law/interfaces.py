@@ -1,0 +1,11 @@
+"""The interfaces in value form, by the kind that a scene asks for.
+
+Viscous interfaces and dry friction are lines in each regime, and stand in `forces`: the exact
+methods know more of them than their value.
+"""
+
+from mm_gym.law.bouc_wen import BOUC_WEN
+from mm_gym.law.interface import Interface
+from mm_gym.law.stribeck import STRIBECK
+
+INTERFACES: dict[str, Interface] = {one.kind: one for one in (STRIBECK, BOUC_WEN)}

@@ -1,0 +1,110 @@
+"""Energy rates along the motion of a plant in value form, by Gauss and Legendre's quadrature."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SimulationError
+from mm_gym.lanes import layout as at
+from mm_gym.methods.base import Settings
+from mm_gym.methods.support import fastest_rate
+from mm_gym.simulation.response import interface_energy, interface_force
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mm_gym.plant.plant import Plant
+    from mm_gym.simulation.recording import Recording
+
+    Array = NDArray[np.float64]
+
+NODES = 8
+"""Of a panel."""
+
+LONGEST = 0.2
+"""Panel, in units of the shortest time constant: the error is then some 1e-14 of the integral, but
+where the interface's force has a kink in time."""
+
+FEWEST = 10
+"""Panels in any interval, for those kinks."""
+
+TOLERANCE = 1e-12
+"""Of the motion to the nodes."""
+
+
+def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
+    """Return what is dissipated and what disturbances add, (k, 2) [J]; see `work._integrate`.
+
+    What the interface stores is not dissipated.
+    """
+    states, applied, jets, times = start
+    plant = _tight(recording.plant)
+    lanes = _lanes(recording, states, applied, jets, times)
+    panels = max(FEWEST, math.ceil(fastest_rate(plant.support) * duration / LONGEST))
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    total = np.zeros((len(states), 2))
+    for panel in range(panels):
+        for node, weight in zip(nodes, weights, strict=True):
+            part = (panel + 0.5 * (1.0 + float(node))) / panels
+            after, push, shake = _at(plant, lanes, part, duration)
+            powers = _powers(recording, after, push, shake)
+            total += 0.5 * float(weight) * duration / panels * powers
+    end, *_ = _at(plant, lanes, 1.0, duration)
+    support, p = plant.support, recording.parameters
+    total[:, 0] -= interface_energy(support, p, end) - interface_energy(support, p, states)
+    return total
+
+
+@lru_cache(maxsize=64)
+def _tight(plant: Plant) -> Plant:
+    """Return the plant with a tight tolerance."""
+    return replace(plant, settings=Settings(TOLERANCE, plant.settings.substeps))
+
+
+def _lanes(recording: Recording, states: Array, applied: Array, jets: Array, times: Array) -> Array:
+    """Return lanes (rows, k) at the starts of intervals."""
+    support = recording.plant.support
+    lanes = np.tile(recording.parameters[:, None], (1, len(states)))
+    lanes[support.state_rows] = states.T
+    lanes[[at.FORCE, at.STRETCH]] = applied.T
+    lanes[support.jets : support.jets + 2 * support.terms] = jets.T
+    for j in range(len(support.ground)):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        angle = lanes[harmonic + at.PHASE] + lanes[harmonic + at.FREQUENCY] * times
+        lanes[harmonic + at.COSINE], lanes[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
+    return lanes
+
+
+def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array, Array, Array]:
+    """Return states (k, n), and what disturbs them (k,) [N, m/s^2], at a part of intervals."""
+    support, moved = plant.support, lanes.copy()
+    jets = slice(support.jets, support.jets + 2 * support.terms)
+    # They are polynomials in the elapsed part of an interval.
+    moved[jets] *= np.tile(part ** np.arange(support.terms), 2)[:, None]
+    push, shake = moved[jets].reshape(2, support.terms, lanes.shape[1]).sum(axis=1)
+    for j, ground in enumerate(support.ground):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        turn = lanes[harmonic + at.FREQUENCY] * (part * duration)
+        sine = lanes[harmonic + at.SINE] * np.cos(turn) + lanes[harmonic + at.COSINE] * np.sin(turn)
+        exciting = shake if ground else push
+        exciting += lanes[harmonic + at.AMPLITUDE] * sine
+    shorter = plant.at_interval(part * duration)
+    status = plant.entries.propagate(shorter.model, moved, 0, moved.shape[1])
+    if status > at.ENDED:
+        msg = f"work: {at.MESSAGES[status]}"
+        raise SimulationError(msg)
+    return moved[support.state_rows].T, push, shake
+
+
+def _powers(recording: Recording, state: Array, push: Array, shake: Array) -> Array:
+    """Return the power (k, 2) [W] that dampers take and disturbances give: (11) of the model."""
+    support, p = recording.plant.support, recording.parameters
+    v1, v2 = state[:, 2], state[:, 3]
+    link = interface_force(support, p, state)
+    given = push * v1 - shake * (p[at.M1] * v1 + p[at.M2] * v2)
+    return np.column_stack([p[at.D] * v1**2 + link * (v2 - v1), given])
