@@ -50,7 +50,7 @@ def jacobian_of(
     rows = {name: _followed_row(support, name) for name in parameters}
     values, streams, is_snapshot = _lanes(support, model, task, place)
     state, action = motion
-    given = None if state is None else _array("state", state, 4, SceneError)
+    given = None if state is None else _array("state", state, len(support.state_rows), SceneError)
     columns = int(task[at.HAS_FORCE] > 0.0) + int(task[at.HAS_STRETCH] > 0.0)
     actions = _array("action", action, columns, ActionError)
     counts = {len(a) for a in (given, actions) if a is not None and a.ndim > 1}
@@ -62,7 +62,7 @@ def jacobian_of(
     count = counts.pop() if counts else 1
     values = np.array(np.broadcast_to(values, (len(values), count)))
     if given is not None:
-        values[:4] = given.T if given.ndim > 1 else given[:, None]
+        values[support.state_rows] = given.T if given.ndim > 1 else given[:, None]
     require_stick(support, values, "state" if given is not None else "at")
     streams = np.array(np.broadcast_to(streams, (2, count)))
     lanes = Sensitivities(support, constants, (values, streams), rows)
@@ -85,7 +85,11 @@ def _followed_row(support: Support, name: str) -> int:
     is_moved = row == at.STRETCH and not support.fixed(row)
     follows = {followed for followed, _, _ in support.products}
     is_idle = row in (at.MU1, at.MU2, at.VR, at.CHI, at.FN) and not support.slips
-    if is_harmonic or (row in CAUSED and not is_moved and not is_idle and row not in follows):
+    if (
+        is_harmonic
+        or row in support.interface_rows
+        or (row in CAUSED and not is_moved and not is_idle and row not in follows)
+    ):
         return row
     msg = (
         f"parameters: {name}: allowed: fields of carriage, sphere, interface and springs that are "

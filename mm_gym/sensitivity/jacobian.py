@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -12,8 +13,15 @@ from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear.method import Linear
 from mm_gym.methods.support import LINEAR, MASSLESS
 from mm_gym.sensitivity import layout as own
+from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.actuators import actuators_of, slopes
-from mm_gym.sensitivity.model import control_step, is_linear, model_of, parameter_maps
+from mm_gym.sensitivity.model import (
+    control_step,
+    is_linear,
+    model_of,
+    parameter_maps,
+    tangent_model_of,
+)
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
 if TYPE_CHECKING:
@@ -27,8 +35,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Numbers = NDArray[np.uint64]
 
-STATES = ("x1", "x2", "v1", "v2")
+STATES = ("x1", "x2", "v1", "v2", "z")
 
+step_with = cache(tangent_kernel.step_with)
 by_transition = step_by(Linear.entries.cross)
 
 
@@ -38,8 +47,9 @@ class Jacobian(NamedTuple):
     Attributes
     ----------
     names
-        The n states: x1, x2 [m], v1, v2 [m/s], then for each actuator the force [N] or stretch [-]
-        that it applies, then of those with a lag that are commanded by rate what was asked for.
+        The n states: x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of its own, then
+        for each actuator the force [N] or stretch [-] that it applies, then of those with a lag
+        that are commanded by rate what was asked for.
     end
         (n,) state at the step's end.
     state
@@ -47,7 +57,7 @@ class Jacobian(NamedTuple):
     action
         (n, k) with respect to the action [-].
     applied
-        (4, k) of x1, x2, v1, v2 with respect to what the actuators apply in the step [N, -].
+        (4, k), with z (5, k), of these with respect to what the actuators apply in the step [N, -].
     parameters
         Dotted name -> (n,), with respect to a field of the scene.
     """
@@ -88,16 +98,19 @@ class Sensitivities:
         causes = self._causes = [a.row for a in self.actuators] + list(self.parameters.values())
         self._is_constant = _is_constant(support, self.parameters.values())
         width = 0
+        self._state_rows = support.state_rows
+        states = self._states = len(self._state_rows)
         if self._is_constant:
             self._models, self._advance, tail = [model], by_transition, 1
         else:
             self._advance, width = _kernel(support, causes)
-            beside = self._beside = max(width - own.STATES, 1)
+            beside = self._beside = max(width - states, 1)
+            write = tangent_model_of if support.is_general else model_of
             self._models = [
-                model_of(support, causes[first : first + beside], self.rows, width)
+                write(support, causes[first : first + beside], self.rows, width)
                 for first in range(0, max(len(causes), 1), beside)
             ]
-            tail = own.TANGENTS + 4 * width
+            tail = own.TANGENTS + states * width
         self._rows = rows_of(self.rows + tail, self.count, np.float64)
         self.lanes = self._rows[: self.rows, : self.count]
         self.lanes[:] = values
@@ -106,8 +119,8 @@ class Sensitivities:
         if self._is_constant:
             self._columns = self._prepared(support, model)
         else:
-            columns = self._rows[self.rows + own.TANGENTS :].reshape(4, width, -1)
-            self._columns = columns[:, : own.STATES + len(causes), : self.count]
+            columns = self._rows[self.rows + own.TANGENTS :].reshape(states, width, -1)
+            self._columns = columns[:, : states + len(causes), : self.count]
 
     def _prepared(self, support: Support, model: Array) -> Array:
         """Return what is known beforehand of the derivatives of a linear plant."""
@@ -123,8 +136,8 @@ class Sensitivities:
 
     @property
     def state(self) -> Array:
-        """(4 + actuators, count) x1, x2 [m], v1, v2 [m/s] and what is applied [N, -], copied."""
-        return self.lanes[[*range(4), *(a.row for a in self.actuators)]]
+        """(n + actuators, count) the n states of the motion, and what is applied [N, -], copied."""
+        return self.lanes[[*self._state_rows, *(a.row for a in self.actuators)]]
 
     def step(self, actions: Array) -> tuple[int, Array]:
         """Make a control step.
@@ -137,8 +150,8 @@ class Sensitivities:
         Returns
         -------
         tuple
-            Status, and the derivatives (4, 4 + causes, count) of x1, x2, v1, v2: with respect to
-            the state, to what the actuators apply, and to the parameters. The next step may write
+            Status, and the derivatives (n, n + causes, count) of the n states: with respect to
+            them, to what the actuators apply, and to the parameters. The next step may write
             into the same array.
         """
         flat = np.ascontiguousarray(actions, np.float64).ravel()
@@ -146,15 +159,16 @@ class Sensitivities:
             return self._step_by_maps(flat)
         if len(self._models) == 1:
             return self._move(self._models[0], flat), self._columns
-        status, found = at.OK, np.empty((4, own.STATES + len(self._causes), self.count))
-        start, streams, first = self._rows.copy(), self.streams.copy(), own.STATES
+        states = self._states
+        status, found = at.OK, np.empty((states, states + len(self._causes), self.count))
+        start, streams, first = self._rows.copy(), self.streams.copy(), states
         for model in self._models:
             self._rows[:], self.streams[:] = start, streams
             status = max(status, self._move(model, flat))
             last = min(first + self._beside, found.shape[1])
-            found[:, first:last] = self._columns[:, own.STATES :][:, : last - first]
+            found[:, first:last] = self._columns[:, states:][:, : last - first]
             first = last
-        found[:, : own.STATES] = self._columns[:, : own.STATES]
+        found[:, :states] = self._columns[:, :states]
         return status, found
 
     def _step_by_maps(self, actions: Array) -> tuple[int, Array]:
@@ -184,27 +198,27 @@ class Sensitivities:
             slopes(a, before[a.row], before[a.asked_row], action)
             for a, action in zip(self.actuators, actions, strict=True)
         ]
-        count = len(self.actuators)
+        count, n = len(self.actuators), self._states
         remembered = [k for k, a in enumerate(self.actuators) if a.has_memory_of_command]
-        size = 4 + count + len(remembered)
+        size = n + count + len(remembered)
         state, action = np.zeros((size, size, self.count)), np.zeros((size, count, self.count))
-        state[:4, :4] = motion[:, :4]
-        applied = motion[:, 4 : 4 + count].copy()
+        state[:n, :n] = motion[:, :n]
+        applied = motion[:, n : n + count].copy()
         for k, slope in enumerate(chain):
             through = applied[:, k]
-            state[:4, 4 + k], state[4 + k, 4 + k] = through * slope[0], slope.applied_by_applied
-            action[:4, k], action[4 + k, k] = through * slope[2], slope.applied_by_action
-        for j, k in enumerate(remembered, 4 + count):
-            state[:4, j], state[4 + k, j] = applied[:, k] * chain[k][1], chain[k].applied_by_asked
+            state[:n, n + k], state[n + k, n + k] = through * slope[0], slope.applied_by_applied
+            action[:n, k], action[n + k, k] = through * slope[2], slope.applied_by_action
+        for j, k in enumerate(remembered, n + count):
+            state[:n, j], state[n + k, j] = applied[:, k] * chain[k][1], chain[k].applied_by_asked
             state[j, j], action[j, k] = chain[k].asked_by_asked, chain[k].asked_by_action
-        rows = [*range(4), *(a.row for a in self.actuators)]
+        rows = [*self._state_rows, *(a.row for a in self.actuators)]
         rows += [self.actuators[k].asked_row for k in remembered]
         parameters = {
-            name: np.vstack([motion[:, 4 + count + k], np.zeros((size - 4, self.count))]).T
+            name: np.vstack([motion[:, n + count + k], np.zeros((size - n, self.count))]).T
             for k, name in enumerate(self.parameters)
         }
         return status, Jacobian(
-            _names(self.actuators),
+            _names(self.actuators, n),
             self.lanes[rows].T,
             *(np.moveaxis(state, -1, 0), np.moveaxis(action, -1, 0), np.moveaxis(applied, -1, 0)),
             parameters,
@@ -225,6 +239,9 @@ def _kernel(support: Support, causes: Sequence[int]) -> tuple[Callable[..., int]
     These are those of the state and of the causes. Where there are more causes, it takes several
     turns.
     """
+    if support.is_general:
+        columns = len(support.state_rows) + len(causes)
+        return step_with(support.interface), min(columns, LANES)
     columns, linear = own.STATES + len(causes), is_linear(support, causes)
     if linear and not support.slips:
         return by_linear_series, columns
@@ -234,7 +251,7 @@ def _kernel(support: Support, causes: Sequence[int]) -> tuple[Callable[..., int]
     return by_series, min(columns, LANES) if linear else own.COLUMNS
 
 
-def _names(actuators: Sequence[Actuator]) -> tuple[str, ...]:
+def _names(actuators: Sequence[Actuator], states: int) -> tuple[str, ...]:
     """Return the names of the states, see `Jacobian`."""
     asked = (f"{a.name}_asked" for a in actuators if a.has_memory_of_command)
-    return (*STATES, *(a.name for a in actuators), *asked)
+    return (*STATES[:states], *(a.name for a in actuators), *asked)

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.lanes import layout as at
-from mm_gym.methods.base import degree, header
+from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.exponential_action.method import LONGEST_PIECE
 from mm_gym.methods.linear.kernel import TRANSITION
+from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import fastest_rate
 from mm_gym.sensitivity import layout as own
+from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.linear_kernel import propagate
 
 if TYPE_CHECKING:
@@ -22,6 +24,23 @@ if TYPE_CHECKING:
     from mm_gym.methods.support import Support
 
     Array = NDArray[np.float64]
+
+TOLERANCE = 1e-12
+"""Of motion and deviations, where steps are Runge-Kutta's."""
+
+_RUNGE_KUTTA = RungeKutta()
+
+
+def tangent_model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
+    """Return the model of `tangent_kernel`; arguments as of `model_of`."""
+    steps = _RUNGE_KUTTA.model(support, Settings(TOLERANCE, 1))
+    model = np.zeros(tangent_kernel.CAUSES + width)
+    model[: len(steps)] = steps
+    model[tangent_kernel.FIRST_ROW], model[tangent_kernel.WIDTH] = rows, width
+    model[tangent_kernel.CAUSES :] = own.NONE
+    model[tangent_kernel.CAUSES + len(support.state_rows) :][: len(causes)] = causes
+    model[at.EXCITATION] = len(model)
+    return np.concatenate([model, support.excitation])
 
 
 def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:

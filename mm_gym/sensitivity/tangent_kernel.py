@@ -1,0 +1,302 @@
+"""Motion and deviations of a plant in value form: Runge-Kutta steps over numbers with tangents.
+
+The stages are those of `mm_gym.methods.runge_kutta`. A lane's tangents are its deviations by its
+state, and by what causes others; steps are as short as the worst of them needs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
+from mm_gym.excitation.kinds import has_corners
+from mm_gym.excitation.sources import ROWS_OF_HARMONIC
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.memory import copy_row, fill, span
+from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
+from mm_gym.lanes.simd_masks import larger, smaller
+from mm_gym.lanes.simd_memory import from_row, rows_on_stack
+from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
+from mm_gym.law.forces import stiffness
+from mm_gym.law.interface import (
+    Interface,
+    force_of,
+    has_state,
+    own_row,
+    parameters_of,
+    rate_of,
+    resolves,
+    states_of,
+)
+from mm_gym.law.motion import coefficients
+from mm_gym.methods.runge_kutta import kernel as runge_kutta
+from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.tableau_kernel import summed
+from mm_gym.methods.taylor import layout as series
+from mm_gym.sensitivity.layout import LAST_V1, LAST_V2, TANGENTS, TIME
+from mm_gym.sensitivity.step_kernel import step_by
+from mm_gym.step.crossing import by_pieces
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+# Slots of the model behind those of the method: the first row behind the plant's own, how many
+# columns of deviations there are, and what causes the deviation in each that the state does not.
+FIRST_ROW = of.TIMES + of.MOST_STAGES - 1
+WIDTH, CAUSES = FIRST_ROW + 1, FIRST_ROW + 2
+
+MOST_STEPS = 100_000
+
+SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
+"""Of the next step: what is left of the length that would just do, and its limits."""
+
+LEAST = 1.0 / 256.0
+"""Part of the sample interval's error that any step may have, however short."""
+
+UNRESOLVED = 256.0
+"""What a step's error over its limit is taken for where it may miss something: half the step is
+next."""
+
+_numbers = rows_on_stack(2 * of.SIZE)
+
+
+def step_with(interface: Interface) -> Callable[..., int]:
+    """Return the kernel of a control step with deviations, see `step_kernel.step_by`."""
+
+    @borrowing_kernel
+    def propagate(model, lanes, first, last):
+        b, status = tangents_of(_numbers()), at.OK
+        for i in range(first, last):
+            status = max(status, _propagate_lane(interface, model, lanes, i, b))
+        return status
+
+    @borrowing_kernel
+    def begin(model, lanes, first, last):
+        """Begin with deviations of the state only."""
+        own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+        length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
+        copy_row(lanes, at.V1, own + LAST_V1, first, last)
+        copy_row(lanes, at.V2, own + LAST_V2, first, last)
+        for i in span(first, last):
+            lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+        for part in range(states_of(interface)):
+            for j in range(width):
+                value = 1.0 if part == j else 0.0
+                fill(lanes, own + TANGENTS + part * width + j, value, first, last)
+
+    return step_by(by_pieces(propagate, has_corners, runge_kutta.shorten), begin)
+
+
+def slopes_with(interface: Interface) -> Callable[..., None]:
+    """Return the kernel of an interface's force and rate, with their slopes."""
+
+    @borrowing_kernel
+    def slopes(p, point, found):
+        """Write force [N] and rate of the own state [1/s], each with its slopes.
+
+        Parameters
+        ----------
+        p
+            (parameters,) read.
+        point
+            (3,) read: offset [m], slip velocity [m/s] and own state.
+        found
+            (2, 4) written: of force and rate the value, then the slopes over the point.
+        """
+        b = tangents_of(_numbers())
+        for k in range(p.shape[0]):
+            b[k] = p[k]
+        for k in range(3):
+            b[of.PARAMETERS + k] = tangent(point[k], with_element(everywhere(0.0), k, 1.0))
+        offset, slip, own = b[of.PARAMETERS], b[of.PARAMETERS + 1], b[of.PARAMETERS + 2]
+        both = force_of(interface, b, offset, slip, own), rate_of(interface, b, offset, slip, own)
+        for k in range(2):
+            found[k, 0] = value_of(both[k])
+            for j in range(3):
+                found[k, 1 + j] = element(slopes_of(both[k]), j)
+
+    return slopes
+
+
+@borrowing_kernel
+def _propagate_lane(interface, model, lanes, i, b):
+    """Advance a lane by one sample interval, or a part of it; return its status."""
+    interval, h = model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL] / model[of.STEPS]
+    last = of.KICKS + 2 * int(model[of.STAGES])
+    _load(interface, model, lanes, i, b)
+    _set_length(b, h)
+    b[of.ELAPSED] = 0.0
+    elapsed, is_new = 0.0, True
+    for _ in range(MOST_STEPS):
+        if is_new:
+            a1, a2, change = runge_kutta.first_kicks(interface, model, b)
+            b[of.KICKS], b[of.KICKS + 1], b[of.OWN_KICKS] = a1, a2, change
+            is_new = False
+        for k in range(int(model[of.STAGES])):
+            runge_kutta.pass_stage(interface, model, b, k)
+        error = _error(interface, model, b, h)
+        if not error < np.inf:
+            factor = SHORTER
+        else:
+            root = element(inverse_root(everywhere(max(error, 1e-30)), 3), 0)
+            factor = min(max(SAFETY * root, SHORTER), LONGER)
+        if error <= 1.0:
+            for row in range(states_of(interface)):
+                b[row] = b[of.END + row]
+            if h >= interval - elapsed:
+                _store(interface, model, lanes, i, b)
+                return at.OK
+            elapsed += h
+            b[of.ELAPSED] = elapsed
+            for row in range(2):
+                b[of.KICKS + row] = b[last + row]
+            b[of.OWN_KICKS] = b[last + of.OWN_KICKS - of.KICKS]
+        elif not h > 0.0:
+            break
+        following = min(h * factor, interval - elapsed)
+        for row in (of.KICKS, of.KICKS + 1, of.OWN_KICKS):
+            b[row] = b[row] * (following / h)
+        h = following
+        _set_length(b, h)
+    return at.TOO_MANY_STEPS
+
+
+@inlined_kernel
+def _set_length(b, h):
+    """Write the length of the next step [s]."""
+    b[of.LENGTH], b[of.BY_M1], b[of.BY_M2] = h, h * b[of.ONE_BY_M1], h * b[of.ONE_BY_M2]
+
+
+@inlined_kernel
+def _parameter(model, lanes, row, i):
+    """Return a parameter of a lane, which deviates in the columns that it is the cause of."""
+    slopes = everywhere(0.0)
+    for j in range(int(model[WIDTH])):
+        if int(model[CAUSES + j]) == row:
+            slopes = with_element(slopes, j, 1.0)
+    return tangent(lanes[row, i], slopes)
+
+
+@borrowing_kernel
+def _load(interface, model, lanes, i, b):
+    """Load a lane's motion, its deviations, and its parameters."""
+    first, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    mass, impulse = lanes[at.M1, i], lanes[at.V1, i] - lanes[first + LAST_V1, i]
+    impulse -= lanes[at.V2, i] - lanes[first + LAST_V2, i]
+    for part in range(states_of(interface)):
+        slopes = everywhere(0.0)
+        for j in range(width):
+            slope = lanes[first + TANGENTS + part * width + j, i]
+            if part == at.V1 and int(model[CAUSES + j]) == at.M1:
+                slope -= impulse / mass  # impulses on the carriage changed v1 by size / m1
+            slopes = with_element(slopes, j, slope)
+        row = part if part < 4 else own_row(model)  # noqa: PLR2004 - of the masses
+        b[part] = tangent(lanes[row, i], slopes)
+    k0 = _parameter(model, lanes, at.K0, i)
+    stretch = _parameter(model, lanes, at.STRETCH, i)
+    is_finite = model[series.IS_FINITE] > 0.0
+    p = coefficients(
+        _parameter(model, lanes, at.M1, i),
+        _parameter(model, lanes, at.M2, i),
+        _parameter(model, lanes, at.K1, i),
+        _parameter(model, lanes, at.ALPHA, i),
+        _parameter(model, lanes, at.BETA, i),
+        _parameter(model, lanes, at.D, i),
+        stiffness(k0, stretch),
+        k0,
+        _parameter(model, lanes, at.L0, i),
+        stretch,
+    )
+    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR] = p.by_m1, p.by_m2, p.linear
+    b[of.CUBIC], b[of.D], b[of.TWICE_K0] = p.cubic, p.d, p.twice_k0
+    b[of.STRETCH] = p.stretch
+    if is_finite:
+        b[of.BY_L0], b[of.K2] = p.by_l0, 0.0
+    else:
+        b[of.BY_L0], b[of.K2] = 0.0, p.k2
+    b[of.FORCE] = _parameter(model, lanes, at.FORCE, i)
+    for k in range(parameters_of(interface)):
+        b[of.PARAMETERS + k] = _parameter(model, lanes, int(model[at.INTERFACE]) + k, i)
+    _load_sources(model, lanes, i, b)
+
+
+@borrowing_kernel
+def _load_sources(model, lanes, i, b):
+    """Load what excites a lane, as `excitation.sources.load_sources` does."""
+    terms = 2 * int(model[at.TERMS])
+    since = lanes[int(model[FIRST_ROW]) + TIME, i]
+    for n in range(terms):
+        b[of.SOURCES + n] = lanes[int(model[at.JETS]) + n, i]
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        row = of.SOURCES + terms + ROWS_OF_HARMONIC * j
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        frequency = _parameter(model, lanes, harmonic + at.FREQUENCY, i)
+        phase = _parameter(model, lanes, harmonic + at.PHASE, i)
+        turn = slopes_of(phase) + slopes_of(frequency) * since
+        cosine, sine = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        b[row] = _parameter(model, lanes, harmonic + at.AMPLITUDE, i)
+        b[row + 1] = frequency
+        b[row + 2], b[row + 3] = tangent(cosine, turn * -sine), tangent(sine, turn * cosine)
+
+
+@borrowing_kernel
+def _store(interface, model, lanes, i, b):
+    """Write a lane's motion and deviations at the end of the interval."""
+    first, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    for part in range(states_of(interface)):
+        row = part if part < 4 else own_row(model)  # noqa: PLR2004 - of the masses
+        lanes[row, i] = value_of(b[part])
+        for j in range(width):
+            lanes[first + TANGENTS + part * width + j, i] = element(slopes_of(b[part]), j)
+    lanes[first + LAST_V1, i], lanes[first + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
+    lanes[first + TIME, i] += model[at.SAMPLE_INTERVAL]
+
+
+@borrowing_kernel
+def _error(interface, model, b, h):
+    """Return the largest estimate of a step's error, of motion and deviations, over its limit."""
+    number = int(model[of.SUM]) + int(model[of.STAGES])
+    zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
+    q1, q2, r1, r2 = summed(b, number, zero, zero)
+    o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
+    error = _over(model, h, (q1, q2), (o1, o2), (2, 3), b, error)
+    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (0, 1), b, error)
+    if has_state(interface):
+        own = runge_kutta.summed_own(b, number, zero)
+        other = runge_kutta.summed_own(b, number + 1, zero)
+        error = _over(model, h, (own, own), (other, other), (4, 4), b, error)
+    largest, p = value_of(error), from_row(b, of.PARAMETERS)
+    slips = b[3] - b[2], b[of.END + 3] - b[of.END + 2]
+    if not resolves(interface, p, slips[0], slips[1], runge_kutta.LONGEST_WAY_OF_BOTH):
+        largest = max(largest, UNRESOLVED)
+    for j in range(int(model[WIDTH])):
+        largest = max(largest, element(slopes_of(error), j))
+    return largest
+
+
+@inlined_kernel
+def _over(model, h, fifth, third, rows, b, error):
+    """Return the larger of an error over its limit and of that of two rows, of which is the scale.
+
+    Positions are compared with positions, velocities with velocities, each column by itself.
+    """
+    limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], LEAST)
+    value, slopes = value_of(error), slopes_of(error)
+    scale, width = 0.0, everywhere(0.0)
+    for side in range(2):
+        start, end = b[rows[side]], b[of.END + rows[side]]
+        scale = max(scale, abs(value_of(start)), abs(value_of(end)))
+        width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
+    for side in range(2):
+        one, two = abs(value_of(fifth[side])), abs(value_of(third[side]))
+        if model[of.IS_COMBINED] > 0.0 and two > 0.0:
+            one = one * min(1.0, 10.0 * one / two)
+        ratio = one / (limit * scale) if one != 0.0 else 0.0
+        value = max(value, ratio)  # also if it is not a number
+        wide, other = abs(slopes_of(fifth[side])), abs(slopes_of(third[side]))
+        if model[of.IS_COMBINED] > 0.0:
+            wide = wide * smaller(everywhere(1.0), 10.0 * wide / other)
+        slopes = larger(slopes, wide / (limit * width))
+    return tangent(value, slopes)
