@@ -13,7 +13,7 @@ from mm_gym.lanes.simd import LANES as WIDTH
 from mm_gym.lanes.simd import element, inverse_root
 from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.forces import carriage_force, interface_force, spring_force, stiffness
-from mm_gym.law.motion import Coefficients, rates
+from mm_gym.law.motion import coefficients, rates
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
@@ -142,12 +142,10 @@ def test_law_of_motion_is_that_of_the_forces():
     force = plain(carriage_force)(k1, alpha, beta, x1)
     coupling = plain(interface_force)(c, 0.0, 0.0, 0.0, slip)
     for length in (0.0, l0):
-        p = Coefficients(
-            *(1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, c, 0.0),
-            *(plain(stiffness)(k0, stretch), 2.0 * k0, 1.0 / l0, stretch),
-        )
+        k2 = plain(stiffness)(k0, stretch)
+        p = plain(coefficients)(m1, m2, k1, alpha, beta, d, k2, k0, l0, stretch)
         spring = plain(spring_force)(k0, length, stretch, offset)
-        got = plain(rates)(p, length > 0.0, x1, offset, v1, slip, push, shake)
+        got = plain(rates)(p, length > 0.0, x1, offset, v1, coupling, push, shake)
         want = (
             (coupling + spring - force - d * v1 + push) / m1 - shake,
             (-coupling - spring) / m2 - shake,
