@@ -49,6 +49,10 @@ WIDTH, CAUSES = FIRST_ROW + 1, FIRST_ROW + 2
 
 MOST_STEPS = 100_000
 
+SHORTEST = 2.0**-40
+"""Part of the sample interval in which no step is made again: slopes may jump where the slip
+velocity changes its sign."""
+
 SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 """Of the next step: what is left of the length that would just do, and its limits."""
 
@@ -142,7 +146,10 @@ def _propagate_lane(interface, model, lanes, i, b):
         else:
             root = element(inverse_root(everywhere(max(error, 1e-30)), 3), 0)
             factor = min(max(SAFETY * root, SHORTER), LONGER)
-        if error <= 1.0:
+        is_shortest = h <= SHORTEST * interval and error < np.inf
+        if is_shortest:
+            factor = max(factor, 2.0)
+        if error <= 1.0 or is_shortest:
             for row in range(states_of(interface)):
                 b[row] = b[of.END + row]
             if h >= interval - elapsed:
@@ -261,12 +268,12 @@ def _error(interface, model, b, h):
     zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
     q1, q2, r1, r2 = summed(b, number, zero, zero)
     o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
-    error = _over(model, h, (q1, q2), (o1, o2), (2, 3), b, error)
-    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (0, 1), b, error)
+    error = _over(model, h, (q1, q2), (o1, o2), (at.V1, at.V2), b, error)
+    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (at.X1, at.X2), b, error)
     if has_state(interface):
         own = runge_kutta.summed_own(b, number, zero)
         other = runge_kutta.summed_own(b, number + 1, zero)
-        error = _over(model, h, (own, own), (other, other), (4, 4), b, error)
+        error = _over(model, h, (own, own), (other, other), (of.OWN, of.OWN), b, error)
     largest, p = value_of(error), from_row(b, of.PARAMETERS)
     slips = b[3] - b[2], b[of.END + 3] - b[of.END + 2]
     if not resolves(interface, p, slips[0], slips[1], runge_kutta.LONGEST_WAY_OF_BOTH):
@@ -283,12 +290,20 @@ def _over(model, h, fifth, third, rows, b, error):
     Positions are compared with positions, velocities with velocities, each column by itself.
     """
     limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], LEAST)
+    limit = max(limit, runge_kutta.ROUND_OFF)
     value, slopes = value_of(error), slopes_of(error)
     scale, width = 0.0, everywhere(0.0)
     for side in range(2):
         start, end = b[rows[side]], b[of.END + rows[side]]
         scale = max(scale, abs(value_of(start)), abs(value_of(end)))
         width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
+    if rows[0] == of.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
+        part = model[at.SAMPLE_INTERVAL] / h
+        scale = max(scale, abs(value_of(b[of.OWN_KICKS])) * part)
+        width = larger(width, abs(slopes_of(b[of.OWN_KICKS])) * part)
+    if rows[0] == at.V1:  # what rounding leaves of balanced forces
+        forces = abs(value_of(b[of.FORCE])) + abs(value_of(b[of.LINEAR]) * value_of(b[0]))
+        scale += runge_kutta.ROUND_OFF * forces * value_of(b[of.BY_M1]) / limit
     for side in range(2):
         one, two = abs(value_of(fifth[side])), abs(value_of(third[side]))
         if model[of.IS_COMBINED] > 0.0 and two > 0.0:

@@ -351,6 +351,27 @@ def test_jacobians_are_the_slopes_of_the_motion(interface: dict[str, Any]) -> No
             assert slope == pytest.approx(want, rel=1e-6, abs=1e-6 * abs(want).max() + 1e-12), name
 
 
+@pytest.mark.parametrize("interface", [STRIBECK, BOUC_WEN], ids=["stribeck", "bouc_wen"])
+def test_no_state_keeps_a_step_or_its_slopes_from_ending(interface: dict[str, Any]) -> None:
+    """Not rest, forces in balance, turning points, nor slopes that pass 0."""
+    scene = scene_of(interface, carriage={"cubic_coefficient": 1e4}, solver={"tolerance": 1e-12})
+    plant, rng = compile_scene(scene), np.random.default_rng(0)
+    states = np.zeros((600, len(plant.support.state_rows)))
+    states[:, :4] = rng.uniform(-0.02, 0.02, (600, 4))
+    states[:300, 2:] = 0.0
+    states[0] = 0.0
+    spring = 400.0 * (1.0 + 1e4 * states[:, 0] ** 2) * states[:, 0]
+    forces = np.clip(spring / 5.0, -1.0, 1.0)  # of the carriage's spring alone
+    forces[150:] = rng.uniform(-1.0, 1.0, 450)
+    found = plant.jacobian(states, forces[:, None])
+    assert np.isfinite(found.state).all()
+    lanes = Lanes(plant, 600)
+    lanes.restart()
+    lanes.values[plant.support.state_rows] = states.T
+    assert lanes.advance(forces) == 0
+    assert lanes.values[:4] == pytest.approx(found.end[:, :4].T, rel=1e-9, abs=1e-13)
+
+
 def _difference(function: Callable[[float], np.ndarray], h: float) -> np.ndarray:
     """Return a central difference of sixth order: its error is some 1e-9 here, of rounding."""
     ends = [function(k * h) - function(-k * h) for k in (1, 2, 3)]

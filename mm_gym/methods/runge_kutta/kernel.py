@@ -63,11 +63,17 @@ MOST_STEPS = 24.0
 MOST_STEPS_ALONE = 20_000.0
 """Steps of a lane before giving up, where there is no series."""
 
+TINY = 1e-300
+"""Added to what errors are divided by: at rest both are 0."""
+
 LEAST = 1.0 / 16.0
 """Part of the sample interval's error that any step may have, however short."""
 
 LEAST_ALONE = 1.0 / 256.0
 """The same where there is no series, and so may be more steps."""
+
+ROUND_OFF = 2.0**-50
+"""Smallest relative error that a step is asked for: estimates have that much of rounding."""
 
 LONGEST_WAY, LONGEST_WAY_OF_BOTH = 2.0, 0.5
 """Of a step along what an interface's force bends over; with two estimates, which smaller errors
@@ -390,6 +396,10 @@ def _assess(interface, model, b):
         shift = _combined(shift, larger(abs(s1), abs(s2)) * h)
     least = LEAST if is_line(interface) else LEAST_ALONE
     limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, least))
+    if not is_line(interface):  # else what rounding leaves of balanced forces is left to the series
+        limit = larger(limit, alike(h, ROUND_OFF))
+        forces = fma(abs(b[of.LINEAR]), far, abs(b[of.FORCE]))
+        fast = fma(ROUND_OFF * forces, b[of.BY_M1] / limit, fast)
     good = (shift <= limit * far) & (change <= limit * fast)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the
     # speed is that of the oscillation.
@@ -409,14 +419,14 @@ def _assess(interface, model, b):
         own = larger(larger(abs(b[of.OWN]), abs(b[of.END + of.OWN])), moved)
         slid = abs(summed_own(b, estimates, zero))
         good = good & (slid <= limit * own)
-        change = larger(change, slid * (fast / own))
+        change = larger(change, slid * (fast / (own + TINY)))
     b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
     if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
         return
-    error = larger(shift / (limit * far), change / (limit * fast))
+    error = larger(shift / fma(limit, far, TINY), change / fma(limit, fast, TINY))
     factor = inverse_root(error, int(model[of.ROOTS]))
     # The second estimate falls with the fourth power at least.
-    factor = SAFETY * smaller(factor, inverse_root(other * other * h / coarse, 3))
+    factor = SAFETY * smaller(factor, inverse_root(other * other * h / (coarse + TINY), 3))
     low, high = alike(h, SHORTER), alike(h, LONGER)
     longer, shorter = smaller(high, factor), larger(low, factor)
     b[of.FACTOR] = where(good, longer, where(factor < SAFETY, shorter, alike(h, 0.5)))
