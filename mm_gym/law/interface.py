@@ -1,4 +1,4 @@
-"""The contract of an interface: what acts between sphere and carriage besides the springs.
+"""The contract of an interface: the force between sphere and carriage apart from the springs'.
 
 An interface is one constant, which kernels take as an argument and are compiled for: no call and
 no choice is left of it. Its force, rate and energy are kernels over every kind of number.
@@ -43,8 +43,8 @@ def _zero(p: Sequence[float]) -> float:
 class Interface:
     """An interface in value form.
 
-    Its force must be continuous in offset, slip velocity and own state: whoever integrates it looks
-    for no events.
+    Its force must be continuous in offset, slip velocity and own state: methods look for no events
+    of it.
 
     Attributes
     ----------

@@ -9,8 +9,11 @@ import math
 from typing import Any, NamedTuple
 
 from mm_gym.compiler.jit import inlined_kernel
+from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.groups import read
 from mm_gym.lanes.simd_masks import larger, where
+from mm_gym.law.forces import stiffness
 
 LONGEST_WAY = 2.0
 """Of a step, in units of what is left of the way to a spring's collapse."""
@@ -46,17 +49,35 @@ class Coefficients(NamedTuple):
 
 @inlined_kernel
 def coefficients(m1, m2, k1, alpha, beta, d, k2, k0, l0, stretch):
-    """Return what the equations read; `k2` is 0 without springs, and for those of finite stretch.
+    """Return what the equations read.
 
     Parameters
     ----------
     m1, m2, k1, alpha, beta, d, k0, l0, stretch
-        Parameters of a lane; those of finite stretch may be any numbers without it.
+        Parameters of a lane; without finite stretch nothing reads 1 / l0.
     k2
-        Stiffness of springs small on large [N/m].
+        Stiffness of springs small on large [N/m]; with finite stretch nothing reads it.
     """
     return Coefficients(
         1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, k2, k0 + k0, 1.0 / l0, stretch
+    )
+
+
+@inlined_kernel
+def read_coefficients(lanes, i, count):
+    """Return the coefficients of the lanes i .. i + count - 1 of (rows, count) lanes."""
+    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    return coefficients(
+        read(lanes, at.M1, i, count),
+        read(lanes, at.M2, i, count),
+        read(lanes, at.K1, i, count),
+        read(lanes, at.ALPHA, i, count),
+        read(lanes, at.BETA, i, count),
+        read(lanes, at.D, i, count),
+        stiffness(k0, stretch),
+        k0,
+        read(lanes, at.L0, i, count),
+        stretch,
     )
 
 

@@ -68,8 +68,8 @@ class Support:
         Reference velocity [m/s] of dry friction that is left out because no motion of the scene
         slips; infinite without it.
     interface, interface_row
-        What acts between the masses besides springs, in value form, and the row of its first
-        parameter; the row before is its own state.
+        The interface, if it is in value form, and the row of its first parameter; the row before is
+        its own state.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.

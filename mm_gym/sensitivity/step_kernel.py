@@ -84,14 +84,20 @@ def step_by(
 
 
 @borrowing_kernel
-def _begin(model, lanes, first, last):
-    """Begin with no deviations in the columns that have causes."""
-    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+def begin_motion(model, lanes, own, first, last):
+    """Write the time, and the velocities before impulses, to the rows from `own` on."""
     length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
     copy_row(lanes, at.V1, own + LAST_V1, first, last)
     copy_row(lanes, at.V2, own + LAST_V2, first, last)
     for i in span(first, last):
         lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+
+
+@borrowing_kernel
+def _begin(model, lanes, first, last):
+    """Begin with no deviations in the columns that have causes."""
+    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    begin_motion(model, lanes, own, first, last)
     for part in range(4):
         for j in range(STATES, width):
             fill(lanes, own + TANGENTS + part * width + j, 0.0, first, last)

@@ -14,7 +14,7 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.kinds import has_corners
 from mm_gym.excitation.sources import ROWS_OF_HARMONIC
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.memory import copy_row, fill, span
+from mm_gym.lanes.memory import fill
 from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
 from mm_gym.lanes.simd_masks import larger, smaller
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
@@ -34,9 +34,8 @@ from mm_gym.law.motion import coefficients
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
-from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity.layout import LAST_V1, LAST_V2, TANGENTS, TIME
-from mm_gym.sensitivity.step_kernel import step_by
+from mm_gym.sensitivity.step_kernel import begin_motion, step_by
 from mm_gym.step.crossing import by_pieces
 
 if TYPE_CHECKING:
@@ -52,12 +51,6 @@ MOST_STEPS = 100_000
 SHORTEST = 2.0**-40
 """Part of the sample interval in which no step is made again: slopes may jump where the slip
 velocity changes its sign."""
-
-SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
-"""Of the next step: what is left of the length that would just do, and its limits."""
-
-LEAST = 1.0 / 256.0
-"""Part of the sample interval's error that any step may have, however short."""
 
 UNRESOLVED = 256.0
 """What a step's error over its limit is taken for where it may miss something: half the step is
@@ -80,11 +73,7 @@ def step_with(interface: Interface) -> Callable[..., int]:
     def begin(model, lanes, first, last):
         """Begin with deviations of the state only."""
         own, width = int(model[FIRST_ROW]), int(model[WIDTH])
-        length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
-        copy_row(lanes, at.V1, own + LAST_V1, first, last)
-        copy_row(lanes, at.V2, own + LAST_V2, first, last)
-        for i in span(first, last):
-            lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+        begin_motion(model, lanes, own, first, last)
         for part in range(states_of(interface)):
             for j in range(width):
                 value = 1.0 if part == j else 0.0
@@ -130,7 +119,7 @@ def _propagate_lane(interface, model, lanes, i, b):
     interval, h = model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL] / model[of.STEPS]
     last = of.KICKS + 2 * int(model[of.STAGES])
     _load(interface, model, lanes, i, b)
-    _set_length(b, h)
+    runge_kutta.set_length(b, h)
     b[of.ELAPSED] = 0.0
     elapsed, is_new = 0.0, True
     for _ in range(MOST_STEPS):
@@ -142,10 +131,10 @@ def _propagate_lane(interface, model, lanes, i, b):
             runge_kutta.pass_stage(interface, model, b, k)
         error = _error(interface, model, b, h)
         if not error < np.inf:
-            factor = SHORTER
+            factor = runge_kutta.SHORTER
         else:
             root = element(inverse_root(everywhere(max(error, 1e-30)), 3), 0)
-            factor = min(max(SAFETY * root, SHORTER), LONGER)
+            factor = min(max(runge_kutta.SAFETY * root, runge_kutta.SHORTER), runge_kutta.LONGER)
         is_shortest = h <= SHORTEST * interval and error < np.inf
         if is_shortest:
             factor = max(factor, 2.0)
@@ -166,14 +155,8 @@ def _propagate_lane(interface, model, lanes, i, b):
         for row in (of.KICKS, of.KICKS + 1, of.OWN_KICKS):
             b[row] = b[row] * (following / h)
         h = following
-        _set_length(b, h)
+        runge_kutta.set_length(b, h)
     return at.TOO_MANY_STEPS
-
-
-@inlined_kernel
-def _set_length(b, h):
-    """Write the length of the next step [s]."""
-    b[of.LENGTH], b[of.BY_M1], b[of.BY_M2] = h, h * b[of.ONE_BY_M1], h * b[of.ONE_BY_M2]
 
 
 @inlined_kernel
@@ -203,7 +186,6 @@ def _load(interface, model, lanes, i, b):
         b[part] = tangent(lanes[row, i], slopes)
     k0 = _parameter(model, lanes, at.K0, i)
     stretch = _parameter(model, lanes, at.STRETCH, i)
-    is_finite = model[series.IS_FINITE] > 0.0
     p = coefficients(
         _parameter(model, lanes, at.M1, i),
         _parameter(model, lanes, at.M2, i),
@@ -216,13 +198,7 @@ def _load(interface, model, lanes, i, b):
         _parameter(model, lanes, at.L0, i),
         stretch,
     )
-    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR] = p.by_m1, p.by_m2, p.linear
-    b[of.CUBIC], b[of.D], b[of.TWICE_K0] = p.cubic, p.d, p.twice_k0
-    b[of.STRETCH] = p.stretch
-    if is_finite:
-        b[of.BY_L0], b[of.K2] = p.by_l0, 0.0
-    else:
-        b[of.BY_L0], b[of.K2] = 0.0, p.k2
+    runge_kutta.write_coefficients(b, p)
     b[of.FORCE] = _parameter(model, lanes, at.FORCE, i)
     for k in range(parameters_of(interface)):
         b[of.PARAMETERS + k] = _parameter(model, lanes, int(model[at.INTERFACE]) + k, i)
@@ -289,7 +265,7 @@ def _over(model, h, fifth, third, rows, b, error):
 
     Positions are compared with positions, velocities with velocities, each column by itself.
     """
-    limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], LEAST)
+    limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
     limit = max(limit, runge_kutta.ROUND_OFF)
     value, slopes = value_of(error), slopes_of(error)
     scale, width = 0.0, everywhere(0.0)

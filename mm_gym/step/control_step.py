@@ -98,7 +98,7 @@ def build(
     stops_at_corners
         Whether it stops at the corners of records too.
     interface
-        What acts between the masses besides springs.
+        The force between the masses apart from springs.
     """
     is_simple, at_once = simplest or (None, None)
     if respond is not None:

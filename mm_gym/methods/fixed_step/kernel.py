@@ -18,9 +18,8 @@ from mm_gym.lanes.simd_masks import none, where
 from mm_gym.law.forces import (
     escape_distance,
     has_escaped,
-    stiffness,
 )
-from mm_gym.law.motion import coefficients, rates
+from mm_gym.law.motion import rates, read_coefficients
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -128,19 +127,7 @@ def _state(lanes, i, count):
 @inlined_kernel
 def _constants(lanes, i, count):
     """Return the coefficients of the lanes i .. i + count - 1, damping, and the force held [N]."""
-    k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
-    p = coefficients(
-        read(lanes, at.M1, i, count),
-        read(lanes, at.M2, i, count),
-        read(lanes, at.K1, i, count),
-        read(lanes, at.ALPHA, i, count),
-        read(lanes, at.BETA, i, count),
-        read(lanes, at.D, i, count),
-        stiffness(k0, stretch),
-        k0,
-        read(lanes, at.L0, i, count),
-        stretch,
-    )
+    p = read_coefficients(lanes, i, count)
     return p, read(lanes, at.C, i, count), read(lanes, at.FORCE, i, count)
 
 

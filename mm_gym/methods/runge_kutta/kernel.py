@@ -32,7 +32,7 @@ from mm_gym.lanes.simd_masks import (
     where,
 )
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
-from mm_gym.law.forces import slip_intercept, stiffness
+from mm_gym.law.forces import slip_intercept
 from mm_gym.law.interface import (
     LINE,
     Interface,
@@ -45,7 +45,7 @@ from mm_gym.law.interface import (
     resolves,
     states_of,
 )
-from mm_gym.law.motion import Coefficients, coefficients, is_resolved, rates
+from mm_gym.law.motion import Coefficients, is_resolved, rates, read_coefficients
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
@@ -169,30 +169,9 @@ def _load(interface, model, lanes, i, count, b):
         b[of.STATE + row] = read(lanes, row, i, count)
     if has_state(interface):
         b[of.OWN] = read(lanes, own_row(model), i, count)
-    stretch, k0 = read(lanes, at.STRETCH, i, count), read(lanes, at.K0, i, count)
-    is_finite, nothing = model[series.IS_FINITE] > 0.0, everywhere(0.0)
-    p = coefficients(
-        read(lanes, at.M1, i, count),
-        read(lanes, at.M2, i, count),
-        read(lanes, at.K1, i, count),
-        read(lanes, at.ALPHA, i, count),
-        read(lanes, at.BETA, i, count),
-        read(lanes, at.D, i, count),
-        nothing if is_finite else where(k0 > 0.0, stiffness(k0, stretch), nothing),
-        k0,
-        read(lanes, at.L0, i, count) if is_finite else everywhere(1.0),
-        stretch,
-    )
-    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR], b[of.CUBIC] = (
-        p.by_m1,
-        p.by_m2,
-        p.linear,
-        p.cubic,
-    )
-    b[of.D], b[of.K2], b[of.TWICE_K0], b[of.BY_L0] = p.d, p.k2, p.twice_k0, p.by_l0
-    b[of.STRETCH] = stretch
+    write_coefficients(b, read_coefficients(lanes, i, count))
     if is_line(interface):
-        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), nothing
+        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), everywhere(0.0)
     else:
         for k in range(parameters_of(interface)):
             b[of.PARAMETERS + k] = read(lanes, int(model[at.INTERFACE]) + k, i, count)
@@ -209,7 +188,7 @@ def _load(interface, model, lanes, i, count, b):
     b[of.OUTCOME] = everywhere(of.GOES_ON)
     for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
         b[row] = everywhere(0.0)
-    _set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
+    set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
     b[of.KICKS], b[of.KICKS + 1], b[of.OWN_KICKS] = first_kicks(interface, model, b)
 
 
@@ -228,7 +207,15 @@ def _store(interface, model, lanes, i, count, b):
 
 
 @inlined_kernel
-def _set_length(b, h):
+def write_coefficients(b, p):
+    """Write `law.motion.Coefficients`, numbers of any kind."""
+    b[of.ONE_BY_M1], b[of.ONE_BY_M2], b[of.LINEAR] = p.by_m1, p.by_m2, p.linear
+    b[of.CUBIC], b[of.D], b[of.K2] = p.cubic, p.d, p.k2
+    b[of.TWICE_K0], b[of.BY_L0], b[of.STRETCH] = p.twice_k0, p.by_l0, p.stretch
+
+
+@inlined_kernel
+def set_length(b, h):
     """Write the length of the next step [s]."""
     b[of.LENGTH], b[of.BY_M1], b[of.BY_M2] = h, h * b[of.ONE_BY_M1], h * b[of.ONE_BY_M2]
 
@@ -537,7 +524,7 @@ def _conclude(interface, model, b):
     longer = where(longer + longer < rest, longer, where(longer < rest, 0.5 * rest, rest))
     shorter = where(b[of.NEXT] > 0.0, b[of.NEXT], h * b[of.FACTOR])
     length = smaller(where(good, longer, shorter), rest)
-    _set_length(b, where(b[of.OUTCOME] == of.GOES_ON, length, h))
+    set_length(b, where(b[of.OUTCOME] == of.GOES_ON, length, h))
     last, scale = of.KICKS + 2 * int(model[of.STAGES]), b[of.LENGTH] / h
     for row in range(2):
         b[of.KICKS + row] = where(good, b[last + row], b[of.KICKS + row]) * scale
