@@ -75,7 +75,7 @@ class Layout:
     intervals_per_step: int
 
 
-def lay_out(scene: Scene, rate: float) -> Layout:
+def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
     """Lay out a scene's excitation.
 
     Parameters
@@ -84,6 +84,8 @@ def lay_out(scene: Scene, rate: float) -> Layout:
         The scene.
     rate
         The fastest rate of its plant [1/s].
+    turn
+        By how much a harmonic may turn in a sample interval [rad].
 
     Raises
     ------
@@ -94,6 +96,14 @@ def lay_out(scene: Scene, rate: float) -> Layout:
     """
     parts = _parts(scene)
     intervals, has_corners = _divide(scene, parts, rate)
+    many = _fastest_turn(scene, parts) / intervals / turn
+    intervals *= max(1, ceil(min(many, 2.0 * MOST_INTERVALS) - 1e-9))
+    if intervals > MOST_INTERVALS:
+        msg = (
+            f"excitation: a harmonic divides control.time_step = {scene.control.time_step:g} s "
+            f"into {many:.3g} sample intervals; allowed: {MOST_INTERVALS}. Shorten the step"
+        )
+        raise CompileError(msg)
     terms = max((placed.kind.terms for placed in parts), default=0)
     terms = max(terms, interpolation.TERMS) if has_corners else terms
     harmonics = sum(placed.kind.code == HARMONIC for placed in parts)
@@ -178,6 +188,12 @@ def _divide(scene: Scene, parts: Parts, rate: float) -> tuple[int, bool]:
             return intervals, False
     phase = min(rate * step, MOST_CORNERED * CORNERED_PHASE)  # a NaN is the second
     return max(_intervals_per_step(scene, others), ceil(phase / CORNERED_PHASE)), True
+
+
+def _fastest_turn(scene: Scene, parts: Parts) -> float:
+    """Return the most that a harmonic turns in a control step [rad]."""
+    frequencies = [one.highest("frequency") for one in parts if one.kind.code == HARMONIC]
+    return scene.control.time_step * max(frequencies, default=0.0)
 
 
 def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:

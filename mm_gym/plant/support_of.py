@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout as at
 from mm_gym.law.interface import LINE
 from mm_gym.law.interfaces import INTERFACES
@@ -60,7 +62,9 @@ def support_of(scene: Scene) -> Support:
     if interface is not LINE:
         own = [f"interface.{name}" for name in interface.parameters]
         others = {n: value for n, value in values.items() if not n.startswith("interface.")}
-    layout = lay_out(scene, _rate(scene, others))
+    # A general plant has one method, so fast harmonics divide its control step.
+    turn = math.inf if interface is LINE else LONGEST_TURN
+    layout = lay_out(scene, _rate(scene, others), turn)
     rows = {name: ROWS[name] for name in others}
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
