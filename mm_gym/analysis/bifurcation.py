@@ -14,7 +14,7 @@ from mm_gym.analysis.values import row_of
 from mm_gym.analysis.wells import Spring
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.mechanics import GRAVITY
@@ -121,7 +121,7 @@ def bifurcation(
     lanes[at.X2] = lanes[at.X1] + offset
     if parameter == "sphere.mass" and scene.interface.kind == "dry_friction":
         lanes[at.FN] = points * GRAVITY if scene.interface.normal_force is None else lanes[at.FN]
-    forces.write_regimes(lanes, 0, points.size)
+    dry_friction.write_regimes(lanes, 0, points.size)
 
     def scene_of(index: int) -> Scene:
         return scene.replace(**{parameter: float(points[index])})

@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import kernel
 from mm_gym.lanes import layout as at
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy import precise_integration_kernel as precise
 

@@ -11,7 +11,7 @@ from mm_gym.analysis.values import row_of
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction, springs
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
     """Tell whether the motion never slips with a reference velocity."""
     lane = row.copy()
     lane[at.VR] = velocity
-    lane[at.C] = plain(forces.stick_slope)(lane[at.MU1], lane[at.FN], velocity)
+    lane[at.C] = plain(dry_friction.stick_slope)(lane[at.MU1], lane[at.FN], velocity)
     sticks, status = cast("tuple[bool, int]", sticks_throughout(lane))
     if status > at.ENDED:
         msg = "critical_reference_velocity: the motion decays too slowly for its fastest rate"
@@ -106,7 +106,7 @@ def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
 def _fastest_by_energy(row: NDArray[np.float64]) -> float:
     """Return the slip velocity [m/s] of a motion with all its energy in it, sqrt(2 E / m_r)."""
     m1, m2 = cast("float", piecewise.carriage_mass(row)), row[at.M2]
-    k2 = cast("float", forces.stiffness(row[at.K0], row[at.STRETCH]))
+    k2 = cast("float", springs.stiffness(row[at.K0], row[at.STRETCH]))
     z = piecewise.start(row, row[:4], 0.0, 0, 0.0, row[:0])
     root = cast("float", piecewise.energy_root(row, k2, z))
     return float(root * np.sqrt((m1 + m2) / m1 / m2))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.law import forces
+from mm_gym.law import springs
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
     k0
         ``springs.stiffness`` [N/m].
     """
-    return plain(forces.stiffness)(np.asarray(k0, np.float64), np.asarray(stretch, np.float64))
+    return plain(springs.stiffness)(np.asarray(k0, np.float64), np.asarray(stretch, np.float64))
 
 
 def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
@@ -59,4 +59,4 @@ def spring_energy(
         ``springs.rest_length`` [m] of springs of finite stretch, or 0.
     """
     stretched, moved = np.asarray(stretch, np.float64), np.asarray(offset, np.float64)
-    return plain(forces.spring_energy)(k0, l0, stretched, moved)
+    return plain(springs.spring_energy)(k0, l0, stretched, moved)

@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction, springs
 from mm_gym.plant.linearise import interface_slopes
 from mm_gym.plant.support_of import support_of
 
@@ -49,7 +49,7 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
         raise SceneError(msg)
     row = support.start_low.copy()
     row[at.X2] += row[at.X1]
-    plain(forces.write_regimes)(row[:, None], 0, 1)
+    plain(dry_friction.write_regimes)(row[:, None], 0, 1)
     return row
 
 
@@ -58,13 +58,13 @@ def linear_values(scene: Scene) -> Linear:
     support = support_of(scene)
     p = 0.5 * (support.start_low + support.start_high)
     p[at.X1 : at.V2 + 1] = 0.0
-    plain(forces.write_regimes)(p[:, None], 0, 1)
+    plain(dry_friction.write_regimes)(p[:, None], 0, 1)
     _, damping, stiffness = interface_slopes(support, p)
     return Linear(
         m1=float(p[at.M1]),
         m2=float(p[at.M2]),
         k1=float(p[at.K1] * p[at.ALPHA]),
-        k2=float(plain(forces.stiffness)(p[at.K0], p[at.STRETCH])) + stiffness,
+        k2=float(plain(springs.stiffness)(p[at.K0], p[at.STRETCH])) + stiffness,
         c=float(p[at.C]) + damping,
         d=float(p[at.D]),
     )

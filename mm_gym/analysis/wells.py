@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law.forces import carriage_energy, carriage_force
+from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 
 if TYPE_CHECKING:
     import numpy as np

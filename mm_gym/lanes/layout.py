@@ -71,8 +71,8 @@ M1, M2, K1, D, ALPHA, BETA = 14, 15, 16, 17, 18, 19
 C, MU1, MU2, VR, CHI, FN = 20, 21, 22, 23, 24, 25
 K0, L0 = 26, 27
 
-# What dry friction comes to, written when an episode begins (`mm_gym.law.forces.write_regimes`):
-# its slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
+# What dry friction comes to, written when an episode begins (`law.dry_friction.write_regimes`): its
+# slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
 KINETIC_FORCE = 28
 
 # Rows of a block's clock, in its first lane: the control steps made so far, and until how many none

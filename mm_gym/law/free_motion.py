@@ -7,7 +7,8 @@ import math
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
-from mm_gym.law.forces import fastest_rate, stiffness
+from mm_gym.law.bounds import fastest_rate
+from mm_gym.law.springs import stiffness
 
 ROUND_OFF = 2.0**-56
 """Size below which a term of the series changes nothing."""

@@ -5,18 +5,14 @@ A number is a float, a vector of lanes, or an array.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.groups import read
-from mm_gym.lanes.simd_masks import larger, where
-from mm_gym.law.forces import stiffness
-
-LONGEST_WAY = 2.0
-"""Of a step, in units of what is left of the way to a spring's collapse."""
+from mm_gym.law.carriage_spring import secant
+from mm_gym.law.springs import pair_force, stiffness
 
 
 class Coefficients(NamedTuple):
@@ -90,8 +86,7 @@ def rates(p, is_finite, x1, offset, v1, link, push, shake):
     p
         `Coefficients`.
     is_finite
-        Whether the sphere's springs are of finite stretch. A collapsed spring has no number as its
-        force.
+        Whether the sphere's springs are of finite stretch.
     x1, offset
         Displacement of the carriage, and of the sphere relative to it [m].
     v1
@@ -102,30 +97,9 @@ def rates(p, is_finite, x1, offset, v1, link, push, shake):
         Force on the carriage [N], and acceleration of the ground [m/s^2].
     """
     if is_finite:
-        shortened = offset * p.by_l0
-        product = fma(-shortened, shortened, p.stretch * p.stretch)  # of both sides' stretches
-        product = where(product > 0.0, product, math.nan)
-        springs = p.twice_k0 * offset * (1.0 + (p.stretch + p.stretch) / (product * product))  # (6)
+        springs = pair_force(p.twice_k0, p.stretch, offset, offset * p.by_l0)  # (6)
     else:
         springs = p.k2 * offset  # (5)
     inner = link + springs
-    outer = fma(fma(p.cubic * x1, x1, p.linear), x1, fma(p.d, v1, -push))
+    outer = fma(secant(p.linear, p.cubic, x1), x1, fma(p.d, v1, -push))
     return fma(inner - outer, p.by_m1, -shake), fma(-inner, p.by_m2, -shake)
-
-
-@inlined_kernel
-def is_resolved(p, before, after):
-    """Tell whether a step sees the force of springs of finite stretch rise towards a collapse.
-
-    It grows with the inverse square of what is left of the way to the collapse, so a step's way
-    must not be much longer than that.
-
-    Parameters
-    ----------
-    p
-        `Coefficients`.
-    before, after
-        Displacement of the sphere relative to the carriage [m] at the step's start and end.
-    """
-    left = p.stretch - p.by_l0 * larger(abs(before), abs(after))
-    return p.by_l0 * abs(after - before) <= LONGEST_WAY * left

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import bounds, dry_friction, springs
 from mm_gym.law.interface import LINE, Interface
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ KINDS = (
     MASSLESS,
 )
 """The kinds of plants. Parametric: parameters differ between lanes or change between steps.
-General: the interface is one of `mm_gym.law.interfaces`."""
+General: the interface is one of `mm_gym.law.INTERFACES`."""
 
 PHYSICAL = range(at.M1, at.HARMONICS)
 """Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
@@ -196,8 +196,8 @@ class Support:
     @property
     def stiffest(self) -> float:
         """The largest k2 [N/m], the interface's in: it falls with stretch, and is at most 6 k0."""
-        springs = float(plain(forces.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
-        return springs + self.interface_slopes[1]
+        k2 = float(plain(springs.stiffness)(self.high[at.K0], self.low[at.STRETCH]))
+        return k2 + self.interface_slopes[1]
 
     @property
     def outer_stiffness(self) -> float:
@@ -231,7 +231,7 @@ class Support:
             return self.interface_slopes[0]
         if vr == 0.0:
             return float(high[at.C])
-        stick = plain(forces.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
+        stick = plain(dry_friction.stick_slope)(float(high[at.MU1]), float(high[at.FN]), vr)
         return float(max(stick, high[at.CHI]))
 
     def row_of(self, name: str) -> int:
@@ -255,25 +255,25 @@ def fastest_oscillation(support: Support, amplitude: float = 0.0) -> float:
     k1 += (
         0.75 * float(support.high[at.K1] * max(support.high[at.BETA], 0.0)) * amplitude * amplitude
     )
-    return math.sqrt(plain(forces.largest_eigenvalue)(m1, m2, k1, support.stiffest))
+    return math.sqrt(plain(bounds.largest_eigenvalue)(m1, m2, k1, support.stiffest))
 
 
 def fastest_rate(support: Support) -> float:
     """Return a bound of the excitation's frequencies and of the norm of A [1/s].
 
-    See `mm_gym.law.forces.fastest_rate`: it rises with stiffness and damping and falls with the
+    See `mm_gym.law.bounds.fastest_rate`: it rises with stiffness and damping and falls with the
     masses.
     """
     m1, m2, k1 = _fastest(support)
     d, harmonics = float(support.high[at.D]), support.frequencies.max(initial=0.0)
-    rate = plain(forces.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
+    rate = plain(bounds.fastest_rate)(m1, m2, k1, support.stiffest, support.steepest, d)
     return float(max(rate, harmonics))
 
 
 def fastest_decay(support: Support) -> float:
     """Return the fastest rate [1/s] at which dampers and friction alone slow the masses down."""
     m1, m2, d = float(support.low[at.M1]), float(support.low[at.M2]), float(support.high[at.D])
-    return float(plain(forces.largest_eigenvalue)(m1, m2, d, support.steepest))
+    return float(plain(bounds.largest_eigenvalue)(m1, m2, d, support.steepest))
 
 
 def _fastest(support: Support) -> tuple[float, float, float]:

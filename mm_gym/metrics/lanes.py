@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import springs
 from mm_gym.metrics.totals import End, Totals
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _spring_energy(values: Array) -> Array:
     """Return the energy [J] of the sphere's springs in each lane."""
     rest = values[at.L0] if values[at.L0].any() else 0.0  # all of a scene are of one kind
     offset = values[at.X2] - values[at.X1]
-    return plain(forces.spring_energy)(values[at.K0], rest, values[at.STRETCH], offset)
+    return plain(springs.spring_energy)(values[at.K0], rest, values[at.STRETCH], offset)
 
 
 def _end(values: Array) -> End:

@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import carriage_spring
 from mm_gym.metrics.cubic import cubic
 from mm_gym.metrics.response import Response
 from mm_gym.scene.mechanics import GRAVITY
@@ -132,7 +132,7 @@ class Totals:
         k1, alpha, beta, d = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA, at.D))
         x1, x2, v1, v2 = end.state
         relative = end.acceleration - end.ground
-        force = plain(forces.carriage_force)(k1, alpha, beta, x1) + d * v1 - control
+        force = plain(carriage_spring.carriage_force)(k1, alpha, beta, x1) + d * v1 - control
         rate = k1 * (alpha + 3.0 * beta * x1 * x1) * v1 + d * relative
         return [(x1, v1), (v1, relative), (x2 - x1, v2 - v1), (force, rate)]
 

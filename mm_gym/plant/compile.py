@@ -10,7 +10,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
-from mm_gym.law import forces
+from mm_gym.law.dry_friction import write_regimes
 from mm_gym.plant.findings import method_findings, scene_findings, support_findings
 from mm_gym.plant.idle_friction import without_idle_friction
 from mm_gym.plant.method_choice import choose, settings_of
@@ -97,5 +97,5 @@ def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     followers = [row for row, _, _ in support.products]
     drawn = np.union1d(np.flatnonzero(low != high), support.own_rows)  # own states begin at 0
     rows, template = np.setdiff1d(drawn, followers).astype(np.intp), low.copy()
-    plain(forces.write_regimes)(template[:, None], 0, 1)  # lanes rest before their first episode
+    plain(write_regimes)(template[:, None], 0, 1)  # lanes rest before their first episode
     return template, np.column_stack([rows.astype(np.float64), low[rows], high[rows]])

@@ -10,7 +10,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction, springs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +37,7 @@ def without_idle_friction(scene: Scene, support: Support) -> tuple[Support, tupl
     fastest, vr = _fastest_slip(support), low[at.VR]
     if not fastest < vr:
         return support, ()
-    damping = plain(forces.stick_slope)(low[at.MU1], low[at.FN], vr)
+    damping = plain(dry_friction.stick_slope)(low[at.MU1], low[at.FN], vr)
     arrays: dict[str, NDArray[np.float64]] = {}
     for name in ("start_low", "start_high", "low", "high"):
         arrays[name] = getattr(support, name).copy()
@@ -82,7 +82,7 @@ def require_stick(support: Support, values: Array, where: str) -> None:
     m1, m2, k1, alpha, beta, k0, stretch = (values[row] for row in rows)
     x1, x2, v1, v2 = values[:4]
     with np.errstate(over="ignore"):
-        twice = m1 * v1**2 + m2 * v2**2 + plain(forces.stiffness)(k0, stretch) * (x2 - x1) ** 2
+        twice = m1 * v1**2 + m2 * v2**2 + plain(springs.stiffness)(k0, stretch) * (x2 - x1) ** 2
         twice += k1 * (alpha * x1**2 + 0.5 * beta * x1**4)
         wells = (alpha < 0.0) & (beta > 0.0)
         depth = np.divide(alpha**2, beta, out=np.zeros_like(beta), where=wells)

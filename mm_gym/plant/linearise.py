@@ -14,7 +14,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import state_space
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
@@ -143,7 +143,7 @@ def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:
     """Return the slopes of the springs' force over the offset [N/m] and over the stretch [N]."""
     k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
     if l0 == 0.0:  # (5)
-        return float(plain(forces.stiffness)(k0, stretch)), -12.0 * k0 * offset / stretch**4
+        return float(plain(springs.stiffness)(k0, stretch)), -12.0 * k0 * offset / stretch**4
     square = (offset / l0) ** 2
     product = stretch**2 - square  # (6)
     return (
@@ -156,9 +156,9 @@ def _forces(row: Array, link: float) -> tuple[tuple[float, float], float]:
     """Return the forces [N] on both masses at the point, and the springs' on the carriage."""
     x1, x2, v1, v2 = (float(value) for value in row[:4])
     k0, l0, stretch = (float(row[k]) for k in (at.K0, at.L0, at.STRETCH))
-    springs = float(plain(forces.spring_force)(k0, l0, stretch, x2 - x1))
+    held = float(plain(springs.spring_force)(k0, l0, stretch, x2 - x1))
     c, vr, kinetic, chi = (float(row[k]) for k in (at.C, at.VR, at.KINETIC_FORCE, at.CHI))
-    inner = float(plain(forces.interface_force)(c, vr, kinetic, chi, v2 - v1)) + link + springs
+    inner = float(plain(dry_friction.interface_force)(c, vr, kinetic, chi, v2 - v1)) + link + held
     k1, alpha, beta, d = (float(row[k]) for k in (at.K1, at.ALPHA, at.BETA, at.D))
-    outer = -d * v1 - float(plain(forces.carriage_force)(k1, alpha, beta, x1))
-    return (inner + outer, -inner), springs
+    outer = -d * v1 - float(plain(carriage_spring.carriage_force)(k1, alpha, beta, x1))
+    return (inner + outer, -inner), held

@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law.dry_friction import REGIMES_WRITTEN, write_regimes
 from mm_gym.plant.idle_friction import REMEDY
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def lane_at(
         furthest = row[at.STRETCH] * row[at.L0]
         msg = f"about: got an offset of {row[at.X2] - row[at.X1]:g} m; allowed: below {furthest:g}"
         raise SceneError(msg)
-    plain(forces.write_regimes)(row[:, None], 0, 1)
+    plain(write_regimes)(row[:, None], 0, 1)
     slip = abs(row[at.V2] - row[at.V1])
     if slip > support.idle_velocity:
         msg = (
@@ -62,7 +62,7 @@ def lane_at(
 
 def require_parameters(support: Support, values: Array) -> None:
     """Raise `SceneError` for parameters (rows, lanes) that the plant was not compiled for."""
-    derived = forces.REGIMES_WRITTEN if support.slips else ()  # written when an episode begins
+    derived = REGIMES_WRITTEN if support.slips else ()  # written when an episode begins
     rows = np.array([row for row in support.parameters if row not in derived])
     low, high = support.low[rows, None], support.high[rows, None]
     wrong = np.argwhere(~((values[rows] >= low) & (values[rows] <= high)))

@@ -9,8 +9,8 @@ import numpy as np
 
 from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout as at
+from mm_gym.law import INTERFACES
 from mm_gym.law.interface import LINE
-from mm_gym.law.interfaces import INTERFACES
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY

@@ -9,8 +9,10 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law.forces import carriage_force, interface_force, spring_force
-from mm_gym.law.interfaces import INTERFACES
+from mm_gym.law import INTERFACES
+from mm_gym.law.carriage_spring import carriage_force
+from mm_gym.law.dry_friction import interface_force
+from mm_gym.law.springs import spring_force
 from mm_gym.rendering import history as rows
 
 if TYPE_CHECKING:

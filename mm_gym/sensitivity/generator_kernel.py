@@ -15,7 +15,7 @@ from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import alike, everywhere
 from mm_gym.lanes.simd_masks import where
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 
 ORDERS = 32
 """More than the terms of any series: with a phase of 2, 25 are enough."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.lane_memory import rows_of
+from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear.method import Linear
 from mm_gym.methods.support import LINEAR, MASSLESS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 from mm_gym.sensitivity.generator_kernel import (
     COUPLING,
     OFFSET,

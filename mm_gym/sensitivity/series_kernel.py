@@ -21,14 +21,10 @@ from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES
 from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.law.bounds import fastest_harmonic, fastest_rate
+from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.law.forces import (
-    fastest_harmonic,
-    fastest_rate,
-    interface_line,
-    slip_intercept,
-    stiffness,
-)
+from mm_gym.law.springs import stiffness
 from mm_gym.sensitivity import regime_kernel as regime
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.causes_kernel import cause

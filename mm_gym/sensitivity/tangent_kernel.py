@@ -19,7 +19,6 @@ from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
 from mm_gym.lanes.simd_masks import larger, smaller
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
 from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
-from mm_gym.law.forces import stiffness
 from mm_gym.law.interface import (
     Interface,
     force_of,
@@ -31,6 +30,7 @@ from mm_gym.law.interface import (
     states_of,
 )
 from mm_gym.law.motion import coefficients
+from mm_gym.law.springs import stiffness
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed

@@ -11,7 +11,8 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law.forces import escape_distance, stiffness
+from mm_gym.law.carriage_spring import escape_distance
+from mm_gym.law.springs import stiffness
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

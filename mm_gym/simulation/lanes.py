@@ -15,9 +15,9 @@ from mm_gym.compiler.notice import expect
 from mm_gym.errors import ActionError, SceneError, SimulationError
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.lane_memory import rows_of
+from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
-from mm_gym.law.forces import write_regimes
+from mm_gym.law.dry_friction import write_regimes
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads

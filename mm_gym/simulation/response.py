@@ -9,7 +9,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def spring_force(p: Array, state: Array, stretch: Array) -> Array:
     stretch
         (n,) [-].
     """
-    force = plain(forces.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
+    force = plain(springs.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
     return np.broadcast_to(force, len(state)).astype(np.float64)
 
 
@@ -54,11 +54,11 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
         offset, inner = state[:, 1] - state[:, 0], state[:, -1]
         return plain(support.interface.force)(own, offset, slip, inner)
     c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
-    intercept = plain(forces.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
-    regime = np.where(np.abs(slip) <= plain(forces.threshold)(vr), 0.0, np.sign(slip))
+    intercept = plain(dry_friction.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
+    regime = np.where(np.abs(slip) <= plain(dry_friction.threshold)(vr), 0.0, np.sign(slip))
     force = np.empty(len(slip))
     for side in (-1.0, 0.0, 1.0):
-        slope, constant = plain(forces.interface_line)(side, c, chi, intercept)
+        slope, constant = plain(dry_friction.interface_line)(side, c, chi, intercept)
         force[regime == side] = slope * slip[regime == side] + constant
     return force
 
@@ -77,7 +77,7 @@ def base_force(p: Array, state: Array, force: Array) -> Array:
     whose actuator stands on the base.
     """
     x1, v1 = state[:, 0], state[:, 2]
-    spring = plain(forces.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    spring = plain(carriage_spring.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     return spring + p[at.D] * v1 - force
 
 

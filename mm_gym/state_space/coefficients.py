@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction, springs
 from mm_gym.state_space.equations import StateSpace, state_space
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
@@ -27,8 +27,8 @@ def values_of(row: NDArray[np.float64]) -> dict[str, Decimal]:
     )
     mu1, normal, vr = (Decimal(float(row[i])) for i in (at.MU1, at.FN, at.VR))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        k2 = plain(forces.stiffness)(k0, stretch)
-        c = plain(forces.stick_slope)(mu1, normal, vr) if vr else c
+        k2 = plain(springs.stiffness)(k0, stretch)
+        c = plain(dry_friction.stick_slope)(mu1, normal, vr) if vr else c
         return {"m1": m1, "m2": m2, "k1": k1 * alpha, "d": d, "c": c, "k2": k2}
 
 

@@ -9,7 +9,7 @@ from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import apply_first_impulses
 from mm_gym.excitation.kinds import excite, has_corners
 from mm_gym.lanes import layout as at
-from mm_gym.law.escapes import are_terminated
+from mm_gym.law.carriage_spring import are_terminated
 from mm_gym.law.interface import LINE, Interface
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.episodes import show_first_with

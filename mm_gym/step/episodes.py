@@ -21,7 +21,7 @@ from mm_gym.lanes.arithmetic import clip, prefer_widest_vectors
 from mm_gym.lanes.listed import copy_within, place_of, run_of, set_row
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import next_episode, uniform
-from mm_gym.law.forces import write_regimes
+from mm_gym.law.dry_friction import write_regimes
 from mm_gym.step.outputs import (
     blur,
     pass_frame,

@@ -20,8 +20,10 @@ from mm_gym.lanes.listed import place_of
 from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
 from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
 from mm_gym.lanes.transposition import copy_as_columns
-from mm_gym.law.forces import carriage_force, interface_force, spring_force
+from mm_gym.law.carriage_spring import carriage_force
+from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.interface import LINE, Interface, force_of, has_state
+from mm_gym.law.springs import spring_force
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.listed import gather_row, place_of, scatter_row
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import COUNT, KEY
-from mm_gym.law.forces import REGIMES_READ, REGIMES_WRITTEN
+from mm_gym.law.dry_friction import REGIMES_READ, REGIMES_WRITTEN
 from mm_gym.step.episodes import complete, draw, fill_history
 from mm_gym.step.task import task_and_model
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.compiler.jit import plain
-from mm_gym.law import forces
+from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,8 +44,8 @@ class Friction(NamedTuple):
 def friction_of(law: DryFriction, normal: float) -> Friction:
     """Return the friction under a normal force [N]."""
     vr = law.reference_velocity
-    stick = plain(forces.stick_slope)(law.static_coefficient, normal, vr)
-    kinetic = plain(forces.kinetic_force)(law.kinetic_coefficient, normal)
+    stick = plain(stick_slope)(law.static_coefficient, normal, vr)
+    kinetic = plain(kinetic_force)(law.kinetic_coefficient, normal)
     return Friction(float(stick), float(kinetic), vr, law.slip_damping)
 
 
@@ -64,7 +64,7 @@ def equivalent_damping(friction: Friction, speed: Array) -> Array:
     """Return the damping [N s/m] that takes the energy that friction does, of slip amplitudes."""
     angle = np.arcsin(np.minimum(friction.reference / speed, 1.0))  # at which stick ends
     stuck = 0.5 * angle - 0.25 * np.sin(2.0 * angle)
-    intercept = plain(forces.slip_intercept)(friction.kinetic, friction.slip, friction.reference)
+    intercept = plain(slip_intercept)(friction.kinetic, friction.slip, friction.reference)
     slipping = intercept * np.cos(angle) / speed + friction.slip * (0.25 * pi - stuck)
     return 4.0 / pi * (friction.stick * stuck + slipping)
 

@@ -231,7 +231,10 @@ def test_energy_has_in_common_with_the_methods_what_it_says_and_no_more():
     files -= {PACKAGE / "simulation" / "energy" / "quadrature.py"}
     imported = set().union(*(imported_by(file) for file in files))
     said = {
-        "law.forces",
+        "law.bounds",
+        "law.carriage_spring",
+        "law.dry_friction",
+        "law.springs",
         "law.events",
         "excitation.kinds",
         "excitation.jets",

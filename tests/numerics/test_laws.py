@@ -13,7 +13,7 @@ from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.compiler.cache import sources
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import bounds, carriage_spring, dry_friction, springs
 from mm_gym.plant.compile import compile_scene
 from mm_gym.simulation.lanes import Lanes
 
@@ -54,19 +54,21 @@ def cubes_a_stretch(text):
 
 @pytest.mark.parametrize("row", ["MU1", "MU2", "FN"])
 def test_coefficients_of_friction_are_read_in_one_compiled_file(row):
-    assert [file.name for file in files_that(re.compile(rf"\bat\.{row}\b").search)] == ["forces.py"]
+    assert [file.name for file in files_that(re.compile(rf"\bat\.{row}\b").search)] == [
+        "dry_friction.py"
+    ]
 
 
 def test_the_stretch_is_cubed_in_one_compiled_file():
     assert cubes_a_stretch("2 / (stretch[i] * stretch[i] * stretch[i])")
     assert cubes_a_stretch("lanes[at.STRETCH, i] ** 3")
-    assert [file.name for file in files_that(cubes_a_stretch)] == ["forces.py"]
+    assert [file.name for file in files_that(cubes_a_stretch)] == ["springs.py"]
 
 
 def test_stiffness_is_exact_in_decimals():
-    got = plain(forces.stiffness)(Decimal(35), Decimal("1.25"))
+    got = plain(springs.stiffness)(Decimal(35), Decimal("1.25"))
     assert got == Decimal(35) * 2 * (1 + Decimal(2) * Decimal("0.512"))
-    assert plain(forces.stick_slope)(Decimal("0.5"), Decimal(3), Decimal("0.25")) == 6
+    assert plain(dry_friction.stick_slope)(Decimal("0.5"), Decimal(3), Decimal("0.25")) == 6
 
 
 @pytest.mark.parametrize("offset", [-0.07, 1e-9, 0.02, 0.07])
@@ -74,30 +76,30 @@ def test_pair_force_is_that_of_two_neo_hookean_springs(offset):
     k0, l0, stretch, x = (Fraction(value) for value in (K0, L0, STRETCH, offset))
     longer, shorter = stretch + x / l0, stretch - x / l0
     exact = k0 * l0 * ((longer - longer**-2) - (shorter - shorter**-2))
-    got = forces.pair_force(K0, L0, STRETCH, offset)
+    got = springs.spring_force(K0, L0, STRETCH, offset)
     # The difference of the squares loses what it is smaller by, at most 3 here, and enters squared.
     assert abs(Fraction(got) - exact) <= 24 * EPS * abs(exact)
 
 
 def test_pair_has_the_stiffness_of_springs_small_on_large_at_the_middle():
     # The next term of the force is smaller by (offset / l0)^2, 4e-16 here.
-    got = forces.pair_force(K0, L0, STRETCH, 1e-9) / 1e-9
-    assert got == pytest.approx(forces.stiffness(K0, STRETCH), rel=8 * EPS)
+    got = springs.spring_force(K0, L0, STRETCH, 1e-9) / 1e-9
+    assert got == pytest.approx(springs.stiffness(K0, STRETCH), rel=8 * EPS)
 
 
 @pytest.mark.parametrize("l0", [0.0, L0])
 def test_force_of_the_springs_is_the_slope_of_their_energy(l0):
-    energy, x, h = plain(forces.spring_energy), 0.02, 1e-7
+    energy, x, h = plain(springs.spring_energy), 0.02, 1e-7
     slope = (energy(K0, l0, STRETCH, x + h) - energy(K0, l0, STRETCH, x - h)) / (2.0 * h)
     # Round-off of the energies is some eps E / h = 3e-11 N of 2 N; h^2 E''' / 6 = 3e-12 N.
-    assert slope == pytest.approx(forces.spring_force(K0, l0, STRETCH, x), rel=1e-10)
+    assert slope == pytest.approx(springs.spring_force(K0, l0, STRETCH, x), rel=1e-10)
 
 
 def test_force_of_the_carriages_spring_is_the_slope_of_its_energy():
-    energy, law, x, h = plain(forces.carriage_energy), (400.0, 0.9, 2e6), 0.004, 1e-8
+    energy, law, x, h = plain(carriage_spring.carriage_energy), (400.0, 0.9, 2e6), 0.004, 1e-8
     slope = (energy(*law, x + h) - energy(*law, x - h)) / (2.0 * h)
     # eps E / h = 1e-10 N of 53 N; h^2 E''' / 6 = 3e-10 N.
-    assert slope == pytest.approx(forces.carriage_force(*law, x), rel=1e-10)
+    assert slope == pytest.approx(carriage_spring.carriage_force(*law, x), rel=1e-10)
 
 
 @pytest.mark.parametrize("w", [-0.5, -0.2, -0.1, 0.0, 0.1, 0.2, math.nextafter(0.2, 1.0), 0.5])
@@ -107,10 +109,12 @@ def test_interface_force_is_equation_9_of_the_paper(w):
         expected = mu1 * normal / vr * w
     else:
         expected = math.copysign(mu2 * normal + chi * (abs(w) - vr), w)
-    c, kinetic = forces.stick_slope(mu1, normal, vr), forces.kinetic_force(mu2, normal)
-    assert forces.interface_force(c, vr, kinetic, chi, w) == expected
+    c, kinetic = dry_friction.stick_slope(mu1, normal, vr), dry_friction.kinetic_force(mu2, normal)
+    assert dry_friction.interface_force(c, vr, kinetic, chi, w) == expected
     regime = 0.0 if abs(w) <= vr else math.copysign(1.0, w)
-    slope, constant = forces.interface_line(regime, c, chi, forces.slip_intercept(kinetic, chi, vr))
+    slope, constant = dry_friction.interface_line(
+        regime, c, chi, dry_friction.slip_intercept(kinetic, chi, vr)
+    )
     assert slope * w + constant == pytest.approx(expected, rel=4 * EPS, abs=0.0)
 
 
@@ -164,4 +168,4 @@ def test_fastest_rate_bounds_the_norm_of_the_generator():
         root = np.linalg.cholesky(np.block([[stiffness, zero], [zero, mass]])).T
         norm = np.linalg.norm(root @ a @ np.linalg.inv(root), 2)
         # The condition of the root, up to 1e6, costs the norm as much of its precision.
-        assert norm <= forces.fastest_rate(m1, m2, k1, k2, c, d) * (1.0 + 1e-9)
+        assert norm <= bounds.fastest_rate(m1, m2, k1, k2, c, d) * (1.0 + 1e-9)

@@ -12,8 +12,10 @@ from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES as WIDTH
 from mm_gym.lanes.simd import element, inverse_root
 from mm_gym.lanes.simd_memory import rows_of
-from mm_gym.law.forces import carriage_force, interface_force, spring_force, stiffness
+from mm_gym.law.carriage_spring import carriage_force
+from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.motion import coefficients, rates
+from mm_gym.law.springs import spring_force, stiffness
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes

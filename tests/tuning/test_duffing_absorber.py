@@ -6,7 +6,7 @@ from tuning.conftest import rig
 
 from mm_gym import simulate
 from mm_gym.compiler.jit import plain
-from mm_gym.law import forces
+from mm_gym.law import springs
 from mm_gym.tuning import DesignError, OutOfReachError, duffing_absorber, tune
 
 STIFFENING = rig(0.05, damping=0.2).replace(**{"carriage.cubic_coefficient": 100.0})
@@ -33,8 +33,8 @@ def test_springs_have_the_cubic_term_of_the_source():
     tuned = duffing_absorber(STIFFENING)
     k0, l0, stretch = tuned.springs.stiffness, tuned.springs.rest_length, tuned.springs.stretch
     offset = 1e-3 * l0
-    force = plain(forces.pair_force)(k0, l0, stretch, np.array([offset, 10.0 * offset]))
-    k2 = plain(forces.stiffness)(k0, stretch)
+    force = plain(springs.spring_force)(k0, l0, stretch, np.array([offset, 10.0 * offset]))
+    k2 = plain(springs.stiffness)(k0, stretch)
     cubic = (force[1] - k2 * 10.0 * offset) / (10.0 * offset) ** 3
     assert k2 / 1e4 == pytest.approx(0.0454, abs=5e-5)
     assert cubic / 1e6 == pytest.approx(0.0042, abs=5e-5)

@@ -17,7 +17,7 @@ from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import on_cache_line
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 
 DEGREE, PIECES, UNIFORM = (at.MODEL_OWN + i for i in range(3))  # UNIFORM: parameters are fixed
 

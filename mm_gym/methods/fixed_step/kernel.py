@@ -15,10 +15,7 @@ from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.groups import read, write_state
 from mm_gym.lanes.simd import LANES, element, everywhere, with_element
 from mm_gym.lanes.simd_masks import none, where
-from mm_gym.law.forces import (
-    escape_distance,
-    has_escaped,
-)
+from mm_gym.law.carriage_spring import escape_distance, has_escaped
 from mm_gym.law.motion import rates, read_coefficients
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1

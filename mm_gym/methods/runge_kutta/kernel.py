@@ -32,7 +32,7 @@ from mm_gym.lanes.simd_masks import (
     where,
 )
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
-from mm_gym.law.forces import slip_intercept
+from mm_gym.law.dry_friction import slip_intercept
 from mm_gym.law.interface import (
     LINE,
     Interface,
@@ -45,7 +45,8 @@ from mm_gym.law.interface import (
     resolves,
     states_of,
 )
-from mm_gym.law.motion import Coefficients, is_resolved, rates, read_coefficients
+from mm_gym.law.motion import Coefficients, rates, read_coefficients
+from mm_gym.law.springs import is_resolved
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
 from mm_gym.methods.taylor import kernel as taylor
@@ -396,7 +397,7 @@ def _assess(interface, model, b):
     coarse = model[of.COARSE] * fma(fast * fast, h, steep * far)
     good = good & (other * other * h <= coarse)
     if model[series.IS_FINITE] > 0.0:
-        good = good & is_resolved(_coefficients(b), x2 - x1, y2 - y1)
+        good = good & is_resolved(b[of.BY_L0], b[of.STRETCH], x2 - x1, y2 - y1)
     good = good & (far + fast < np.inf)
     slips = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
     way = LONGEST_WAY_OF_BOTH if model[of.IS_COMBINED] > 0.0 else LONGEST_WAY

@@ -21,7 +21,7 @@ from mm_gym.lanes.groups import read, write_states
 from mm_gym.lanes.simd import LANES, element, everywhere
 from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.taylor import kernel as taylor
 

@@ -10,7 +10,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import dry_friction
 from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
 from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
 from mm_gym.methods.switched import kernel
@@ -75,9 +75,9 @@ class Switched(ExactMethod):
             Decimal(float(low[i])) for i in (at.MU1, at.MU2, at.VR, at.CHI, at.FN)
         )
         with localcontext(Context(prec=60)):
-            stick = plain(forces.stick_slope)(mu1, normal, vr)
-            intercept = plain(forces.slip_intercept)(
-                plain(forces.kinetic_force)(mu2, normal), chi, vr
+            stick = plain(dry_friction.stick_slope)(mu1, normal, vr)
+            intercept = plain(dry_friction.slip_intercept)(
+                plain(dry_friction.kinetic_force)(mu2, normal), chi, vr
             )
         phase = fastest_rate(support) * support.sample_interval
         refuse_long_interval(

@@ -14,14 +14,10 @@ from mm_gym.compiler.jit import kernel
 from mm_gym.excitation.jets import write_series
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
+from mm_gym.law.bounds import fastest_harmonic, fastest_rate
+from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import gaps_of, gaps_on, regime_exit, sign_of
-from mm_gym.law.forces import (
-    fastest_harmonic,
-    fastest_rate,
-    interface_line,
-    slip_intercept,
-    stiffness,
-)
+from mm_gym.law.springs import stiffness
 
 MOST_CHANGES = 1000
 """Changes of regime in one interval that are followed."""

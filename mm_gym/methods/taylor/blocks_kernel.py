@@ -17,7 +17,7 @@ from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, alike
 from mm_gym.lanes.simd_masks import larger, none, smaller, where
 from mm_gym.lanes.simd_memory import rows_of
-from mm_gym.law.forces import has_escaped
+from mm_gym.law.carriage_spring import has_escaped
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as taylor_step

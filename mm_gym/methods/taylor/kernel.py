@@ -16,14 +16,10 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, write_inverse_square
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.simd import alike
+from mm_gym.law.carriage_spring import escape_distance, has_escaped
+from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.law.forces import (
-    escape_distance,
-    has_escaped,
-    interface_line,
-    slip_intercept,
-    stiffness,
-)
+from mm_gym.law.springs import stiffness
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor.step_size_kernel import FEWEST, allotted, is_enough, step_of
 

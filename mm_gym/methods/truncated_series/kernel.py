@@ -14,7 +14,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write_state, write_states
 from mm_gym.lanes.simd import LANES
-from mm_gym.law.forces import stiffness
+from mm_gym.law.springs import stiffness
 
 # Slots of the model. The degree; then in units of the sample interval h and the carriage's mass m1
 # the coefficients of the carriage's spring, of the dampers and the springs, 1 + m1 / m2, and what a

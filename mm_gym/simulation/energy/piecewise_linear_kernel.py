@@ -23,7 +23,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import kernel
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import bounds, dry_friction
 from mm_gym.law.events import sign_of
 
 # Entries of z. HARMONICS: amplitude times cosine, and times sine, of each harmonic; then the jets
@@ -115,8 +115,8 @@ def generator(p, k2, harmonics, ground, terms, h, in_slip):
 def fastest_rate(p, k2, harmonics, terms, h):
     """Return a bound [1/s] of the rates of both regimes and of the excitation."""
     k1, c = p[at.K1] * p[at.ALPHA], max(p[at.C], p[at.CHI])
-    rate = forces.fastest_rate(carriage_mass(p), p[at.M2], k1, k2, c, p[at.D])
-    return max(rate, forces.fastest_harmonic(p, harmonics), terms / h)
+    rate = bounds.fastest_rate(carriage_mass(p), p[at.M2], k1, k2, c, p[at.D])
+    return max(rate, bounds.fastest_harmonic(p, harmonics), terms / h)
 
 
 @kernel
@@ -148,7 +148,7 @@ def start(p, state, force, harmonics, time, jets):
     x1, x2, v1, v2 = state[0], state[1], state[2], state[3]
     w, vr = v2 - v1, p[at.VR]
     z[X], z[OFFSET], z[COMMON], z[SLIP] = x1, x2 - x1, (m1 * v1 + m2 * v2) / (m1 + m2), w
-    z[SIGN] = sign_of(forces.threshold(vr), w)
+    z[SIGN] = sign_of(dry_friction.threshold(vr), w)
     z[SLIP] = w - z[SIGN] * vr
     z[FORCE] = force
     for j in range(harmonics):
@@ -210,7 +210,7 @@ def bound_motion(p, k2, z, harmonics, ground, terms, h, duration, in_slip):
     if in_slip:
         dw = (p[at.CHI] / reduced + d * part / m1) * w + p[at.KINETIC_FORCE] / reduced + drive
     else:
-        dw = (p[at.C] / reduced + d * part / m1) * min(w, forces.threshold(p[at.VR])) + drive
+        dw = (p[at.C] / reduced + d * part / m1) * min(w, dry_friction.threshold(p[at.VR])) + drive
     first = (k1 * v1 + d * dv + force1) / m1 + k2 * w / reduced
     ddv = (d * (dv + part * dw) + k1 * v1 + force1) / total + shake1
     return first, (k1 * (dv + part * dw) + d * ddv + force2) / m1 + k2 * dw / reduced

@@ -15,8 +15,9 @@ from mm_gym.compiler.jit import kernel
 from mm_gym.excitation.jets import write_series
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import write_inverse_square
+from mm_gym.law.dry_friction import interface_line, slip_intercept, threshold
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.law.forces import interface_line, slip_intercept, stiffness, threshold
+from mm_gym.law.springs import stiffness
 
 ORDER = 24
 CUT_OFF = 2.0**-56

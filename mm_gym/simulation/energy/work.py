@@ -10,11 +10,11 @@ integrated term by term between the friction's kinks (`rate_series_kernel`).
 Interfaces in value form: quadrature along the motion, which the plant's own method makes
 (`quadrature`); such a balance says nothing of the method.
 
-The others have in common with the methods the laws of the forces (`law.forces`), the search for
-changes of regime (`law.events`), and the series of the excitation and of q**-2 (`excitation.kinds`,
-`excitation.jets`, `lanes.arithmetic`). No method propagates a state for them, except from impulse
-to impulse and from corner to corner of a record (`recording.pieces`). So a balance that closes
-confirms how the plants propagate, and not the laws.
+The others have in common with the methods the laws of the forces (one file each in `law`), the
+search for changes of regime (`law.events`), and the series of the excitation and of q**-2
+(`excitation.kinds`, `excitation.jets`, `lanes.arithmetic`). No method propagates a state for them,
+except from impulse to impulse and from corner to corner of a record (`recording.pieces`). So a
+balance that closes confirms how the plants propagate, and not the laws.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import forces
+from mm_gym.law import carriage_spring, springs
 from mm_gym.simulation.energy import quadrature, rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 
@@ -80,7 +80,7 @@ class Work:
 def mechanical_energy(p: Array, state: Array, stretch: Array) -> Array:
     """Return kinetic and elastic energy (n,) [J] of states (n, 4), eq. 9 of docs/model.md."""
     x1, x2, v1, v2 = state.T
-    carriage = plain(forces.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
+    carriage = plain(carriage_spring.carriage_energy)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     springs = spring_energy(p, x2 - x1, stretch)
     return 0.5 * (p[at.M1] * v1**2 + p[at.M2] * v2**2) + carriage + springs
 
@@ -94,7 +94,7 @@ def gross_energy(p: Array, state: Array, stretch: Array) -> Array:
 
 def spring_energy(p: Array, offset: Array, stretch: Array) -> Array:
     """Return the energy (n,) [J] of the sphere's springs in excess of the centred sphere's."""
-    return plain(forces.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
+    return plain(springs.spring_energy)(p[at.K0], p[at.L0], stretch, offset)
 
 
 def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> Work:
