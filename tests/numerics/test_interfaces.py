@@ -14,7 +14,7 @@ from mm_gym.analysis.modes import modes
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes.layout import ENDED
-from mm_gym.law import interfaces
+from mm_gym.law import INTERFACES
 from mm_gym.law.interface import Interface
 from mm_gym.simulation.lanes import Lanes
 
@@ -423,7 +423,7 @@ def test_an_interface_that_only_a_test_knows_is_a_doubled_damper(
     }
     doubled = scene_of({"kind": "viscous", "damping": 0.6}, **changes)
     known = compile_scene(doubled)
-    monkeypatch.setitem(interfaces.INTERFACES, "stribeck", own)
+    monkeypatch.setitem(INTERFACES, "stribeck", own)
     both = {"static_coefficient": 0.3, "kinetic_coefficient": 0.3}
     scene = scene_of(STRIBECK | both, **changes)
     plant = compile_scene(scene)
