@@ -13,6 +13,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Method, Option, Settings
 from mm_gym.methods.runge_kutta import kernel
 from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.kernel import LONGEST_WAY, LONGEST_WAY_OF_BOTH
 from mm_gym.methods.runge_kutta.tableau_kernel import Tableau, first_sum, tableaus
 from mm_gym.methods.support import (
     GENERAL,
@@ -58,6 +59,13 @@ is at the limit. The errors of an oscillation on a cubic spring are larger."""
 COARSER_ALONE, MOST_EVALUATIONS_ALONE = 0.05, 3000
 """The same where there is no series: forces bend more sharply than springs, and the first estimate
 may vanish by chance."""
+
+TURNS = LONGEST_WAY / LONGEST_WAY_OF_BOTH
+"""How many steps of a pair with two estimates do what one of the others does where a force turns
+round at every change of the slip's direction."""
+
+OF_TURNS = 0.5
+"""Part of the tolerance that is used there: one estimate misses more than two."""
 
 FINER = 1e-3
 """Part of the tolerance for the series, which redo the hardest steps: a sphere that bounces off the
@@ -191,7 +199,8 @@ def _limit(support: Support, settings: Settings) -> float:
     """
     growth = support.growth_rate * support.sample_interval * support.intervals_per_step
     tolerance = min(settings.tolerance, LOOSEST) / support.intervals_per_step
-    return MARGIN * tolerance * math.exp(-growth)
+    margin = MARGIN * (OF_TURNS if support.interface.resolves else 1.0)
+    return margin * tolerance * math.exp(-growth)
 
 
 def _rate(support: Support) -> float:
@@ -208,7 +217,8 @@ def plan_of(support: Support, settings: Settings) -> Plan | None:
     The error is that on an undamped oscillation at the fastest rate of the scene.
     """
     phase = max(_rate(support) * support.sample_interval, SHORTEST)
-    return _plan(phase, _limit(support, settings), alone=support.is_general)
+    turns = TURNS if support.interface.resolves else 1.0
+    return _plan(phase, _limit(support, settings), turns, alone=support.is_general)
 
 
 def _most(*, alone: bool) -> int:
@@ -220,7 +230,7 @@ def _coarser(*, alone: bool) -> float:
 
 
 @lru_cache(maxsize=256)
-def _plan(phase: float, limit: float, *, alone: bool) -> Plan | None:
+def _plan(phase: float, limit: float, turns: float, *, alone: bool) -> Plan | None:
     plans = [
         next(
             (
@@ -232,7 +242,11 @@ def _plan(phase: float, limit: float, *, alone: bool) -> Plan | None:
         )
         for pair in tableaus()
     ]
-    return min(filter(None, plans), key=lambda plan: plan.evaluations, default=None)
+    return min(filter(None, plans), key=lambda plan: _work(plan, turns), default=None)
+
+
+def _work(plan: Plan, turns: float) -> float:
+    return plan.evaluations * (turns if plan.tableau.is_combined else 1.0)
 
 
 def _plans(pair: Tableau, most: int) -> Iterator[Plan]:
