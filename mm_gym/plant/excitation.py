@@ -190,7 +190,14 @@ def _record_samples(part: Recorded) -> tuple[Array, float]:
     usual = "N" if part.target == "force" else "m/s^2"
     peer = part.file.lower().endswith(".at2") and part.target == "ground"
     unit = part.unit or ("g" if peer else usual)
-    motion = read_record(part.file, unit=unit, time_step=part.time_step)
+    motion = read_record(
+        part.file,
+        unit=unit,
+        time_step=part.time_step,
+        column=part.column,
+        skip=part.skip,
+        variable=part.variable,
+    )
     return np.vstack([motion.times, motion.values]), motion.time_step
 
 

@@ -55,8 +55,14 @@ def floats(text: str) -> NDArray[np.float64] | None:
     return values if np.all(np.abs(values) <= LARGEST) else None
 
 
-def table(separator: str | None, columns: int) -> re.Pattern[str]:
-    """Return the pattern of lines with one or two cells that may be numbers, or empty."""
+def pointed(text: str, mark: str) -> str:
+    """Return numbers with a decimal mark as numbers with a point; what had one is spoilt."""
+    return text if mark == "." else text.replace(".", "?").replace(mark, ".")
+
+
+def table(separator: str | None, columns: int, mark: str = ".") -> re.Pattern[str]:
+    """Return the pattern of lines of cells that may be numbers with a decimal mark, or empty."""
     between = rf"[ \t]*+{separator}[ \t]*+" if separator else r"[ \t]++"
-    row = between.join([r"[0-9.+\-EeDd]++"] * min(columns, 2))
+    cell = rf"[0-9{mark}+\-EeDd]++"
+    row = rf"{cell}(?:{between}{cell}){{{columns - 1}}}"
     return re.compile(rf"(?:[ \t]*+(?:{row}[ \t]*+)?+\n)*+")

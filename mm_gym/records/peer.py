@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.records.numbers import FORTRAN, LARGEST, NUMBER, apart, floats, glued_floats
-from mm_gym.records.text import SHORTEST, blocks, check_unit, evenly, refuse, values_of
+from mm_gym.records.options import SHORTEST
+from mm_gym.records.text import blocks, check_unit, evenly, refuse, values_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,17 +26,22 @@ def states_counts(line: str) -> bool:
     return "NPTS" in line.partition("#")[0].upper()
 
 
+def header_of(text: str, skip: int) -> list[str]:
+    """Return the header's lines, or as many as there are, behind those that are skipped."""
+    return text.split("\n", skip + HEADER_LINES)[skip : skip + HEADER_LINES]
+
+
 def read_peer(
-    file: Path, text: str, unit: str
+    file: Path, text: str, unit: str, skip: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Return the instants [s], the samples in the file's unit, and their spacing [s]."""
-    lines = text.split("\n", HEADER_LINES)
-    head = lines[:HEADER_LINES]
-    last = next((n for n, line in enumerate(head, 1) if states_counts(line)), HEADER_LINES)
+    lines = text.split("\n", skip + HEADER_LINES)
+    head = list(enumerate(header_of(text, skip), skip + 1))
+    last = next((n for n, line in head if states_counts(line)), skip + HEADER_LINES)
     if len(lines) <= last:
-        allowed = f"{last} header lines, then samples"
+        allowed = f"{last - skip} header lines, then samples"
         refuse(file, len(lines), f"the file ends within its header; allowed: {allowed}")
-    check_unit(file, enumerate(head[:last], 1), unit)
+    check_unit(file, head[: last - skip], unit)
     count, step = _counts(file, last, lines[last - 1])
     start = sum(len(line) + 1 for line in lines[:last])
     parts = [_numbers(file, *block) for block in blocks(file, text, start, last + 1)]

@@ -11,20 +11,18 @@ import numpy as np
 
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
-from mm_gym.records.numbers import FORTRAN, LARGEST, NUMBER
+from mm_gym.records.numbers import FORTRAN, LARGEST, NUMBER, pointed
+from mm_gym.records.options import SHORTEST
 from mm_gym.records.units import contradiction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
 MOST_BYTES = 16 * 2**20
 """Largest file: about an hour and a half at 200 Hz."""
-
-SHORTEST = 1e-9
-"""Shortest spacing of samples [s]."""
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 
@@ -71,21 +69,49 @@ def check_unit(file: Path, head: Iterable[tuple[int, str]], unit: str) -> None:
             refuse(file, number, text)
 
 
-def check_no_time_step(file: Path, time_step: float | None, states: str) -> None:
-    """Refuse a spacing [s] beside a file that states it."""
-    if time_step is not None:
-        refuse(file, None, f"the file states {states}, so time_step has no effect")
+def check_times(times: NDArray[np.float64], where: Callable[[int], str]) -> None:
+    """Refuse instants [s] that are negative or do not increase; `where` names the place of one."""
+    if times[0] < 0.0:
+        msg = f"{where(0)}: time: got {times[0]:g}; allowed: at least 0 s"
+        raise SceneError(msg)
+    slow = np.flatnonzero(np.diff(times) < SHORTEST)
+    if slow.size:
+        i = int(slow[0]) + 1
+        allowed = f"at least {SHORTEST:g} s more than {times[i - 1]:.17g}, the one before it"
+        msg = f"{where(i)}: time: got {times[i]:.17g}; allowed: {allowed}"
+        raise SceneError(msg)
 
 
-def values_of(file: Path, rows: list[list[str]], numbers: Sequence[int]) -> NDArray[np.float64]:
-    """Return the numbers in all cells, or refuse the first one that is not allowed."""
+def values_of(
+    file: Path,
+    rows: list[list[str]],
+    numbers: Sequence[int],
+    places: Sequence[int] | None = None,
+    mark: str = ".",
+) -> NDArray[np.float64]:
+    """Return the numbers in all cells, or refuse the first one that is not allowed.
+
+    Parameters
+    ----------
+    rows, numbers
+        The cells of each line, and the lines' numbers.
+    places
+        Columns of the cells, from 0; by default their order in the line.
+    mark
+        Decimal mark.
+    """
     values: list[float] = []
     for number, row in zip(numbers, rows, strict=True):
-        for cell in row:
-            value = float(cell.translate(FORTRAN)) if NUMBER.fullmatch(cell) else math.nan
+        for k, cell in enumerate(row):
+            plain = pointed(cell, mark)
+            value = float(plain.translate(FORTRAN)) if NUMBER.fullmatch(plain) else math.nan
             if not abs(value) <= LARGEST:
                 allowed = f"a number of magnitude at most {LARGEST:g}"
-                refuse(file, number, f"got {reprlib.repr(cell)}; allowed: {allowed}")
+                if mark != ".":
+                    allowed += ", with a decimal comma as the numbers before it"
+                column = k + 1 if places is None else places[k] + 1
+                got = reprlib.repr(cell)
+                refuse(file, number, f"column {column}: got {got}; allowed: {allowed}")
             values.append(value)
     return np.array(values)
 

@@ -197,14 +197,21 @@ class Recorded(Sampled):
 
     kind: Literal["record"] = "record"
     file: Annotated[str, Field(min_length=1)]
-    """a PEER AT2 file, or a CSV file of times [s] and values; a path in a scene file is relative to
-    that file's folder"""
+    """a PEER AT2 file, text in columns, or a .mat or .npz file of arrays; a path in a scene file is
+    relative to that file's folder"""
     unit: Annotated[
         Literal[ForceUnit, AccelerationUnit] | None, BeforeValidator(_unit_of_target)
     ] = None
     """unit of the values; by default g for AT2, else m/s^2 or N"""
     time_step: Positive | None = None
-    """[s] between the samples of a file with one column, which states no times"""
+    """[s] between the samples: then no column of the file has times"""
+    column: Annotated[int, Field(ge=1, le=1000)] | Annotated[str, Field(min_length=1)] | None = None
+    """number, from 1, or name of the column with the samples; by default the only one, or the
+    second of two. Without time_step the first column has the times [s]"""
+    skip: Annotated[int, Field(ge=0)] = 0
+    """lines at the beginning of a text that are not looked at"""
+    variable: Annotated[str, Field(min_length=1)] | None = None
+    """name of the array in a .mat or .npz file; by default the only one"""
     scale: float = 1.0
     """factor of the values [-]"""
     time_scale: Positive = 1.0

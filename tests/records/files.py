@@ -1,5 +1,11 @@
 """Record files that the tests write and read."""
 
+import io
+
+import h5py
+import numpy as np
+from scipy.io import savemat
+
 from mm_gym.records import read_record
 
 TITLE = ["PEER NGA STRONG MOTION DATABASE RECORD", "El Centro 5/19/1940, ARRAY #9, 270"]
@@ -32,3 +38,28 @@ def read(folder, content, name="motion.at2", unit="g", **options):
 
 SAMPLES = [0.001, -0.0234567, 0.5, -1.25, 3e-7, 0.0, -0.1]
 GOOD = peer(SAMPLES)
+
+
+def numpy_archive(arrays, *, compressed=False):
+    """Return an .npz file."""
+    stream = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(stream, **arrays)
+    return stream.getvalue()
+
+
+def matlab(arrays, *, compressed=False):
+    """Return a MATLAB file of version 5, as SciPy writes it."""
+    stream = io.BytesIO()
+    savemat(stream, arrays, do_compression=compressed)
+    return stream.getvalue()
+
+
+def matlab73(arrays, *, compressed=False, classes=()):
+    """Return a MATLAB file of version 7.3 as MATLAB writes it: HDF5 behind 512 bytes of text."""
+    stream = io.BytesIO()
+    options = {"chunks": True, "compression": "gzip", "shuffle": True} if compressed else {}
+    with h5py.File(stream, "w", userblock_size=512) as file:
+        for name, array in arrays.items():
+            one = file.create_dataset(name, data=np.atleast_2d(array).T, **options)
+            one.attrs["MATLAB_class"] = np.bytes_(dict(classes).get(name, "double"))
+    return b"MATLAB 7.3 MAT-file".ljust(512) + stream.getvalue()[512:]

@@ -1,6 +1,7 @@
 """Are damaged record files read or refused, in little time?"""
 
 import contextlib
+import os
 import random
 import subprocess
 import sys
@@ -10,16 +11,27 @@ import numpy as np
 import pytest
 
 from mm_gym import SceneError
-from mm_gym.records import read_record, text
+from mm_gym.records import arrays, read_record, text
 from mm_gym.records.text import MOST_BYTES
 
-from .files import GOOD, SAMPLES, peer, read
+from .files import GOOD, SAMPLES, matlab, matlab73, numpy_archive, peer, read
 
 SEEDS = [
     ("motion.at2", peer(SAMPLES * 3).encode()),
     ("motion.at2", peer(SAMPLES * 3, form="{:+.7E}", newline="\r\n").encode()),
     ("motion.csv", b"time,a\n" + b"".join(b"%d,%d.5\n" % (i, -i) for i in range(12))),
     ("motion.csv", b"".join(b"%d \t-.%dD-2 # x\n" % (i, i) for i in range(12))),
+    ("motion.csv", b"t;a;b\n" + b"".join(b"%d;x;-%d,5\n" % (i, i) for i in range(12))),
+]
+COLUMN = {SEEDS[-1][1]: "b"}
+SERIES = np.column_stack([0.01 * np.arange(40), np.sin(np.arange(40.0))])
+ARRAYS = [
+    *[("motion.npz", numpy_archive({"acc": SERIES}, compressed=one)) for one in (False, True)],
+    *[
+        ("motion.mat", matlab({"acc": SERIES, "name": "x"}, compressed=one))
+        for one in (False, True)
+    ],
+    *[("motion.mat", matlab73({"acc": SERIES}, compressed=one)) for one in (False, True)],
 ]
 PIECES = [
     *[b"\n", b"\r", b",", b";", b" ", b"#", b"-", b"E", b".", b"nan", b"inf", b"1e999", b"\x00"],
@@ -61,11 +73,11 @@ def test_mutated_file_is_read_or_refused(monkeypatch, count):
     accepted, slowest, messages = 0, 0.0, []
     for i in range(count):
         chance = random.Random(i)  # noqa: S311 - not cryptography
-        name, content = chance.choice(SEEDS)
-        content = mutated(chance, content)
+        name, whole = chance.choice(SEEDS)
+        content = mutated(chance, whole)
         start = time.process_time()
         try:
-            record = read_record(name, unit="g")
+            record = read_record(name, unit="g", column=COLUMN.get(whole))
         except SceneError as error:
             messages.append(str(error))
         else:
@@ -77,6 +89,88 @@ def test_mutated_file_is_read_or_refused(monkeypatch, count):
     assert 0.1 * count < accepted < 0.9 * count, "the mutations are too tame or too wild"
     assert all(message and "\n" not in message for message in messages)
     assert slowest < 5.0
+
+
+def damaged(chance, content):
+    """Return the content with some bytes changed, removed or set to large numbers, or its start."""
+    content = bytearray(content)
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        at = chance.randrange(len(content))
+        kind = chance.randrange(5)
+        if kind == 0:
+            content[at] = chance.randrange(256)
+        elif kind == 1:
+            content[at] ^= 1 << chance.randrange(8)
+        elif kind == 2:
+            del content[at : at + chance.randrange(1, 30)]
+        elif kind == 3:
+            content[at : at + 4] = chance.choice([b"\xff" * 4, bytes(4), b"\xff\xff\xff\x7f"])
+        else:
+            del content[max(at, 1) :]
+    return bytes(content)
+
+
+@pytest.mark.parametrize("kind", range(len(ARRAYS)))
+def test_damaged_file_of_arrays_is_read_or_refused(monkeypatch, kind):
+    name, whole = ARRAYS[kind]
+    content = whole
+    monkeypatch.setattr(arrays, "read_bytes", lambda *_, **__: content)
+    record = read_record(name, unit="m/s^2")
+    assert np.array_equal([record.times, record.values], SERIES.T)
+    messages: list[str] = []
+    slowest = 0.0
+    for i in range(700):
+        content = damaged(random.Random(i), whole)  # noqa: S311 - not cryptography
+        start = time.process_time()
+        try:
+            record = read_record(name, unit="g", variable="acc")
+        except SceneError as error:
+            messages.append(str(error))
+        else:
+            assert np.all(np.abs(record.values) < 1e14), content
+            assert np.all(np.diff(record.times) > 0.0), content
+        slowest = max(slowest, time.process_time() - start)
+    assert len(messages) > 350
+    assert all(text.startswith(name) and "\n" not in text for text in messages)
+    assert slowest < 1.0
+
+
+def inflating(form):
+    """Return a file of a few kilobytes that claims, or inflates to, gigabytes."""
+    if form == "npz":
+        whole = numpy_archive({"acc": np.zeros(2**24)}, compressed=True)
+    elif form == "mat":
+        whole = matlab({"acc": np.zeros(2**24)}, compressed=True)
+    else:
+        whole = matlab73({"acc": np.zeros(2**24)}, compressed=True)
+    assert len(whole) < MOST_BYTES
+    return whole
+
+
+@pytest.mark.parametrize("form", ["npz", "mat", "mat73"])
+def test_small_file_of_a_huge_array_is_refused_soon(monkeypatch, form):
+    content = inflating(form)
+    monkeypatch.setattr(arrays, "read_bytes", lambda *_, **__: content)
+    start = time.process_time()
+    with pytest.raises(SceneError, match=r"allowed: at most|too large"):
+        read_record("motion.npz" if form == "npz" else "motion.mat", unit="g", time_step=0.01)
+    assert time.process_time() - start < 1.0
+
+
+@pytest.mark.parametrize("name", ["m.at2", "m.csv", "m.npz", "m.mat"])
+def test_what_is_no_file_is_refused_at_once(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / name).symlink_to("/dev/zero")
+    start = time.perf_counter()
+    for file in (tmp_path / name, tmp_path / "folder" / name):
+        with pytest.raises(SceneError, match="cannot be read: not a file but a directory or a dev"):
+            read_record(file, unit="g")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / name).touch()
+    with pytest.raises(SceneError, match=name):
+        read_record(tmp_path / "empty" / name, unit="g")
+    assert time.perf_counter() - start < 1.0
 
 
 @pytest.mark.parametrize(
@@ -113,11 +207,14 @@ LARGE = {
     "wide": ("motion.at2", large(" 0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
     "narrow": ("motion.at2", large("1\n", "", GOOD)),
     "one line": ("motion.at2", large("1 ", "x", GOOD)),
+    "text beside": ("motion.csv", large("0,1,x\n", "7,y,x\n")),
+    "decimal commas": ("motion.csv", large("0;1\n", "7;1,5;2\n")),
     "glued": ("motion.at2", large("-0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
 }
 
 
-STEPS = {"columns": 0.01, "comments": 0.01}
+STEPS = {"columns": 0.01, "comments": 0.01, "text beside": 0.01}
+COLUMNS = {"text beside": 2}
 
 
 @pytest.mark.parametrize("kind", LARGE)
@@ -126,7 +223,7 @@ def test_large_file_that_is_wrong_is_refused_soon(monkeypatch, kind):
     monkeypatch.setattr(text, "read_bytes", lambda *_, **__: content)
     start = time.process_time()
     with pytest.raises(SceneError):
-        read_record(name, unit="g", time_step=STEPS.get(kind))
+        read_record(name, unit="g", time_step=STEPS.get(kind), column=COLUMNS.get(kind))
     # Most take half a second, and eight million numbers a second; what is not linear in their
     # number takes hours.
     assert time.process_time() - start < 20.0
@@ -143,7 +240,10 @@ largest = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 before = largest()
 for file in pathlib.Path({str(tmp_path)!r}).iterdir():
     try:
-        records.read_record(file, unit="g", time_step={STEPS}.get(file.name.split()[0]))
+        kind = file.name.rpartition(" ")[0]
+        records.read_record(
+            file, unit="g", time_step={STEPS}.get(kind), column={COLUMNS}.get(kind)
+        )
     except SceneError:
         continue
     raise AssertionError(file)

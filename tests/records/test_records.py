@@ -118,16 +118,46 @@ HEAD = "\n".join([*TITLE, QUANTITY])
         (GOOD.replace("DT=.0050", "DT=-.005"), ":4: DT: got '-.005'; allowed: a number from 1e-09"),
         (GOOD.replace("DT=.0050", "DT=nan"), ":4: DT: got 'nan'; allowed: a number from 1e-09 to"),
         (GOOD.replace(".0050 SEC", "5 MSEC"), ":4: DT: got the unit 'MSEC'; allowed: SEC"),
-        (GOOD.replace("0.0000000E+00", "0.00x0000E+00"), ":6: got '0.00x0000E+00'; allowed: a num"),
-        (GOOD.replace("0.0000000E+00", "          nan"), ":6: got 'nan'; allowed: a number of mag"),
-        (GOOD.replace("0.0000000E+00", "     Infinity"), ":6: got 'Infinity'; allowed: a number "),
-        (GOOD.replace("0.0000000E+00", "         1E99"), ":6: got '1E99'; allowed: a number of ma"),
-        (GOOD.replace("0.0000000E+00", "        1E999"), ":6: got '1E999'; allowed: a number of m"),
-        (GOOD.replace("0.0000000E+00", "    1_000.000"), ":6: got '1_000.000'; allowed: a number"),
-        (GOOD.replace("0.0000000E+00", "      1.5-105"), ":6: got '1.5-105'; allowed: a number of"),
-        (GOOD.replace("0.0000000E+00", "0.1E-010.2E-1"), ":6: got '0.1E-010.2E-1'; allowed: a num"),
-        (GOOD.replace("0.0000000E+00", "          \u0663.0"), ":6: got '\u0663.0'; allowed: a num"),
-        (GOOD.replace("0.0000000E+00", "          ***"), ":6: got '***'; allowed: a number of ma"),
+        (
+            GOOD.replace("0.0000000E+00", "0.00x0000E+00"),
+            ":6: column 1: got '0.00x0000E+00'; allowed: a num",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "          nan"),
+            ":6: column 1: got 'nan'; allowed: a number of mag",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "     Infinity"),
+            ":6: column 1: got 'Infinity'; allowed: a number ",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "         1E99"),
+            ":6: column 1: got '1E99'; allowed: a number of ma",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "        1E999"),
+            ":6: column 1: got '1E999'; allowed: a number of m",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "    1_000.000"),
+            ":6: column 1: got '1_000.000'; allowed: a number",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "      1.5-105"),
+            ":6: column 1: got '1.5-105'; allowed: a number of",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "0.1E-010.2E-1"),
+            ":6: column 1: got '0.1E-010.2E-1'; allowed: a num",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "          \u0663.0"),
+            ":6: column 1: got '\u0663.0'; allowed: a num",
+        ),
+        (
+            GOOD.replace("0.0000000E+00", "          ***"),
+            ":6: column 1: got '***'; allowed: a number of ma",
+        ),
         (
             GOOD.replace("ACCELERATION", "VELOCITY"),
             ":3: the header states a velocity; allowed: an accelerat",
@@ -167,25 +197,36 @@ def test_peer_file_that_is_wrong_is_refused_on_its_line(tmp_path, content, words
     [
         (
             "0 1\n0.1 2\n0.1 3\n",
-            ":3: time: got 0.10000000000000001; allowed: at least 1e-09 s more",
+            ":3: column 1: time: got 0.10000000000000001; allowed: at least 1e-09 s more",
         ),
-        ("0 1\n\n# x\n0.2 2\n0.1 3\n", "more than 0.20000000000000001 on line 4"),
-        ("-1 1\n0 2\n", ":1: time: got -1; allowed: at least 0 s"),
-        ("0 1\n1e-10 2\n", ":2: time: got "),
-        ("t a\n0.0x 1\n1 2\n", ":2: got '0.0x'; allowed: a number"),
-        ("nan nan\n1 2\n", ":1: got 'nan'; allowed: a number"),
-        ("run 7\n0 1\n1 2\n", ":1: got 'run'; allowed: a number"),
-        ("0,1\n1,2,\n", ":2: got 3 columns; allowed: one or two"),
-        ("0,1\n1\n", ":2: got 1 column; allowed: one or two"),
-        ("0,1,2\n1,2,3\n", ":1: got 3 columns; allowed: one or two"),
+        (
+            "0 1\n\n# x\n0.2 2\n0.1 3\n",
+            ":5: column 1: time: got 0.10000000000000001; allowed: at least",
+        ),
+        ("-1 1\n0 2\n", ":1: column 1: time: got -1; allowed: at least 0 s"),
+        ("0 1\n1e-10 2\n", ":2: column 1: time: got "),
+        ("t a\n0.0x 1\n1 2\n", ":2: column 1: got '0.0x'; allowed: a number"),
+        ("nan nan\n1 2\n", ":1: column 1: got 'nan'; allowed: a number"),
+        ("run 7\n0 1\n1 2\n", ":1: column 1: got 'run'; allowed: a number"),
+        ("0,1\n1,2,\n", ":2: got 3 columns; allowed: 2 columns on every line"),
+        ("0,1\n1\n", ":2: got 1 column; allowed: 2 columns on every line"),
+        (
+            "0,1,2\n1,2,3\n",
+            ":1: got 3 columns; allowed: one, or two with the times first. Set column",
+        ),
         ("0,1\n1;2\n", ":2: got 1 column; allowed"),
-        ("0,1\n1,2 3\n", ":2: got '2 3'; allowed: a number"),
+        ("0,1\n1,2 3\n", ":2: column 2: got '2 3'; allowed: a number"),
         # As many numbers as cells, in the wrong places.
-        ("0,1\n1,\n2 3,4\n", ":2: got ''; allowed: a number"),
-        ("0;1\n1;2,5\n", ":2: got '2,5'; allowed: a number"),
-        ("0,1\n1,0x10\n", ":2: got '0x10'; allowed: a number"),
-        ("0,1\n1,-1-2.5\n", ":2: got '-1-2.5'; allowed: a number"),
-        ("0,1\n1,1e13\n", ":2: got '1e13'; allowed: a number of magnitude at most 1e+12"),
+        ("0,1\n1,\n2 3,4\n", ":2: column 2: got ''; allowed: a number"),
+        ("0;1.5\n1;2,5\n", ":2: column 2: got '2,5'; allowed: a number"),
+        (
+            "0;1,5\n1;2.5\n",
+            ":2: column 2: got '2.5'; allowed: a number of magnitude at most 1e+12, with a",
+        ),
+        ("0;1\n1;1.234,5\n", ":2: column 2: got '1.234,5'; allowed: a number"),
+        ("0,1\n1,0x10\n", ":2: column 2: got '0x10'; allowed: a number"),
+        ("0,1\n1,-1-2.5\n", ":2: column 2: got '-1-2.5'; allowed: a number"),
+        ("0,1\n1,1e13\n", ":2: column 2: got '1e13'; allowed: a number of magnitude at most 1e+12"),
         ("1\n2\n", ":1: a file with one column states no times; set time_step"),
         ("time, a\n# none\n", ": the file holds no samples"),
         ("0 1\n", ": got one sample; allowed: at least two"),
@@ -203,7 +244,7 @@ def test_options_are_checked(tmp_path):
     with pytest.raises(SceneError, match=r":3: the header states units of G; got unit = 'N'"):
         read(tmp_path, GOOD, unit="N")
     with pytest.raises(
-        SceneError, match=r"the file states NPTS and DT, so time_step has no effect"
+        SceneError, match=r"PEER's format states NPTS and DT of one series, so time_step has no"
     ):
         read(tmp_path, GOOD, time_step=0.1)
     with pytest.raises(SceneError, match=r"the file states times, so time_step has no effect"):
@@ -389,11 +430,13 @@ def test_line_is_named_in_any_block_of_a_long_file(tmp_path):
     count = 3 * BLOCK // 8
     times = [f"{0.25 * k:g} 1" for k in range(count)]
     times[count - 2] = times[count - 3]
-    with pytest.raises(SceneError, match=rf"csv:{count + 1}: time: .* on line {count}$"):
+    with pytest.raises(
+        SceneError, match=rf"csv:{count + 1}: column 1: time: .*, the one before it$"
+    ):
         read(tmp_path, "# t\n\n" + "\n".join(times[:-1]), "motion.csv", unit="N")
     lines = peer(np.arange(float(count)), columns=1).split("\n")
     lines[count // 2] = "1_0"
-    with pytest.raises(SceneError, match=rf"at2:{count // 2 + 1}: got '1_0'"):
+    with pytest.raises(SceneError, match=rf"at2:{count // 2 + 1}: column 1: got '1_0'"):
         read(tmp_path, "\n".join(lines))
 
 

@@ -1,0 +1,294 @@
+"""Arrays of numbers in files of NumPy (.npz) and MATLAB (.mat, versions 5 and 7.3).
+
+Nothing in a file is executed, and none takes more memory than `MOST_ARRAY_BYTES` for an array,
+whatever it claims: sizes are checked before the numbers are read. Files of version 5 are read here,
+because `scipy.io.loadmat` inflates whatever a file claims, and some damaged ones end its process.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from importlib import import_module
+from io import BytesIO
+from math import prod
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from mm_gym.errors import SceneError, suggest
+from mm_gym.files import read_bytes
+from mm_gym.records.numbers import LARGEST
+from mm_gym.records.text import MOST_BYTES, check_times, evenly, refuse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from mm_gym.records.options import Options
+
+MOST_ARRAY_BYTES = 2**26
+"""Largest array: 8 million samples in double precision."""
+
+REAL = "fiu"
+"""Kinds of NumPy's types that hold real numbers."""
+
+MATLAB_REAL = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
+"""MATLAB's classes of real numbers."""
+
+MAT_HEADER, MAT_VERSIONS = 128, (b"\x00\x01IM", b"\x01\x00MI")
+MAT_MATRIX, MAT_COMPRESSED = 14, 15
+MAT_CLASS, MAT_UNREAL, MAT_REAL = 0xFF, 0x0A00, range(6, 16)
+"""Bits of an array's flags: its class, and if it is complex or logical; the classes of numbers."""
+
+MAT_TYPES = dict(
+    zip(
+        (1, 2, 3, 4, 5, 6, 7, 9, 12, 13),
+        ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8"),
+        strict=True,
+    )
+)
+"""Type of a data element -> that of NumPy."""
+
+HDF5_PLACES, HDF5_MARK = (0, 512), b"\x89HDF\r\n\x1a\n"
+DEFLATE, SHUFFLE = 1, 2
+"""HDF5's filters that are read."""
+
+
+def read_arrays(
+    file: Path, options: Options
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the instants [s], the samples in the file's unit, and their least spacing [s]."""
+    if options.skip:
+        refuse(file, None, f"skip: got {options.skip}; it has no effect: the file is not text")
+    content = read_bytes(file, most=MOST_BYTES)
+    name, array = READERS[file.suffix.lower()](file, content, options.variable)
+    where = f"{file}: {name}"
+    if array.dtype.kind not in REAL:
+        msg = f"{where}: got numbers of type {array.dtype}; allowed: real numbers"
+        raise SceneError(msg)
+    shape = array.shape
+    if len(shape) == 2 and shape[0] == 1:  # noqa: PLR2004 - MATLAB's vectors are rows too
+        array = array.T
+    elif len(shape) == 1:
+        array = array[:, None]
+    if array.ndim != 2 or not array.size:  # noqa: PLR2004
+        msg = f"{where}: got shape {shape}; allowed: (n,), or (n, k) with a column for each series"
+        raise SceneError(msg)
+
+    def refuse_columns(text: str) -> NoReturn:
+        msg = f"{where} of shape {shape}: {text}"
+        raise SceneError(msg)
+
+    places = options.places(array.shape[1], (), refuse_columns)
+    values = array[:, places].astype(np.float64)
+    wrong = np.argwhere(~(np.abs(values) <= LARGEST))
+    if len(wrong):
+        row, k = (int(index) for index in wrong[0])
+        allowed = f"a number of magnitude at most {LARGEST:g}"
+        place = f"{where}, row {row + 1}, column {places[k] + 1}"
+        msg = f"{place}: got {values[row, k]:g}; allowed: {allowed}"
+        raise SceneError(msg)
+    if len(places) == 1:
+        step = options.time_step or 0.0  # `places` has asked for it
+        return evenly(len(values), step), values[:, 0].copy(), step
+    times, samples = values.T.copy()
+    check_times(times, lambda row: f"{where}, row {row + 1}, column 1")
+    return times, samples, float(np.min(np.diff(times), initial=np.inf))
+
+
+def _chosen(file: Path, variable: str | None, names: Sequence[str]) -> str:
+    """Return the name of the array to read: the one asked for, or the only one."""
+    if variable is None and len(names) == 1:
+        return names[0]
+    allowed = ", ".join(map(repr, sorted(names))) or "none, the file has no array of real numbers"
+    if variable is None:
+        refuse(file, None, f"variable: missing; allowed: {allowed}")
+    if names.count(variable) != 1:
+        refuse(
+            file, None, f"variable: got {variable!r}{suggest(variable, names)}; allowed: {allowed}"
+        )
+    return variable
+
+
+def _check_size(file: Path, name: str, shape: Sequence[int], itemsize: int) -> None:
+    if not 0 <= prod(shape) * itemsize <= MOST_ARRAY_BYTES:
+        allowed = f"at most {MOST_ARRAY_BYTES} bytes"
+        refuse(file, None, f"{name}: got {prod(shape)} numbers; allowed: {allowed}")
+
+
+def _read_npz(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
+    try:
+        archive = zipfile.ZipFile(BytesIO(content))
+        members = {
+            entry.filename.removesuffix(".npy"): entry
+            for entry in archive.infolist()
+            if entry.filename.endswith(".npy")
+        }
+        name = _chosen(file, variable, list(members))
+        size = members[name].file_size
+        _check_size(file, name, (size,), 1)
+        with archive.open(members[name]) as stream:
+            return name, _of_npy(stream.read(size))
+    except SceneError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+        refuse(file, None, f"not a whole .npz file: {error}")
+    except (ValueError, RuntimeError, OverflowError, OSError) as error:
+        refuse(file, None, f"not an .npz file of plain numbers: {error}")
+
+
+def _of_npy(data: bytes) -> NDArray[Any]:
+    """Return the array of an .npy file; raise `ValueError` if it is not whole, or has objects."""
+    stream = BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    headers = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    if version not in headers:
+        msg = f"version {version} of the .npy format; allowed: 1.0 or 2.0"
+        raise ValueError(msg)
+    shape, is_fortran, dtype = headers[version](stream)
+    rest = len(data) - stream.tell()
+    if dtype.kind not in REAL or prod(shape) * dtype.itemsize != rest:
+        msg = (
+            f"got type {dtype}, shape {shape} and {rest} bytes; allowed: all of an array of numbers"
+        )
+        raise ValueError(msg)
+    flat = np.frombuffer(data, dtype, offset=stream.tell())
+    return flat.reshape(shape, order="F" if is_fortran else "C")
+
+
+def _read_mat(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
+    if any(content[place : place + len(HDF5_MARK)] == HDF5_MARK for place in HDF5_PLACES):
+        return _read_hdf5(file, content, variable)
+    if content[MAT_HEADER - 4 : MAT_HEADER] not in MAT_VERSIONS:
+        refuse(file, None, "not a MATLAB file of version 5 or 7.3")
+    order = "<" if content.endswith(b"IM", 0, MAT_HEADER) else ">"
+    arrays: list[tuple[str, tuple[int, ...], NDArray[Any]]] = []
+    room, data = MOST_ARRAY_BYTES, memoryview(content)[MAT_HEADER:]
+    try:
+        for kind, body in _elements(data, order):
+            matrix = kind, body
+            if kind == MAT_COMPRESSED:
+                stream = zlib.decompressobj()
+                inflated = stream.decompress(body, room)
+                room -= len(inflated)
+                if not stream.eof or not room:
+                    refuse(file, None, "a variable is not whole, or too large")
+                matrix = next(_elements(memoryview(inflated), order))
+            array = _matrix(matrix[1], order) if matrix[0] == MAT_MATRIX else None
+            if array is not None:
+                arrays.append(array)
+        name = _chosen(file, variable, [name for name, _, _ in arrays])
+        shape, flat = next((shape, flat) for one, shape, flat in arrays if one == name)
+        return name, flat.reshape(shape, order="F")
+    except SceneError:
+        raise
+    except (ValueError, StopIteration, struct.error, zlib.error) as error:
+        refuse(file, None, f"not a whole MATLAB file: {error}")
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Yield type and content of each data element; raise `ValueError` where the data end in one."""
+    place = 0
+    while place < len(data):
+        kind, size = struct.unpack_from(order + "II", data, place)
+        start = place + 8
+        if kind >> 16:  # the content is small, and part of the tag
+            kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
+        end = max(start + size, place + 8)
+        if end > len(data):
+            msg = f"it ends in an element of {size} bytes"
+            raise ValueError(msg)
+        yield kind, data[start : start + size]
+        place = end if kind == MAT_COMPRESSED else end + -end % 8
+
+
+def _matrix(data: memoryview, order: str) -> tuple[str, tuple[int, ...], NDArray[Any]] | None:
+    """Return name, shape and numbers of a variable, or None if it has no real numbers."""
+    parts = _elements(data, order)
+    flags, _ = struct.unpack(order + "II", next(parts)[1])
+    if flags & MAT_CLASS not in MAT_REAL or flags & MAT_UNREAL:
+        return None
+    shape = tuple(np.frombuffer(next(parts)[1], order + "i4").tolist())
+    name = bytes(next(parts)[1]).decode("ascii", "replace")
+    kind, numbers = next(parts, (9, data[:0]))
+    if kind not in MAT_TYPES:
+        msg = f"{name}: got numbers of type {kind}"
+        raise ValueError(msg)
+    return name, shape, np.frombuffer(numbers, order + MAT_TYPES[kind])
+
+
+def _read_hdf5(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
+    try:
+        h5py: Any = import_module("h5py")  # optional
+    except ImportError as error:
+        msg = f'{file}: MATLAB 7.3 needs h5py; install it with: pip install "mm-gym[matlab]"'
+        raise DependencyNotInstalled(msg) from error
+    try:
+        with h5py.File(BytesIO(content), "r") as data:
+            arrays = {
+                name: data[name]
+                for name in data
+                if isinstance(data.get(name, getlink=True), h5py.HardLink)
+                and data.get(name, getclass=True) is h5py.Dataset
+                and _is_real(data[name])
+            }
+            name = _chosen(file, variable, list(arrays))
+            one = arrays[name]
+            _check_size(file, name, one.shape, one.dtype.itemsize)
+            if one.is_virtual or one.external:
+                refuse(file, None, f"{name}: its numbers are in another file")
+            return name, (one[()] if one.chunks is None else _of_chunks(file, name, one)).T
+    except SceneError:
+        raise
+    except Exception as error:  # noqa: BLE001 - h5py raises what HDF5's library says
+        refuse(file, None, f"not a whole MATLAB file: {type(error).__name__}: {error}")
+
+
+def _is_real(dataset: Any) -> bool:  # noqa: ANN401 - of h5py, which is optional
+    kind = dataset.attrs.get("MATLAB_class", b"double")
+    name = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+    is_empty = bool(dataset.attrs.get("MATLAB_empty", 0))
+    return name in MATLAB_REAL and dataset.dtype.kind in REAL and not is_empty
+
+
+def _of_chunks(file: Path, name: str, dataset: Any) -> NDArray[Any]:  # noqa: ANN401 - as above
+    """Return a dataset that is stored in chunks: HDF5 would inflate whatever they claim."""
+    plist = dataset.id.get_create_plist()
+    filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
+    if not set(filters) <= {DEFLATE, SHUFFLE}:
+        refuse(file, None, f"{name}: got HDF5 filters {filters}; allowed: {[SHUFFLE, DEFLATE]}")
+    _check_size(file, name, dataset.chunks, dataset.dtype.itemsize)
+    size = prod(dataset.chunks) * dataset.dtype.itemsize
+    array = np.zeros(dataset.shape, dataset.dtype)
+    for i in range(dataset.id.get_num_chunks()):
+        offset = dataset.id.get_chunk_info(i).chunk_offset
+        left_out, raw = dataset.id.read_direct_chunk(offset)
+        for bit in reversed(range(len(filters))):
+            if left_out >> bit & 1:
+                continue
+            if filters[bit] == DEFLATE:
+                raw = zlib.decompressobj().decompress(raw, size + 1)
+            else:
+                raw = np.frombuffer(raw, np.uint8).reshape(dataset.dtype.itemsize, -1).T.tobytes()
+        chunk = np.frombuffer(raw, dataset.dtype).reshape(dataset.chunks)
+        places = tuple(
+            slice(start, min(start + length, end))
+            for start, length, end in zip(offset, dataset.chunks, dataset.shape, strict=True)
+        )
+        array[places] = chunk[tuple(slice(place.stop - place.start) for place in places)]
+    return array
+
+
+READERS: dict[str, Callable[[Path, bytes, str | None], tuple[str, NDArray[Any]]]] = {
+    ".npz": _read_npz,
+    ".mat": _read_mat,
+}
+"""End of a file's name -> (file, content, variable) -> name of the array, and the array."""

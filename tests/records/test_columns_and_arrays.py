@@ -1,0 +1,251 @@
+"""Is the right column or array of a file read, or refused with its place?"""
+
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled
+from scipy.io import loadmat
+
+from mm_gym import SceneError
+from mm_gym.records import read_record
+
+from .files import COUNTS, SAMPLES, matlab, matlab73, numpy_archive, peer, read
+
+TABLE = [
+    ["time [s]", "north [g]", "east [m/s^2]"],
+    ["0.00", "1.5", "-2.25"],
+    ["0.01", "2.5", "0.125"],
+    ["0.03", "-1e-1", "4"],
+]
+TIMES = [0.0, 0.01, 0.03]
+NORTH, EAST = [1.5, 2.5, -0.1], [-2.25, 0.125, 4.0]
+
+
+def text(mark, *, comma=False, rows=TABLE):
+    lines = [mark.join(row) for row in rows]
+    return "\n".join(line.replace(".", ",") if comma else line for line in lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("mark", "comma"), [(",", False), (";", False), (";", True), ("\t", False), (" ; ", True)]
+)
+def test_column_is_read_by_number_or_name_with_any_separator(tmp_path, mark, comma):
+    content = text(mark, comma=comma)
+    for column in (2, "north [g]"):
+        record = read(tmp_path, content, "m.csv", unit="g", column=column)
+        assert record.times.tolist() == TIMES
+        assert record.values.tolist() == [value * 9.80665 for value in NORTH]
+        assert record.time_step == 0.01
+    for column in (3, "east [m/s^2]"):
+        record = read(tmp_path, content, "m.csv", unit="m/s^2", column=column)
+        assert record.values.tolist() == EAST
+        with pytest.raises(SceneError, match=r":1: the header states units of M/S\^2; got unit"):
+            read(tmp_path, content, "m.csv", unit="g", column=column)
+
+
+def test_columns_that_are_not_read_may_hold_anything(tmp_path):
+    content = "when,t,a\n2020-01-01,x,1\n2020-01-02,,2\n2020-01-03,nan,1e99\n"
+    record = read(tmp_path, content[:-5] + "3\n", "m.csv", unit="N", column="a", time_step=0.5)
+    assert record.values.tolist() == [1.0, 2.0, 3.0]
+    assert record.times.tolist() == [0.0, 0.5, 1.0]
+    with pytest.raises(SceneError, match=":4: column 3: got '1e99'; allowed: a number of magnitu"):
+        read(tmp_path, content, "m.csv", unit="N", column=3, time_step=0.5)
+
+
+def test_blanks_separate_columns_and_names(tmp_path):
+    content = "# t  x   y\n 0 1 2\n 1\t3  4\n"
+    assert read(tmp_path, content, "m.txt", unit="N", column="y").values.tolist() == [2.0, 4.0]
+    assert read(tmp_path, content, "m.txt", unit="N", column=2).values.tolist() == [1.0, 3.0]
+
+
+def test_column_of_times_becomes_samples_with_a_time_step(tmp_path):
+    record = read(tmp_path, "1,2\n3,4\n", "m.csv", unit="N", column=1, time_step=0.1)
+    assert record.values.tolist() == [1.0, 3.0]
+
+
+def test_lines_are_skipped_and_still_counted(tmp_path):
+    content = "run 7 of 9\n3,4,5,6\n" + text(",")
+    record = read(tmp_path, content, "m.csv", unit="g", column=2, skip=2)
+    assert record.times.tolist() == TIMES
+    with pytest.raises(SceneError, match=r"m\.csv:5: column 2: got 'x'; allowed"):
+        read(tmp_path, content.replace("2.5", "x"), "m.csv", unit="g", column=2, skip=2)
+    with pytest.raises(SceneError, match="skip: got 7; the file has 6 lines"):
+        read(tmp_path, content.rstrip("\n"), "m.csv", unit="g", column=2, skip=7)
+    for counts in COUNTS:
+        behind = "17\n" * 3 + peer(SAMPLES, counts=counts)
+        assert np.array_equal(
+            read(tmp_path, behind, skip=3).values, read(tmp_path, peer(SAMPLES)).values
+        )
+    with pytest.raises(SceneError, match=r":9: got 7 samples; line 7 promises 8"):
+        read(tmp_path, behind.replace("7, .0050", "8, .0050"), skip=3)
+    with pytest.raises(SceneError, match=r":9: the file ends within its header"):
+        read(tmp_path, behind.rstrip("\n"), skip=9)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, ":2: got 3 columns (time [s], north [g], east [m/s^2]); allowed: one, or two"),
+        ({"column": 4}, ":2: column: got 4; allowed: 1 to 3"),
+        ({"column": 1}, ":2: column 1 has the times; allowed: 2 or more, or 1 with time_step"),
+        (
+            {"column": "nort [g]"},
+            ":2: column: got 'nort [g]'; did you mean 'north [g]'?; allowed: 1 to 3, 'time [s]', ",
+        ),
+        ({"column": 0}, "column: got 0; allowed: a number from 1 to 1000, or a name"),
+        ({"column": True}, "column: got True; allowed: a number from 1 to 1000, or a name"),
+        ({"column": ""}, "column: got ''; allowed: a number from 1 to 1000, or a name"),
+        ({"column": 2.0}, "column: got 2.0; allowed: a number from 1 to 1000, or a name"),
+        ({"skip": -1}, "skip: got -1; allowed: a number of lines, 0 or more"),
+        ({"skip": 4}, "m.csv: skip: got 4; the file has"),
+        ({"time_step": 0.1}, ":2: got 3 columns (time"),
+        ({"variable": "a"}, "variable: no effect; allowed: for files named .npz, .mat"),
+        ({"variable": 1}, "variable: got 1; allowed: the name of a variable"),
+    ],
+)
+def test_options_that_do_not_fit_a_text_are_refused(tmp_path, options, words):
+    with pytest.raises(SceneError) as caught:
+        read(tmp_path, text(",").rstrip("\n"), "m.csv", **options)
+    assert words in str(caught.value)
+
+
+def test_name_of_several_columns_is_refused(tmp_path):
+    with pytest.raises(SceneError, match="column: got 'a', the name of several; allowed: 1 to 3"):
+        read(tmp_path, "t,a,a\n0,1,2\n1,2,3\n", "m.csv", unit="N", column="a")
+    with pytest.raises(SceneError, match="no line above the samples names as many columns"):
+        read(tmp_path, "0,1,2\n1,2,3\n", "m.csv", unit="N", column="a")
+
+
+SERIES = np.array([TIMES, NORTH]).T
+WRITERS = {
+    "m.npz": numpy_archive,
+    "5.mat": matlab,
+    "5z.mat": lambda arrays: matlab(arrays, compressed=True),
+    "73.mat": matlab73,
+    "73z.mat": lambda arrays: matlab73(arrays, compressed=True),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_arrays_are_read_from_files_of_numpy_and_matlab(tmp_path, name):
+    content = WRITERS[name]({"both": SERIES, "north": np.array(NORTH), "three": np.eye(3)})
+    for options in ({"variable": "both"}, {"variable": "both", "column": 2}):
+        record = read(tmp_path, content, name, unit="kN", **options)
+        assert record.times.tolist() == TIMES
+        assert record.values.tolist() == [1000.0 * value for value in NORTH]
+    record = read(tmp_path, content, name, unit="N", variable="north", time_step=0.2)
+    assert record.values.tolist() == NORTH
+    assert record.times.tolist() == [0.0, 0.2, 0.4]
+    record = read(tmp_path, content, name, unit="N", variable="three", column=2, time_step=1.0)
+    assert record.values.tolist() == [0.0, 1.0, 0.0]
+    alone = WRITERS[name]({"any": SERIES})
+    assert read(tmp_path, alone, name, unit="N").values.tolist() == NORTH
+
+
+@pytest.mark.parametrize(
+    "kind", ["f4", "f8", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", ">f8", ">i4"]
+)
+def test_arrays_of_every_type_are_read_as_scipy_and_numpy_do(tmp_path, kind):
+    array = np.array([[0, 3], [2, 5], [4, 100]], kind)
+    for name, write in WRITERS.items():
+        record = read(tmp_path, write({"a": array}), name, unit="N")
+        known = np.load if name == "m.npz" else loadmat
+        if name.startswith(("m.", "5")):
+            array = known(tmp_path / name)["a"]
+        assert np.array_equal([record.times, record.values], array.T)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    ("arrays", "options", "words"),
+    [
+        ({"a": SERIES, "b": SERIES}, {}, "variable: missing; allowed: 'a', 'b'"),
+        (
+            {"north": SERIES, "b": SERIES},
+            {"variable": "nort"},
+            "variable: got 'nort'; did you mean 'north'?; allowed: 'b', 'north'",
+        ),
+        (
+            {"a": np.array([[0.0, 1.0], [1.0, np.nan]])},
+            {},
+            "a, row 2, column 2: got nan; allowed: a number of magnitude at most 1e+12",
+        ),
+        (
+            {"a": np.array([[0.0, 1.0], [1.0, 2.0], [1.0, 2.0]])},
+            {},
+            "a, row 3, column 1: time: got 1; allowed: at least 1e-09 s more than 1, the one",
+        ),
+        ({"a": np.array([[-1.0, 1.0], [1.0, 2.0]])}, {}, "a, row 1, column 1: time: got -1; all"),
+        ({"a": np.array(NORTH)}, {}, "a file with one column states no times; set time_step"),
+        ({"a": np.eye(3)}, {}, "a of shape (3, 3): got 3 columns; allowed: one, or two with the"),
+        ({"a": np.eye(3)}, {"column": 4}, "a of shape (3, 3): column: got 4; allowed: 1 to 3"),
+        ({"a": np.eye(3)}, {"column": "x"}, "column: got 'x'; allowed: 1 to 3; no line"),
+        ({"a": SERIES}, {"skip": 1}, "skip: got 1; it has no effect: the file is not text"),
+        ({"a": np.array([1.0])}, {"time_step": 0.1}, "got one sample; allowed: at least two"),
+        ({"a": np.zeros((2, 2, 2))}, {}, "a: got shape (2, 2, 2); allowed: (n,), or (n, k)"),
+    ],
+)
+def test_arrays_that_are_wrong_are_refused_with_their_place(tmp_path, name, arrays, options, words):
+    with pytest.raises(SceneError) as caught:
+        read(tmp_path, WRITERS[name](arrays), name, unit="N", **options)
+    assert str(caught.value).startswith(str(tmp_path / name))
+    assert words in str(caught.value)
+
+
+def test_only_real_numbers_are_arrays_of_a_record(tmp_path):
+    others = {
+        "letters": "abc",
+        "parts": {"x": 1.0},
+        "cells": np.array([1, "a"], dtype=object),
+        "complex": SERIES * 1j,
+        "flags": SERIES > 0.0,
+    }
+    content = matlab(others | {"a": SERIES})
+    assert read(tmp_path, content, "m.mat", unit="N").values.tolist() == NORTH
+    with pytest.raises(SceneError, match="allowed: none, the file has no array of real numbers"):
+        read(tmp_path, matlab(others), "m.mat", unit="N")
+    letters = {"a": SERIES, "letters": np.array([[97, 98]], "u2")}
+    content = matlab73(letters, classes={"letters": "char"})
+    assert read(tmp_path, content, "m.mat", unit="N").values.tolist() == NORTH
+
+
+class Trap:
+    def __reduce__(self):
+        return (pytest.fail, ("executed",))
+
+
+def test_objects_in_a_file_are_refused_unseen(tmp_path):
+    with pytest.raises(SceneError, match=r"not an \.npz file of plain numbers"):
+        read(tmp_path, numpy_archive({"a": np.array([Trap(), 1])}), "m.npz", unit="N")
+
+
+def test_hdf5_links_to_other_files_are_not_followed(tmp_path):
+    np.arange(4.0).tofile(tmp_path / "raw")
+    with h5py.File(tmp_path / "m.mat", "w", userblock_size=512) as file:
+        file["a"] = h5py.ExternalLink("other.mat", "/x")
+        file.create_dataset("raw", (4,), "f8", external=[(str(tmp_path / "raw"), 0, 32)])
+    with pytest.raises(SceneError, match="variable: got 'a'; allowed: 'raw'"):
+        read_record(tmp_path / "m.mat", unit="N", variable="a", time_step=0.1)
+    with pytest.raises(SceneError, match="raw: its numbers are in another file"):
+        read_record(tmp_path / "m.mat", unit="N", time_step=0.1)
+
+
+@pytest.mark.parametrize("content", [b"", b"0 1\n1 2\n", b"MATLAB 5.0 MAT-file" + bytes(200)])
+@pytest.mark.parametrize("name", ["m.mat", "m.npz"])
+def test_other_files_are_refused_by_their_content(tmp_path, name, content):
+    with pytest.raises(SceneError, match=r"m\.(mat|npz): not a"):
+        read(tmp_path, content, name, unit="N")
+
+
+def test_unit_is_needed_for_arrays(tmp_path):
+    with pytest.raises(SceneError, match=r"unit: missing; .*m\.npz is not of PEER's format"):
+        read(tmp_path, numpy_archive({"a": SERIES}), "m.npz", unit=None)
+
+
+def test_missing_extra_is_named(tmp_path, monkeypatch):
+    content = matlab73({"a": SERIES})
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(DependencyNotInstalled, match=r"mm-gym\[matlab\]"):
+        read(tmp_path, content, "m.mat", unit="N")
