@@ -35,14 +35,13 @@ from agents.report.figures import draw_costs, draw_response
 from agents.report.tables import print_ranking, write_episodes, write_scores
 from agents.training.parts import recorded_parts
 from agents.training.runs import INTERRUPTED, Run, RunError
-from mm_gym import SceneError, load_scene
+from mm_gym import SceneError, load_scene, rewarded
 from mm_gym.tasks import task_or_scene
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from agents.controllers.controller import Controller
-    from agents.evaluation.episodes import Rewards
     from mm_gym import Scene
 
 SINGLE = 200
@@ -86,6 +85,8 @@ class Arguments:
     run any code"""
     controller: str | None = None
     """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
+    reward: str | None = None
+    """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
     out: Path | None = None
     """folder for tables and figures of --controller, and of what is compared; without it they are
     only printed"""
@@ -116,11 +117,13 @@ def report_run(
     name: str = "learned",
     beside: Sequence[Controller] = (),
     trust: bool = False,
+    reward: str | None = None,
 ) -> list[Evaluation]:
     """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
 
     The results are printed and written to the run's folder, those of another policy to the folder
-    `name` in it. Other controllers may stand beside the baselines.
+    `name` in it. Other controllers may stand beside the baselines. The reward, FILE.py:NAME, is by
+    default the one that the run was trained for.
 
     Returns
     -------
@@ -132,10 +135,12 @@ def report_run(
         msg = f"{run.folder}: training is not over; continue it: python -m agents.train"
         raise RunError(msg)
     folder = run.folder if policy is None else run.folder / name
-    scene = run.scene()
-    parts = recorded_parts(scene, record["settings"], trust=trust)
+    settings = record["settings"]
+    if reward is not None:  # asked for, so its file may be run, and the run's own need not be
+        settings = {name: value for name, value in settings.items() if name != "reward"}
+    parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
     learned = parts.controller(policy or load_policy(run.policy), name)
-    return report([*beside, learned], scene, episodes, folder, parts.rewards_of)
+    return report([*beside, learned], parts.scene, episodes, folder)
 
 
 def report(
@@ -143,12 +148,11 @@ def report(
     scene: Scene,
     episodes: int,
     folder: Path | None,
-    rewards_of: Rewards | None = None,
 ) -> list[Evaluation]:
     """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
 
     def score(controller: Controller) -> Evaluation:
-        return evaluate(scene, controller, episodes=episodes, rewards_of=rewards_of)
+        return evaluate(scene, controller, episodes=episodes)
 
     (reference, *others), not_scored = baselines(scene)
     results = [score(reference)]
@@ -203,7 +207,7 @@ def compare_several(arguments: Arguments) -> None:
     if arguments.processes < 1:
         msg = f"--processes: got {arguments.processes}; allowed: at least 1"
         raise SceneError(msg)
-    compared = read_field(arguments.subjects, arguments.tasks)
+    compared = read_field(arguments.subjects, arguments.tasks, arguments.reward)
     episodes = Episodes.of_field(
         compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
     )
@@ -228,17 +232,18 @@ def main() -> str | int | None:
             return None
         subject = Path(arguments.subjects[0])
         if arguments.controller is not None:
-            scene = load_scene(task_or_scene(subject.as_posix()))
+            scene = rewarded(load_scene(task_or_scene(subject.as_posix())), arguments.reward)
             own = user_defined(arguments.controller, scene)
             report(own, scene, episodes, arguments.out)
             return None
         run = Run(subject.name, subject.parent)
         path = arguments.policy
         if path is None:
-            report_run(run, episodes, trust=arguments.trust)
+            report_run(run, episodes, trust=arguments.trust, reward=arguments.reward)
         else:
             policy = read_policy(path, trust=arguments.trust)
-            report_run(run, episodes, policy=policy, name=path.stem, trust=arguments.trust)
+            given = {"trust": arguments.trust, "reward": arguments.reward}
+            report_run(run, episodes, policy=policy, name=path.stem, **given)
     except ERRORS as error:
         return f"error: {error}"
     except KeyboardInterrupt:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 from mm_gym.env.registration import register_envs
 
 if TYPE_CHECKING:
+    from mm_gym.env.own_reward import OwnReward as OwnReward
+    from mm_gym.env.own_reward import rewarded as rewarded
     from mm_gym.env.single import MovingMassEnv as MovingMassEnv
     from mm_gym.env.vector import MovingMassVectorEnv as MovingMassVectorEnv
     from mm_gym.errors import ActionError as ActionError
@@ -31,6 +33,7 @@ _MODULES = {
     "LinearSystem": "state_space.linear_system",
     "MovingMassEnv": "env.single",
     "MovingMassVectorEnv": "env.vector",
+    "OwnReward": "env.own_reward",
     "Plant": "plant.plant",
     "Scene": "scene.scene",
     "SceneError": "errors",
@@ -38,6 +41,7 @@ _MODULES = {
     "Trajectory": "simulation.trajectory",
     "compile_scene": "plant.compile",
     "load_scene": "scene.toml_file",
+    "rewarded": "env.own_reward",
     "simulate": "simulation.simulate",
     "work_precision": "precision",
 }

@@ -15,10 +15,10 @@ from agents.evaluation.laws import laws, obstacle
 from agents.policies import load_policy
 from agents.recording.laws import law_of
 from agents.training.runs import Run, RunError
-from agents.user_code import is_path
-from mm_gym import SceneError, load_scene
+from mm_gym import OwnReward, SceneError, load_scene, rewarded
 from mm_gym.errors import suggest
 from mm_gym.tasks import ids, task_or_scene
+from mm_gym.user_code import is_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -104,11 +104,11 @@ class Trained:
     runs: tuple[Run, ...]
 
 
-def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
+def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | None = None) -> Field:
     """Return what texts name: contestants, on the given tasks or else on the scenes of the runs.
 
     Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
-    compared too; their label tells that scene.
+    compared too; their label tells that scene. An own reward, FILE.py:NAME, scores all of them.
 
     Raises
     ------
@@ -128,6 +128,9 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = ()) -> Field:
     scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
     if not scenes:
         scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
+    if reward is not None:
+        own = OwnReward(reward)
+        scenes = {task: rewarded(scene, own) for task, scene in scenes.items()}
     found = [
         _trained(text, runs[text], scenes, elsewhere=bool(tasks))
         if text in runs

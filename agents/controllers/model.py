@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.controller import columns
-from mm_gym import MovingMassVectorEnv
+from mm_gym import DesignError, MovingMassVectorEnv
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,9 +33,15 @@ class Model:
         The scene whose motion is predicted.
     lanes
         Number of states advanced at once.
+
+    Raises
+    ------
+    DesignError
+        If the scene has an own reward that reads what a disturbance is, not what it does.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
+        _require_own_reward_of_motion(scene)
         force, stretch = scene.actuation.force, scene.actuation.stretch
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
@@ -58,7 +64,7 @@ class Model:
                 "force": {"limit": self.limit},
                 "stretch": {"minimum": low, "maximum": high},
             }
-        self.effort_weight = scene.objective.effort_weight
+        self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
         self.columns = columns(scene)
         self.env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
@@ -94,3 +100,20 @@ class Model:
             actions[:, 1] = (applied[:, -1] - self.middle) / self.half
         _, rewards, *_, info = self.env.step(actions)
         return info["state"], rewards
+
+
+def _require_own_reward_of_motion(scene: Scene) -> None:
+    """Refuse an own reward of what a model with an equivalent force does not show."""
+    if scene.own_reward is None or not scene.excitation:
+        return
+    hidden = ["applied_force", "disturbance_force", "ground_acceleration"]
+    if any(part.target == "ground" for part in scene.excitation):
+        hidden.append("carriage_acceleration")
+    for name in scene.own_reward.arguments:
+        if name in hidden:
+            msg = (
+                f"reward: {scene.own_reward.name} reads {name}; the model of predictive control "
+                f"has a force on the carriage in place of the excitation; allowed: all but "
+                f"{', '.join(hidden)}"
+            )
+            raise DesignError(msg)

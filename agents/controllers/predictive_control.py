@@ -86,7 +86,7 @@ class PredictiveControl:
         count = self.search.plans
         applied, asked = (np.repeat(value, count, axis=0) for value in actuators)
         self.many.begin(np.repeat(state, count, axis=0))
-        price, pushed = self.scene.objective.effort_weight, np.repeat(forces, count, axis=1)
+        price, pushed = self.many.effort_weight, np.repeat(forces, count, axis=1)
         actions = plans.reshape(len(plans), -1, self.columns)
         total = -price * (actions**2).sum(axis=(0, 2))
         for each, force in zip(actions, pushed, strict=True):

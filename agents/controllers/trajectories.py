@@ -85,6 +85,12 @@ class Trajectories:
         *,
         foresees: bool = True,
     ) -> None:
+        if scene.own_reward is not None:
+            msg = (
+                f"reward: got {scene.own_reward.name}; allowed for plans by Gauss-Newton: the "
+                "scene's objective, a sum of squares"
+            )
+            raise DesignError(msg)
         objective = scene.objective
         if objective.displacement_limit or objective.rail_half_length:
             msg = "objective: the planner needs episodes that do not end early"

@@ -9,8 +9,8 @@ import numpy as np
 from agents.controllers.controller import Reads, columns
 from agents.controllers.feedback import Feedback
 from agents.controllers.true_state import TrueState
-from agents.user_code import call, load, split
 from mm_gym import SceneError
+from mm_gym.user_code import call, load, split
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.controllers.controller import columns
 from agents.controllers.matching_stretch import FREQUENCY
 from agents.evaluation.injected import SpringWork
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, SceneError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller, Reads
     from mm_gym import Scene
 
     Values = NDArray[np.float64]
-    Rewards = Callable[[NDArray[np.float32], dict[str, Any]], NDArray[np.float64]]
 
 HELD_OUT_SEED = 1_000_000
 """Seed of the first lane of the final evaluation; training lanes have seeds of another range."""
@@ -107,8 +104,10 @@ def limit_penalty(scene: Scene) -> float:
     """Return -reward [-] at the edge of what an episode allows.
 
     Displacement and offset are at their limits, the action is full. A term of the objective without
-    a limit, as the velocity's always is, is at its scale.
+    a limit, as the velocity's always is, is at its scale. An own reward tells nothing of an edge.
     """
+    if scene.own_reward is not None:
+        return -np.inf
     objective = scene.objective
     terms = (
         (objective.displacement_weight, objective.displacement_limit, objective.displacement_scale),
@@ -128,12 +127,10 @@ def evaluate(
     seed: int = HELD_OUT_SEED,
     episodes: int = 200,
     blocks: int = 1,
-    rewards_of: Rewards | None = None,
 ) -> Evaluation:
     """Run a controller through one episode a lane.
 
-    An unknown frequency is spread evenly over its band, in each block of the episodes anew. Rewards
-    by `rewards_of` take the place of the scene's, and their largest -reward that of L.
+    An unknown frequency is spread evenly over its band, in each block of the episodes anew.
 
     The penalty of an episode is the mean of -reward over its horizon of N steps. One that
     terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
@@ -163,8 +160,6 @@ def evaluate(
         observation, reward, terminated, truncated, info = env.step(
             controller.act(observation, known)
         )
-        if rewards_of is not None:
-            reward = rewards_of(observation, info)
         displacement[step, alive] = info["state"][alive, 0]
         rewards[step, alive] = reward[alive]
         applied[step, alive] = info["applied"][alive]
@@ -178,12 +173,18 @@ def evaluate(
             break
         if ended.any():
             env.reset(options={"reset_mask": ended})
-    least = limit_penalty(scene) if rewards_of is None else -np.inf
-    limit = np.maximum(least, (-rewards).max(axis=0))
+    limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
+    penalties = -rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit
+    if scene.own_reward is not None and np.mean(penalties) < 0.0:
+        msg = (
+            f"reward: {scene.own_reward.name} is negative on average; allowed for evaluations: a "
+            "cost of at least 0, of whose mean the root is told"
+        )
+        raise SceneError(msg)
     return Evaluation(
         name=controller.name,
         reads=controller.reads,
-        penalties=-rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit,
+        penalties=penalties,
         returns=rewards.sum(axis=0),
         frequency=options.get(FREQUENCY),
         time=scene.control.time_step * np.arange(1, steps + 1),
@@ -195,14 +196,6 @@ def evaluate(
     )
 
 
-def validation_cost(
-    scene: Scene, controller: Controller, rewards_of: Rewards | None = None
-) -> float:
+def validation_cost(scene: Scene, controller: Controller) -> float:
     """Return a controller's cost on the episodes of all validations [-]."""
-    return evaluate(
-        scene,
-        controller,
-        seed=VALIDATION_SEED,
-        episodes=VALIDATION_EPISODES,
-        rewards_of=rewards_of,
-    ).cost
+    return evaluate(scene, controller, seed=VALIDATION_SEED, episodes=VALIDATION_EPISODES).cost

@@ -47,7 +47,7 @@ def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    search = Evolution(settings, settings.load_scene())
+    search = Evolution(settings, settings.rewarded_scene())
     with closing(search.population):
         search.finish(run, bar=bar)
 

@@ -57,7 +57,7 @@ def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    Descent(settings, settings.load_scene()).finish(run, bar=bar)
+    Descent(settings, settings.rewarded_scene()).finish(run, bar=bar)
 
 
 class Descent(Search):

@@ -32,7 +32,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     RunError
         If the training of the run is not over.
     PolicyError
-        If the policy cannot be read, or the run has a base or a reward in a file of the user's.
+        If the policy cannot be read, or the run has a base in a file of the user's.
     """
     applicable, path = laws(scene), Path(name)
     if name == RANDOM:
@@ -51,5 +51,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     record = run.read()
     if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
         scene = run.scene()
-    parts = recorded_parts(scene, record["settings"], trust=False)
+    acts = {name: record["settings"].get(name) for name in ("base", "authority")}
+    acts = {name: value for name, value in acts.items() if value is not None}
+    parts = recorded_parts(scene, acts, trust=False)  # its own reward has no part in its actions
     return parts.controller(load_policy(run.policy), name)

@@ -44,7 +44,7 @@ def search_and_score(
     try:
         search(settings, run)
         learned = Learned(load_policy(run.policy))
-        cost = evaluate(settings.load_scene(), learned, episodes=EPISODES).cost
+        cost = evaluate(settings.rewarded_scene(), learned, episodes=EPISODES).cost
         notes = notes_of(run)
     except ERRORS as error:
         return f"error: {error}"

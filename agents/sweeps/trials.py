@@ -268,13 +268,13 @@ def _cost_of_training(settings: RunSettings, run: Run) -> float:
         _, search = SEARCHES[algorithm_of(settings)]
         search(settings, run, bar=False)
         agent = Learned(load_policy(run.policy))
-        return evaluate(settings.load_scene(), agent, episodes=EPISODES).cost
+        return evaluate(settings.rewarded_scene(), agent, episodes=EPISODES).cost
     from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone
 
     train(settings, run, bar=False)
     parts = make_parts(settings)
     agent = parts.controller(load_policy(run.policy))
-    return evaluate(parts.scene, agent, episodes=EPISODES, rewards_of=parts.rewards_of).cost
+    return evaluate(parts.scene, agent, episodes=EPISODES).cost
 
 
 def variant_of(trial: RunSettings) -> str:

@@ -23,11 +23,11 @@ from agents.training.algorithm_settings import (
     TD3Settings,
     TQCSettings,
 )
-from agents.user_code import is_path, source, split
-from mm_gym import Scene, SceneError, load_scene
+from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import read_toml
 from mm_gym.scene import Part
 from mm_gym.tasks import path_of, short_name, task_called
+from mm_gym.user_code import is_path, source, split
 
 Changes = Annotated[
     dict[str, JsonValue],
@@ -65,6 +65,8 @@ class RunSettings(Part):
     """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     name: str = "run"
     """folder under `runs`"""
+    reward: str | None = None
+    """"FILE.py:NAME" of a cost to use instead of the scene's; see docs/training.md"""
     seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
     """of the training; no two seeds have an episode in common, nor one with the evaluations"""
 
@@ -77,12 +79,17 @@ class RunSettings(Part):
     folder: ClassVar[str | None] = None
     """Of `configs`, with a file of good settings for each task of which they are known."""
 
-    fitted: ClassVar[tuple[str, ...]] = ("scene",)
+    fitted: ClassVar[tuple[str, ...]] = ("scene", "reward")
     """Settings for which those of a task's file were found; given others, the defaults hold."""
+
+    own_code: ClassVar[tuple[str, ...]] = ("reward",)
+    """Settings that may name something in a file of the user's."""
 
     def code(self) -> dict[str, str]:
         """Return the texts of the user's files that the settings name, by path."""
-        return {}
+        named = {what: getattr(self, what) for what in self.own_code}
+        paths = {w: split(text, w)[0] for w, text in named.items() if text and is_path(text)}
+        return {str(path): source(path, what) for what, path in paths.items()}
 
     @model_validator(mode="before")
     @classmethod
@@ -97,6 +104,8 @@ class RunSettings(Part):
             allowed = "a printable file name without separators, which begins with no dot"
             msg = f"name: got {self.name!r}; allowed: {allowed}"
             raise ValueError(msg)
+        if self.reward is not None:
+            split(self.reward, "reward")
         return self
 
     def load_scene(self) -> Scene:
@@ -110,6 +119,16 @@ class RunSettings(Part):
         scene = load_scene(self.task if self.scene is None else self.scene)
         return scene.replace(**self.changes)
 
+    def rewarded_scene(self) -> Scene:
+        """Return the same with the reward of the settings, whose file is run.
+
+        Raises
+        ------
+        SceneError
+            If the scene or the reward is wrong.
+        """
+        return rewarded(self.load_scene(), self.reward)
+
 
 class TrainSettings(RunSettings):
     """What is trained, for how long, and where it is written."""
@@ -120,8 +139,6 @@ class TrainSettings(RunSettings):
     """controller that the agent is added to: a name, or "FILE.py:NAME"; see docs/training.md"""
     authority: Annotated[float, Field(gt=0, le=2)] = 0.5
     """most that an agent adds to its base's action, whose range is -1 to 1"""
-    reward: str | None = None
-    """"FILE.py:NAME" of a cost to use instead of the scene's; see docs/training.md"""
     lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
     """environments side by side"""
     steps: Count = 1_000_000
@@ -147,12 +164,7 @@ class TrainSettings(RunSettings):
     growing: ClassVar[tuple[str, ...]] = ("steps", "time_budget")
     folder: ClassVar[str | None] = "agents"
     fitted: ClassVar[tuple[str, ...]] = ("scene", "algorithm")
-
-    def code(self) -> dict[str, str]:
-        """Return the texts of the files of base and reward, by path."""
-        named = {"base": self.base, "reward": self.reward}
-        paths = {w: split(text, w)[0] for w, text in named.items() if text and is_path(text)}
-        return {str(path): source(path, what) for what, path in paths.items()}
+    own_code: ClassVar[tuple[str, ...]] = ("base", "reward")
 
     @property
     def chosen(self) -> AlgorithmSettings:
@@ -161,8 +173,6 @@ class TrainSettings(RunSettings):
 
     @model_validator(mode="after")
     def _has_samples(self) -> Self:
-        if self.reward is not None:
-            split(self.reward, "reward")
         for name in ("ppo", "recurrent_ppo"):
             if self.algorithm == name and self.lanes * getattr(self, name).rollout == 1:
                 msg = (

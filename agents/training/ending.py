@@ -17,7 +17,6 @@ from agents.training.runs import read_as
 from mm_gym.files import write_text
 
 if TYPE_CHECKING:
-    from agents.evaluation.episodes import Rewards
     from agents.training.progress import Progress
     from agents.training.runs import Run
     from mm_gym import Scene
@@ -56,16 +55,14 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     replaced: bool = False
 
     @classmethod
-    def of(
-        cls, run: Progress, scene: Scene, rewards_of: Rewards | None = None, **told: object
-    ) -> Ending:
+    def of(cls, run: Progress, scene: Scene, **told: object) -> Ending:
         """Return the ending of a run.
 
         Parameters
         ----------
         run
             Its validations.
-        scene, rewards_of
+        scene
             What they were on.
         told
             The other attributes, without the costs.
@@ -75,7 +72,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         costs = {
             "cost": run.least_cost,
             "began_with": float(cost) if steps == 0 else math.inf,
-            "no_control": validation_cost(scene, without, rewards_of),
+            "no_control": validation_cost(scene, without),
         }
         finite = {name: cost if math.isfinite(cost) else None for name, cost in costs.items()}
         return cls.model_validate({**told, **finite})

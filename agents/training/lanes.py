@@ -11,7 +11,6 @@ from gymnasium.wrappers.vector import TransformReward
 
 from agents.training.arrays import part_of
 from agents.training.config import SEED_BITS
-from agents.training.own_cost import OwnReward
 from agents.training.residual_lanes import ResidualLanes
 from agents.training.seeds import training_seeds
 from mm_gym.sb3 import VectorEnvAdapter
@@ -70,8 +69,6 @@ def make_lanes(settings: TrainSettings, parts: Parts) -> TrainingLanes:
         autoreset_mode=AutoresetMode.SAME_STEP,
     )
     scale, residual = settings.chosen.reward_scale, None
-    if parts.cost is not None:
-        lanes = OwnReward(lanes, parts.cost)
     if parts.base is not None:
         lanes = residual = ResidualLanes(lanes, parts.base, settings.authority)
     scaled = TrainingLanes(TransformReward(lanes, lambda reward: scale * reward))

@@ -1,4 +1,4 @@
-"""The scene, the base and the cost of a run, made from its settings."""
+"""The scene, the base and the reward of a run, made from its settings."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ from agents.controllers.residual import Residual
 from agents.controllers.user_defined import user_defined
 from agents.evaluation.laws import laws, not_a_law
 from agents.policies import PolicyError
-from agents.training.own_cost import OwnCost
-from agents.user_code import is_path
-from mm_gym import DesignError, SceneError
+from mm_gym import DesignError, SceneError, rewarded
+from mm_gym.user_code import is_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from agents.controllers.controller import Controller
-    from agents.evaluation.episodes import Rewards
     from agents.policies import AnyPolicy
     from agents.training.config import TrainSettings
     from mm_gym import Scene
@@ -26,17 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The scene, the controller that the agent is added to, and the cost, the last two if any."""
+    """The scene with the run's own reward, if any, and the controller that the agent adds to."""
 
     scene: Scene
     base: Controller | None = None
-    cost: OwnCost | None = None
     authority: float = 0.0
-
-    @property
-    def rewards_of(self) -> Rewards | None:
-        """What rewards the episodes of `evaluate`, where it is not the scene."""
-        return None if self.cost is None else self.cost.rewards
 
     def controller(self, policy: AnyPolicy, name: str = "learned") -> Controller:
         """Return a policy as a controller, added to the base if there is one."""
@@ -53,11 +45,13 @@ def make_parts(settings: TrainSettings) -> Parts:
     SceneError
         If a part cannot be made.
     """
-    return _parts(settings.load_scene(), settings.base, settings.reward, settings.authority)
+    return _parts(settings.rewarded_scene(), settings.base, settings.authority)
 
 
 def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool) -> Parts:
     """Return the parts of a run, from the scene and the settings in its record.
+
+    The record's own reward is added to the scene, if it has one and the settings name it.
 
     Raises
     ------
@@ -72,7 +66,7 @@ def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool)
     if code and not trust:
         msg = f"{', '.join(code)}: the run's own code, which scoring runs; --trust allows it"
         raise PolicyError(msg)
-    return _parts(scene, base, reward, authority)  # pyright: ignore[reportArgumentType] - of the record
+    return _parts(rewarded(scene, reward), base, authority)  # pyright: ignore[reportArgumentType] - of the record
 
 
 def base_controller(scene: Scene, base: str) -> Controller:
@@ -97,10 +91,5 @@ def base_controller(scene: Scene, base: str) -> Controller:
         raise SceneError(msg) from error
 
 
-def _parts(scene: Scene, base: str | None, reward: str | None, authority: float) -> Parts:
-    return Parts(
-        scene,
-        None if base is None else base_controller(scene, base),
-        None if reward is None else OwnCost(scene, reward),
-        authority,
-    )
+def _parts(scene: Scene, base: str | None, authority: float) -> Parts:
+    return Parts(scene, None if base is None else base_controller(scene, base), authority)

@@ -118,7 +118,6 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
     Ending.of(
         progress,
         parts.scene,
-        parts.rewards_of,
         unit=UNIT,
         done=model.num_timesteps,
         total=settings.steps,
@@ -228,7 +227,7 @@ class Validation(BaseCallback):
     def _validate(self) -> None:
         policy = policy_of(self.model)
         agent = self.parts.controller(policy)
-        cost = validation_cost(self.parts.scene, agent, self.parts.rewards_of)
+        cost = validation_cost(self.parts.scene, agent)
         self.logger.record("validation/cost", cost)
         if cost < self.progress.least_cost:
             self.progress.best = {"policy": np.frombuffer(policy.to_bytes(), np.uint8)}

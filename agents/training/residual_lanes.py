@@ -17,7 +17,6 @@ from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from agents.controllers.residual import observed, propose, send
-from agents.training.own_cost import at_end
 
 if TYPE_CHECKING:
     from gymnasium.vector import VectorEnv
@@ -117,7 +116,7 @@ class ResidualLanes(Wrapper):
             cohort.send(total[cohort.lanes])
         observation, reward, terminated, truncated, info = self.env.step(total)
         ended = terminated | truncated
-        last, known = at_end(observation, info, ended)
+        last, known = _at_end(observation, info, ended)
         for cohort in self.cohorts:
             seen = (last[cohort.lanes], *(known[name][cohort.lanes] for name in KNOWN))
             self.proposed[cohort.lanes[cohort.running]] = cohort.propose(seen)[cohort.running]
@@ -172,3 +171,18 @@ class ResidualLanes(Wrapper):
                     cohort.send(sent[step])
             self.cohorts.append(cohort)
         self.proposed = np.array(arrays["proposed"])
+
+
+def _at_end(
+    observation: NDArray[np.float32], info: dict[str, Any], ended: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    """Return observation, state and what was applied at a step's end, before any restart."""
+    known = {name: info[name] for name in ("state", "applied")}
+    if not ended.any():
+        return observation, known
+    last = observation.copy()
+    last[ended] = np.stack(info["final_obs"][ended])
+    return last, {
+        name: np.where(ended[:, None], info["final_info"][name], rows)
+        for name, rows in known.items()
+    }

@@ -47,7 +47,7 @@ def iterate(settings: IterateSettings, run: Run, *, bar: bool = True) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    ValueIteration(settings, settings.load_scene()).finish(run, bar=bar)
+    ValueIteration(settings, settings.rewarded_scene()).finish(run, bar=bar)
 
 
 class ValueIteration(Search):

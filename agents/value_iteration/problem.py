@@ -158,6 +158,11 @@ def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
         yield (
             f"scene: got a {plant.kind} plant; allowed for value iteration: linear at every stretch"
         )
+    if scene.own_reward is not None:
+        yield (
+            f"reward: got {scene.own_reward.name}; allowed for value iteration: the scene's "
+            "objective; its grid needs a cost that grows with the square of the motion"
+        )
     limits = objective.displacement_limit, objective.rail_half_length
     if objective.effort_weight > 0.0 or any(limits):
         yield (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeGuard, cast
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from mm_gym.env.own_reward import rewarded
 from mm_gym.errors import ActionError, SceneError, suggest
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import load_scene
@@ -16,6 +17,8 @@ from mm_gym.simulation.checks import array_of, is_array
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.env.own_reward import RewardLike
 
 FLOAT32 = np.dtype(np.float32)
 
@@ -30,8 +33,13 @@ Changes: TypeAlias = "Mapping[str, object]"
 """Dotted name -> value."""
 
 
-def scene_of(scene: SceneLike, changes: Changes | None = None) -> Scene:
-    """Return a scene with some fields changed by dotted name; it must have an actuator."""
+def scene_of(
+    scene: SceneLike, changes: Changes | None = None, reward: RewardLike | None = None
+) -> Scene:
+    """Return a scene with some fields changed by dotted name, and perhaps an own reward.
+
+    It must have an actuator.
+    """
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
@@ -47,7 +55,7 @@ def scene_of(scene: SceneLike, changes: Changes | None = None) -> Scene:
             "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
         )
         raise SceneError(msg)
-    return scene
+    return rewarded(scene, reward)
 
 
 def _checked_changes(changes: object) -> dict[str, object]:

@@ -22,7 +22,7 @@ from mm_gym.env.pictures import SINGLE_MODES, rendered, renderer_of
 from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
-from mm_gym.env.terms import TERMS, Terms, checked_level
+from mm_gym.env.terms import Terms, checked_level
 from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.playback import frames_per_second
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.own_reward import RewardLike
     from mm_gym.env.terms import InfoLevel
 
 
@@ -92,6 +93,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     -------
     From the state at the step's end, with `a` the clipped action:
     ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``.
+    With ``reward=``, minus a cost of your own, a function of channels.
 
     Starting State
     --------------
@@ -116,8 +118,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of
     `objective` is exceeded and else 0, as safe reinforcement learning has it; and `constraint`, the
     larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1, so negative
-    within the limits, and -1 without any. With ``info="none"`` nothing, for programs that copy each
-    entry.
+    within the limits, and -1 without any. An own reward is one term, `reward_own`. With
+    ``info="none"`` nothing, for programs that copy each entry.
 
     Continuation
     ------------
@@ -132,6 +134,9 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     changes
         Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
         of a scene file; a range is a list.
+    reward
+        A cost of your own in place of the objective's: a function whose arguments are named after
+        channels, or "FILE.py:NAME" of one; see docs/scenes.md.
     info
         "none", "light" or "full": how much information steps return, see above.
 
@@ -155,11 +160,12 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         scene: SceneLike,
         *,
         changes: Changes | None = None,
+        reward: RewardLike | None = None,
         info: InfoLevel = "light",
         render_mode: str | None = None,
     ) -> None:
         self._level = checked_level(info)
-        self.scene = scene_of(scene, changes)
+        self.scene = scene_of(scene, changes, reward)
         self.render_mode = render_mode
         self._running = False
         self._prepare()
@@ -174,8 +180,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         good part of a control step.
         """
         self.plant = compile_scene(self.scene)
-        self._lanes = lanes = Lanes(self.plant, 1)
-        self._terms = Terms(self.plant)
+        self._lanes = lanes = Lanes(self.plant, 1, own_reward=self.scene.own_reward)
+        self._terms = Terms(self.plant, own=self.scene.own_reward is not None)
         self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         column = lanes.values[:, 0]
         self._parts = (
@@ -276,9 +282,10 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         if self._level == "light":
             return info
         lane = self._lanes.values[:4]
-        terms = dict.fromkeys(TERMS, 0.0)
+        terms = dict.fromkeys(self._terms.names, 0.0)
         if action is not None:
-            terms = {name: row.item() for name, row in self._terms.rewards(lane, action).items()}
+            found = self._terms.rewards(lane, action, self._lanes.rewards)
+            terms = {name: row.item() for name, row in found.items()}
         limits = {name: row.item() for name, row in self._terms.constraint(lane).items()}
         return info | terms | limits
 

@@ -45,6 +45,8 @@ def written(spec: EnvSpec, scene: Scene) -> EnvSpec:
     name = None if task is None else task.kwargs.get("scene")
     if isinstance(given.get("scene"), Scene):
         given |= {"scene": name if isinstance(name, str) else ids()[0], "changes": dict(scene)}
+    if scene.own_reward is not None:
+        given["reward"] = scene.own_reward.given
     own.kwargs = {key: _plain(value) for key, value in given.items()}
     return own
 

@@ -22,6 +22,9 @@ InfoLevel: TypeAlias = Literal["none", "light", "full"]
 TERMS = ("reward_displacement", "reward_velocity", "reward_effort", "reward_stroke")
 """Terms of the reward, which is their sum."""
 
+OWN = "reward_own"
+"""The only term of a caller's own reward."""
+
 
 def checked_level(level: str) -> InfoLevel:
     """Return a level of information, or raise `SceneError` with the nearest."""
@@ -40,18 +43,30 @@ class Terms:
     ----------
     plant
         The plant.
+    own
+        Whether the reward is the caller's own, which has one term.
+
+    Attributes
+    ----------
+    names
+        Of the terms.
     """
 
-    def __init__(self, plant: Plant) -> None:
+    def __init__(self, plant: Plant, *, own: bool = False) -> None:
         task = plant.task
+        self.names = (OWN,) if own else TERMS
         self._weights = task[
             [at.WEIGHT_DISPLACEMENT, at.WEIGHT_VELOCITY, at.WEIGHT_EFFORT, at.WEIGHT_STROKE]
         ].tolist()
         self._furthest, self._rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
         self._actuators = len(plant.actuators)
 
-    def rewards(self, state: Array, actions: NDArray[np.floating]) -> dict[str, Array]:
-        """Return the reward's terms (lanes,) of a control step [-], none of them positive.
+    def rewards(
+        self, state: Array, actions: NDArray[np.floating], rewards: Array
+    ) -> dict[str, Array]:
+        """Return the reward's terms (lanes,) of a control step [-].
+
+        Those of the objective are never positive.
 
         Parameters
         ----------
@@ -59,7 +74,11 @@ class Terms:
             (4, lanes): x1, x2 [m], v1, v2 [m/s] at the step's end.
         actions
             (actuators * lanes,) as the kernels take them.
+        rewards
+            (lanes,) those of the step.
         """
+        if self.names == (OWN,):
+            return {OWN: rewards.copy()}
         displacement, velocity, effort, stroke = self._weights
         x1, x2, v1, _ = state
         clipped = np.clip(actions.astype(np.float64), -1.0, 1.0).reshape(self._actuators, -1)
@@ -69,7 +88,7 @@ class Terms:
             effort * (clipped * clipped).sum(axis=0),
             stroke * (x2 - x1) * (x2 - x1),
         )
-        return {name: 0.0 - value for name, value in zip(TERMS, values, strict=True)}
+        return {name: 0.0 - value for name, value in zip(self.names, values, strict=True)}
 
     def constraint(self, state: Array) -> dict[str, Array]:
         """Return what the limits leave (lanes,), by state (4, lanes).

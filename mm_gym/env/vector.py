@@ -30,7 +30,7 @@ from mm_gym.env.pictures import RENDER_MODES, rendered, renderer_of
 from mm_gym.env.seeding import Seeded
 from mm_gym.env.spaces import action_space, observation_space
 from mm_gym.env.specification import Specified
-from mm_gym.env.terms import TERMS, Terms, checked_level
+from mm_gym.env.terms import Terms, checked_level
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike, Seeds
+    from mm_gym.env.own_reward import RewardLike
     from mm_gym.env.terms import InfoLevel
     from mm_gym.scene.scene import Scene
 
@@ -62,7 +63,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     Parameters
     ----------
-    scene, changes, info
+    scene, changes, reward, info
         As for `MovingMassEnv`. Entries of the information have a row for each lane.
     num_envs
         Number of lanes.
@@ -104,6 +105,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         num_envs: int = 1,
         *,
         changes: Changes | None = None,
+        reward: RewardLike | None = None,
         info: InfoLevel = "light",
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
@@ -113,7 +115,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     ) -> None:
         self.num_envs = checked_count(num_envs, "num_envs")
         self._level = checked_level(info)
-        self.scene = _shortened(scene_of(scene, changes), max_episode_steps)
+        self.scene = _shortened(scene_of(scene, changes, reward), max_episode_steps)
         self.render_mode = render_mode
         self.autoreset_mode = checked_autoreset_mode(autoreset_mode)
         self.metadata = MovingMassVectorEnv.metadata | {"autoreset_mode": self.autoreset_mode}
@@ -131,10 +133,10 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     def _prepare(self) -> None:
         """Compile the scene, and make the lanes and views of their outputs."""
         self.plant = compile_scene(self.scene)
-        self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads)
+        self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads, self.scene.own_reward)
         self._ends = Ends(lanes, copy=self._copy)
-        self._terms = Terms(self.plant)
-        self._rewards = {name: np.zeros(self.num_envs) for name in TERMS}
+        self._terms = Terms(self.plant, own=self.scene.own_reward is not None)
+        self._rewards = {name: np.zeros(self.num_envs) for name in self._terms.names}
         self._views = [_read_only(array.T) for array in lanes.outputs]
         self._renderer = renderer_of(self.scene, lanes, self.render_mode)
         self._over = np.arange(self.num_envs)
@@ -241,7 +243,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         else:
             status = self._lanes.advance(actions)
         if self._level == "full" and status <= at.ENDED:
-            self._rewards = self._terms.rewards(self._lanes.values[:4], actions)
+            self._rewards = self._terms.rewards(self._lanes.values[:4], actions, rewards)
         final = None
         if status or any_over:
             final = self._end_and_restart_episodes(status)

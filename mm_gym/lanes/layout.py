@@ -15,6 +15,7 @@ TOO_MANY_SERIES = 5
 DIVERGED = 6
 COLLAPSED = 7
 TOO_MANY_STEPS = 8
+UNREWARDED = 9
 
 MESSAGES: dict[int, str] = {
     ESCAPED: (
@@ -41,6 +42,7 @@ MESSAGES: dict[int, str] = {
         "the offset has shortened a spring of finite stretch to nothing; "
         "it is valid for |offset| < stretch * rest_length"
     ),
+    UNREWARDED: "reward: the caller's own is not a finite number after this control step",
 }
 """What went wrong, for the codes above NOT_FINITE."""
 
@@ -109,7 +111,8 @@ HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
 STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
 WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
 DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
-# Whether a channel shows what follows from the state; an acceleration or the spring force; noise.
+# Whether a channel or the reward reads what follows from the state; an acceleration or a force
+# between the masses; whether there is noise.
 IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
 # Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
 # not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.

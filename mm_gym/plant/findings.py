@@ -14,6 +14,7 @@ from mm_gym.plant.excitation import KINDS
 from mm_gym.plant.idle_friction import without_idle_friction
 from mm_gym.plant.method_choice import choose
 from mm_gym.plant.support_of import support_of
+from mm_gym.plant.task import rewarded_channels
 from mm_gym.scene.rules import is_whole
 from mm_gym.scene.scene import bounds
 
@@ -87,7 +88,8 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
         for k, part in enumerate(scene.excitation)
         if part.kind == "impulse" and part.target == "force"
     ]
-    shown = ["sensors.channels"] if "carriage_acceleration" in scene.sensors.channels else []
+    read = {"sensors.channels": scene.sensors.channels, "reward": rewarded_channels(scene)}
+    shown = [name for name, channels in read.items() if "carriage_acceleration" in channels]
     for name in (*impulses, *shown):
         if is_whole([name], wrong):
             yield f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"

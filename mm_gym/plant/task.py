@@ -56,7 +56,7 @@ def observed(scene: Scene) -> tuple[Observed, ...]:
 
 def _observed(scene: Scene, name: str) -> Observed:
     channel, noise = CHANNELS[name], scene.sensors.noise.get(name, 0.0)
-    scale, zero = _scales(scene)[channel.scale]
+    scale, zero = scales(scene)[channel.scale]
     return Observed(name, channel.unit, 1.0 / scale, zero, noise)
 
 
@@ -76,15 +76,22 @@ def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.floa
         slots[at.SHOWN], slots[at.SUBTRACTED] = row.row, row.subtracted
         slots[at.SCALE], slots[at.ZERO] = channel.factor, channel.zero
         slots[at.NOISE] = channel.noise * channel.factor
-    rows = {CHANNELS[channel.name].row for channel in channels}
+    read = *(channel.name for channel in channels), *rewarded_channels(scene)
+    rows = {CHANNELS[name].row for name in read}
     task[at.IS_DERIVED] = not rows.isdisjoint(at.DERIVED)
-    task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS)
+    # The kernels derive a disturbance for itself only where a channel shows it.
+    task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS) or scene.own_reward is not None
     noisy = sum(channel.noise > 0.0 for channel in channels)
     drawn = noisy + noisy % 2  # normal numbers come in pairs
     reserved = _reserved(excitation, drawn)
     task[at.IS_NOISY] = noisy > 0
     task[at.RESERVED], task[at.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
     return task
+
+
+def rewarded_channels(scene: Scene) -> tuple[str, ...]:
+    """Return the channels that an own reward of a scene reads."""
+    return () if scene.own_reward is None else scene.own_reward.arguments
 
 
 def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
@@ -142,7 +149,7 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.STEPS] = scene.control.steps
 
 
-def _scales(scene: Scene) -> dict[str, tuple[float, float]]:
+def scales(scene: Scene) -> dict[str, tuple[float, float]]:
     """Return each scale of the table of channels, and the value shown as zero."""
     objective, stretch, force = scene.objective, scene.actuation.stretch, scene.actuation.force
     displacement, velocity = objective.displacement_scale, objective.velocity_scale

@@ -27,6 +27,7 @@ from mm_gym.scene.sensors import Sensors
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
+    from mm_gym.env.own_reward import OwnReward
     from mm_gym.scene.dotted_names import Data
 
 
@@ -229,6 +230,11 @@ class Scene(Part):
     def findings(self, wrong: frozenset[str] = frozenset(), prefix: str = "") -> list[str]:
         """Return what is wrong across the scene's fields, ranges included."""
         return [*super().findings(wrong, prefix), *self._randomization_findings(wrong)]
+
+    @property
+    def own_reward(self) -> OwnReward | None:
+        """A caller's reward in place of `objective`, if there is one; see `mm_gym.rewarded`."""
+        return None
 
     @property
     def digest(self) -> str:

@@ -54,7 +54,11 @@ class ClosedLoop:
         step, known = lanes.step_with(actions.reshape(-1))
         given = (known[2][: len(lanes.observed)], actions, *arguments)
         _check(law, given)
-        constants = address_of(law, *given), given, address_of(step, *known), known
+        reward, read = lanes.reward_with()
+        constants = (
+            *(address_of(law, *given), given, address_of(step, *known), known),
+            *(address_of(reward, *read), read),
+        )
         self._run = partial(entry_point(run, *constants, self._empty()), *constants)
 
     def _empty(self) -> Episodes:

@@ -17,6 +17,7 @@ from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.random import COUNT, EPISODE, KEY, seed_streams, uniform
+from mm_gym.lanes.threads import nothing
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.simulation.checks import check_snapshot, check_values, checked_fields
 from mm_gym.simulation.failures import text_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.env.own_reward import OwnReward
     from mm_gym.plant.plant import Plant
 
     Values = NDArray[np.float64]
@@ -43,6 +45,15 @@ STATE_ARRAYS = ("values", "streams", "frames", "terminated", "truncated")
 
 class Lanes:
     """Independent copies of a plant, each in an episode of its own.
+
+    Parameters
+    ----------
+    plant
+        What moves.
+    count, threads
+        Number of lanes, and of threads that step them.
+    own_reward
+        What replaces the rewards of each control step, if it is not the scene's objective.
 
     Attributes
     ----------
@@ -74,9 +85,12 @@ class Lanes:
     `values` and `frames` are views of longer rows, see `rows_of`; the kernels work on those.
     """
 
-    def __init__(self, plant: Plant, count: int, threads: int = 1) -> None:
+    def __init__(
+        self, plant: Plant, count: int, threads: int = 1, own_reward: OwnReward | None = None
+    ) -> None:
         self.plant = plant
         self.count = count
+        self.own_reward = own_reward
         self._allocate()
         self._advance = plant.entries.advance_of(
             plant.task, plant.model, self._frames, excited=plant.support.sampled
@@ -177,7 +191,28 @@ class Lanes:
         """
         actions = np.zeros(self.count * len(self.plant.actuators), precision)
         advance, arguments = self.step_with(actions)
-        return partial(entry_point(advance, *arguments), *self._step_arguments)
+        step = partial(entry_point(advance, *arguments), *self._step_arguments)
+        if self.own_reward is None:
+            return step
+
+        def step_and_reward(
+            actions: NDArray[np.floating], rewards: Values, first: int, last: int
+        ) -> int:
+            return self._rewarded(step(actions, rewards, first, last), rewards)
+
+        return step_and_reward
+
+    def reward_with(self) -> tuple[Callable[..., int], tuple[Any, ...]]:
+        """Return the kernel that replaces the rewards of a control step, and its arguments."""
+        if self.own_reward is None:
+            return nothing, (0, self.count)
+        return self.own_reward.kernel, (self._values, self.rewards, 0, self.count)
+
+    def _rewarded(self, status: int, rewards: Values) -> int:
+        """Replace the rewards of a step of some status, if there is an own one."""
+        if self.own_reward is None or status > at.ENDED:
+            return status
+        return max(status, self.own_reward.kernel(self._values, rewards, 0, self.count))
 
     def step_with(
         self, actions: NDArray[np.floating]
@@ -193,7 +228,7 @@ class Lanes:
 
         The actions are (actuators, count), float32 or float64, flat in C order.
         """
-        return self._advance_all(actions, self.rewards)
+        return self._rewarded(self._advance_all(actions, self.rewards), self.rewards)
 
     def ended(self) -> NDArray[np.int64]:
         """Return the lanes whose episodes the last control step ended, in ascending order."""
@@ -207,7 +242,8 @@ class Lanes:
         not twice.
         """
         empty = self._empty_outputs()
-        return self._advance_and_copy(actions, self.rewards, *empty), _one_by_one(*empty)
+        status = self._advance_and_copy(actions, self.rewards, *empty)
+        return self._rewarded(status, self.rewards), _one_by_one(*empty)
 
     def copies(self) -> list[NDArray[Any]]:
         """Return copies of the outputs, what is observed as `observations` does."""
@@ -389,6 +425,11 @@ class Lanes:
 
         The number of unfinished control steps is that of those which the clock does not show yet.
         """
+        if status == at.UNREWARDED and self.own_reward is not None:
+            lane = self.own_reward.first_fault(self.values)
+            where = f"lane {lane}: " if self.count > 1 else ""
+            msg = where + self.own_reward.fault(self.values[:, lane])
+            raise SimulationError(msg)
         if status > at.NOT_FINITE:
             age = self._blocks(self.values[at.NOW]) - self.values[at.BEGAN]
             age += unfinished

@@ -12,7 +12,7 @@ LAW_FAILED = -1
 
 
 @borrowing_kernel
-def run(law, law_arguments, step, step_arguments, found):
+def run(law, law_arguments, step, step_arguments, rewarding, its_arguments, found):
     """Take lanes through their episodes to the end.
 
     Parameters
@@ -25,6 +25,10 @@ def run(law, law_arguments, step, step_arguments, found):
         Address of the kernel of a control step.
     step_arguments : tuple
         All of its arguments, see `mm_gym.step.control_step`.
+    rewarding : int
+        Address of a kernel ``(*its_arguments) -> status``, which may replace the rewards.
+    its_arguments : tuple
+        What it reads and writes.
     found
         (lanes,) each, written: sum of the rewards, least reward, number of control steps, and
         whether the episode was terminated.
@@ -43,6 +47,8 @@ def run(law, law_arguments, step, step_arguments, found):
         if call_and_tell(law, law_arguments):
             return LAW_FAILED
         status = call(step, step_arguments)
+        if status <= at.ENDED:
+            status = max(status, call(rewarding, its_arguments))
         if status > at.ENDED:
             return status
         steps += 1

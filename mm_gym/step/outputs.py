@@ -57,10 +57,10 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
 
     @borrowing_kernel
     def derive(task, model, lanes, first, last):
-        """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if a channel shows one.
+        """Write rows from CARRIAGE_ACCELERATION to GROUND_ACCELERATION, if one is shown or scored.
 
-        The first three of them are written only if a channel shows one of the three, DISTURBANCE
-        only then or if a channel shows it.
+        The first three of them are written only if one of the three is, DISTURBANCE only then or
+        if a channel shows it.
         """
         if not task[at.IS_DERIVED] > 0.0:
             return

@@ -30,12 +30,12 @@ from agents.training.arrays import save_checkpoint
 from agents.training.config import RunSettings, TrainSettings, read_settings
 from agents.training.ending import Ending, read_ending
 from agents.training.runs import METRICS, TIMES, Run, RunError
-from agents.user_code import source
 from agents.value_table.kernel import NODES
 from agents.value_table.policy import TablePolicy
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_columns, write_csv
 from mm_gym.records import read_record
+from mm_gym.user_code import source
 
 NAMED = (SceneError, PolicyError, RunError)
 """The project's errors."""

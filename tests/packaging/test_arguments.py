@@ -14,12 +14,13 @@ FLAT = {"restart_gathered": "its memory is many arrays, and numba's threads take
 
 
 def functions_of(room):
-    """Yield the names of a room's functions, each with its number of arguments."""
+    """Yield the names of a room's functions, each with how many arguments a caller gives."""
     for file in sorted((REPOSITORY / room).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name not in FLAT:
                 own = node.args
-                count = len(own.posonlyargs + own.args + own.kwonlyargs)
+                names = [one.arg for one in own.posonlyargs + own.args + own.kwonlyargs]
+                count = len(names) - (names[:1] in (["self"], ["cls"]))
                 yield f"{file.relative_to(REPOSITORY)}:{node.lineno} {node.name}", count
 
 

@@ -120,7 +120,7 @@ def is_simple(task, model, frames):
         task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
     )
     alone = model[at.HARMONIC_COUNT] == 0.0 and not excited(model)
-    shown_only = shows_state(task, frames)
+    shown_only = shows_state(task, frames) and not task[at.IS_DERIVED] > 0.0
     return pushed and direct and alone and shown_only and model[at.INTERVALS] == 1.0
 
 

@@ -9,8 +9,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mm_gym import SceneError
-from mm_gym.errors import suggest
+from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_text
 
 if TYPE_CHECKING:

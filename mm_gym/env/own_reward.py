@@ -1,0 +1,277 @@
+"""A caller's own reward: minus a cost of channels, in place of the scene's objective."""
+
+from __future__ import annotations
+
+import inspect
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numba
+import numpy as np
+from numba import types
+from pydantic import PrivateAttr
+
+from mm_gym.compiler.jit import COMPILED
+from mm_gym.errors import SceneError, suggest
+from mm_gym.lanes import layout as at
+from mm_gym.lanes.memory import rows_of
+from mm_gym.plant.task import scales
+from mm_gym.scene.scene import Scene, bounds
+from mm_gym.step.channels import CHANNELS
+from mm_gym.step.own_reward import rewarding
+from mm_gym.user_code import load
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Self
+
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
+
+RewardLike: TypeAlias = "str | Callable[..., float] | OwnReward"
+"""A function of channels, FILE.py:NAME of one, or what was made of one."""
+
+PROBES = 256
+"""States at which a cost is tried before the first step."""
+
+STAGE = "Failed in"
+"""How a first line of numba begins that has no reason in it."""
+
+BEYOND = 1.1
+"""Of a limit that ends an episode: the step that ends it goes further."""
+
+
+class OwnReward:
+    """A function of channels, the cost of a control step; the reward is minus the cost.
+
+    Parameters
+    ----------
+    reward
+        A function, or FILE.py:NAME of one, whose file is run. Its arguments are named after
+        channels (docs/excitation.md); each is a number in the channel's SI unit at the step's end,
+        exact, whatever the sensors show. It returns a number, and is compiled by numba.
+
+    Attributes
+    ----------
+    given
+        The parameter.
+    name
+        Of the function, for messages.
+    arguments
+        The channels that it reads, in order.
+
+    Raises
+    ------
+    SceneError
+        If file or function are wrong, an argument is no channel, numba cannot compile it, or it
+        returns anything but a number.
+    """
+
+    def __init__(self, reward: str | Callable[..., float]) -> None:
+        self.given = reward
+        function = load(reward, "reward") if isinstance(reward, str) else reward
+        if not callable(function):
+            msg = f"reward: got {reward!r}; allowed: a function of channels, or FILE.py:NAME of one"
+            raise SceneError(msg)
+        self.name = (
+            reward if isinstance(reward, str) else getattr(function, "__name__", str(reward))
+        )
+        self._function = getattr(function, "py_func", function)
+        self.arguments = self._arguments()
+        self._cost = self._compiled(function)
+
+    def _arguments(self) -> tuple[str, ...]:
+        try:
+            names = tuple(inspect.signature(self._function).parameters)
+        except (TypeError, ValueError) as error:
+            msg = f"reward: {self.name}: its arguments cannot be read: {error}"
+            raise SceneError(msg) from None
+        for name in names or ("",):
+            if name not in CHANNELS:
+                msg = (
+                    f"reward: {self.name}: got the argument {name!r}{suggest(name, CHANNELS)}; "
+                    f"allowed: {', '.join(CHANNELS)}"
+                )
+                raise SceneError(msg)
+        return names
+
+    def _compiled(self, function: Any) -> Any:  # noqa: ANN401 - numba's dispatcher
+        """Compile the function for numbers, and check what it returns."""
+        if not COMPILED:
+            return self._function
+        if not hasattr(function, "overloads"):
+            function = numba.njit(nogil=True, error_model="numpy")(function)
+        kinds = (types.float64,) * len(self.arguments)
+        try:
+            function.compile(kinds)
+        except Exception as error:
+            lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+            reason = next((line for line in lines if not line.startswith(STAGE)), "")
+            msg = f"reward: {self.name} cannot be compiled by numba: {reason}"
+            raise SceneError(msg) from error
+        returned = function.overloads[kinds].signature.return_type
+        if not isinstance(returned, types.Float | types.Integer | types.Boolean):
+            msg = f"reward: {self.name} returns {returned}; allowed: a number"
+            raise SceneError(msg)
+        return function
+
+    @cached_property
+    def kernel(self) -> Callable[..., int]:
+        """The kernel that rewards a step, see `mm_gym.step.own_reward.rewarding`."""
+        rows = [(CHANNELS[name].row, CHANNELS[name].subtracted) for name in self.arguments]
+        return rewarding(self._cost, rows)
+
+    def costs(self, values: Values) -> Values:
+        """Return the costs (n,) of lanes (rows, n), whose derived rows are written.
+
+        They are not finite where the function fails.
+        """
+        rewards = np.full(values.shape[1], np.nan)
+        self.kernel(values, rewards, 0, len(rewards))
+        return -rewards
+
+    def check(self, scene: Scene) -> None:
+        """Try the cost where episodes of a scene come; raise `SceneError` if it fails there.
+
+        Displacements, velocities, accelerations and forces are tried up to the scales by which
+        they are observed, further where an episode begins or ends further; actuators up to their
+        limits.
+        """
+        self._check_channels(scene)
+        lanes = _probes(scene)
+        costs = self.costs(lanes)
+        wrong = np.flatnonzero(~np.isfinite(costs))
+        if wrong.size:
+            raise SceneError(self.fault(lanes[:, wrong[0]]))
+
+    def _check_channels(self, scene: Scene) -> None:
+        missing = {}
+        if scene.springs.kind == "none":
+            missing["stretch"] = "springs; set springs.kind"
+        if scene.actuation.force is None:
+            missing["applied_force"] = "an actuator; set actuation.force"
+        for name in self.arguments:
+            if name in missing:
+                msg = f"reward: {self.name}: the argument {name!r} needs {missing[name]}"
+                raise SceneError(msg)
+
+    def fault(self, lane: Values) -> str:
+        """Return what is wrong with the cost of a lane (rows,): what was returned or raised."""
+        values: dict[str, float] = {}
+        for name in self.arguments:
+            channel = CHANNELS[name]
+            subtracted = 0.0 if channel.subtracted == at.NO_ROW else lane[channel.subtracted]
+            values[name] = float(lane[channel.row] - subtracted)
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+        try:
+            found = f"returned {self._cost(*values.values())!r}"
+        except Exception as error:  # noqa: BLE001 - whatever a caller's function raises
+            found = f"raised {type(error).__name__}: {error}"
+        return f"reward: {self.name} {found} for {shown}; allowed: a finite number"
+
+    def first_fault(self, values: Values) -> int:
+        """Return the first lane (of columns of values) whose cost is not finite."""
+        finite = [np.isfinite(self.costs(lane[:, None])[0]) for lane in values.T]
+        return finite.index(False) if False in finite else 0
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Return itself: it does not change."""
+        return self
+
+    def __reduce__(self) -> tuple[type[OwnReward], tuple[object]]:
+        """Pickle what it was made from: compiled code is of this process."""
+        return OwnReward, (self.given,)
+
+
+class RewardedScene(Scene):
+    """A scene whose episodes an own reward scores, in place of its objective; see `rewarded`."""
+
+    _own_reward: OwnReward = PrivateAttr()
+
+    @classmethod
+    def of_parts(cls, scene: Scene, own: OwnReward) -> Self:
+        """Return a scene with an own reward that has been checked for it."""
+        found = cls.model_construct(**dict(scene))
+        found._own_reward = own  # noqa: SLF001 - its own
+        return found
+
+    @property
+    def own_reward(self) -> OwnReward:
+        """What rewards its episodes."""
+        return self._own_reward
+
+    def replace(self, /, **values: object) -> Scene:
+        """Return a validated copy with fields replaced, with the same reward."""
+        return rewarded(super().replace(**values), self._own_reward)
+
+
+def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
+    """Return a scene whose episodes are rewarded by minus an own cost, wherever they are run.
+
+    Its `objective` still has the scales of what is observed, the limits that end an episode, and
+    what controllers are designed for.
+
+    Parameters
+    ----------
+    scene
+        A scene.
+    reward
+        See `OwnReward`; None leaves the scene as it is.
+
+    Raises
+    ------
+    SceneError
+        If the reward is wrong, see `OwnReward`, or its cost is not finite at a state that episodes
+        of the scene come to.
+    """
+    if reward is None:
+        return scene
+    own = reward if isinstance(reward, OwnReward) else OwnReward(reward)
+    own.check(scene)
+    return RewardedScene.of_parts(scene, own)
+
+
+def _probes(scene: Scene) -> Values:
+    """Return lanes (rows, probes) with states that episodes of a scene come to.
+
+    First at rest, then at one end of every range, then at the other, then anywhere between.
+    """
+    objective, start = scene.objective, scene.initial
+    unit = {name: 1.0 * scale for name, (scale, _) in scales(scene).items()}
+    lengths = max(unit["displacement"], *map(abs, bounds(start.carriage_displacement)))
+    offsets = max(unit["stroke"], *map(abs, bounds(start.sphere_offset)))
+    if objective.displacement_limit is not None:
+        lengths = max(lengths, BEYOND * objective.displacement_limit)
+    if objective.rail_half_length is not None:
+        offsets = max(offsets, BEYOND * objective.rail_half_length)
+    ends = {
+        at.X1: lengths,
+        at.X2: offsets,
+        at.V1: max(unit["velocity"], *map(abs, bounds(start.carriage_velocity))),
+        at.V2: max(unit["velocity"], *map(abs, bounds(start.sphere_velocity))),
+        at.FORCE: 0.0 if scene.actuation.force is None else scene.actuation.force.limit,
+        at.CARRIAGE_ACCELERATION: unit["acceleration"],
+        at.SPHERE_ACCELERATION: unit["acceleration"],
+        at.SPRING_FORCE: unit["force"],
+        at.DISTURBANCE: unit["force"],
+        at.GROUND_ACCELERATION: unit["acceleration"],
+    }
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (at.M1, PROBES))
+    drawn[:, :3] = 0.0, 1.0, -1.0
+    lanes = rows_of(at.M1, PROBES, np.float64)
+    for row, end in ends.items():
+        lanes[row] = end * drawn[row]
+    lanes[at.X2] += lanes[at.X1]
+    if scene.springs.kind != "none":
+        low, high = _stretches(scene)
+        lanes[at.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.STRETCH]
+    return lanes
+
+
+def _stretches(scene: Scene) -> tuple[float, float]:
+    """Return the least and the largest stretch of the springs."""
+    actuator = scene.actuation.stretch
+    if actuator is not None:
+        return actuator.minimum, actuator.maximum
+    return bounds(scene.range_of("springs.stretch", scene.value_of("springs.stretch")))

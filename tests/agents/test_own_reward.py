@@ -1,0 +1,217 @@
+"""An own reward in every command that takes one: as the built-in objective, or refused by name."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from tasks import CARRIAGE_FORCE, PRE_STRETCH, PRE_STRETCH_SHOCK
+
+from agents import evaluate as command
+from agents.comparison.contestants import read_field
+from agents.comparison.entries import Episodes as Compared
+from agents.comparison.measure import measure
+from agents.controllers.lqr import LQR
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl
+from agents.controllers.predictive_control import PredictiveControl
+from agents.controllers.trajectories import Trajectories
+from agents.evaluation.baselines import best_velocity_feedback, predictive_control, uncontrolled
+from agents.evaluation.episodes import evaluate
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
+from agents.policies import PolicyError, load_policy
+from agents.recording.laws import law_of
+from agents.training.config import TrainSettings
+from agents.training.reinforcement import train
+from agents.training.runs import Run
+from agents.value_iteration.iteration import iterate
+from agents.value_iteration.settings import IterateSettings
+from mm_gym import DesignError, MovingMassVectorEnv, OwnReward, SceneError, compile_scene, rewarded
+
+EXACT = {
+    "objective": {"displacement_scale": 2.0**-7, "velocity_scale": 0.5},
+    "control.steps": 40,
+}
+"""One square, over a power of two, which rounds nothing: an own cost is bitwise the same."""
+
+SCENE = CARRIAGE_FORCE.replace(**EXACT)
+
+TEXT = """
+def cost(carriage_displacement):
+    return (carriage_displacement * 128.0) ** 2
+"""
+
+
+def cost(carriage_displacement):
+    return (carriage_displacement * 128.0) ** 2
+
+
+OWN = OwnReward(cost)
+
+
+@pytest.fixture
+def reward(tmp_path):
+    (tmp_path / "own.py").write_text(TEXT)
+    return f"{tmp_path}/own.py:cost"
+
+
+def test_evaluation_is_that_of_the_objective():
+    law = best_velocity_feedback(SCENE)
+    plain, own = evaluate(SCENE, law), evaluate(rewarded(SCENE, OWN), law)
+    np.testing.assert_array_equal(own.penalties, plain.penalties)
+    # Laws are tuned by it too.
+    tuned = best_velocity_feedback(rewarded(SCENE, OWN))
+    assert tuned.law.gain == law.law.gain
+
+
+def settings(kind, **fields):
+    return kind(**({"task": "mm_gym/CarriageForce-v0", "changes": EXACT} | fields))
+
+
+TRAINING = {"steps": 160, "evaluations": 1, "lanes": 8}
+TRAINING |= {"ppo": {"rollout": 10, "batch_size": 40, "hidden": (8,)}}
+SEARCH = {"law": "none", "hidden": 4, "extra": 1, "evaluations": 2}
+
+
+@pytest.mark.parametrize(
+    ("run_it", "kind", "fields"),
+    [
+        (train, TrainSettings, TRAINING),
+        (evolve, EvolveSettings, SEARCH | {"candidates": 6, "episodes": 4, "generations": 3}),
+    ],
+)
+def test_training_is_that_of_the_objective(run_it, kind, fields, reward, tmp_path):
+    plain, own = Run("plain", tmp_path), Run("own", tmp_path)
+    run_it(settings(kind, name="plain", **fields), plain, bar=False)
+    run_it(settings(kind, name="own", reward=reward, **fields), own, bar=False)
+    assert own.metrics.read_bytes() == plain.metrics.read_bytes()
+    before, after = load_policy(plain.policy), load_policy(own.policy)
+    for one, other in zip(before.weights, after.weights, strict=True):
+        np.testing.assert_array_equal(one, other)
+    record = json.loads(own.record.read_text())
+    assert record["code"] == {reward.rpartition(":")[0]: TEXT}
+    assert record["scene_digest"] == SCENE.digest
+
+
+def test_descent_is_that_of_the_objective(reward, tmp_path):
+    fields = SEARCH | {"episodes": 4, "iterations": 3, "oscillators": 1}
+    plain, own = Run("plain", tmp_path), Run("own", tmp_path)
+    descend(settings(GradientSettings, name="plain", **fields), plain, bar=False)
+    descend(settings(GradientSettings, name="own", reward=reward, **fields), own, bar=False)
+    (_, before, _), (_, after, _) = plain.validations(), own.validations()
+    # Slopes by differences have errors of 1e-9, of passes in single precision.
+    np.testing.assert_allclose(after, before, rtol=1e-5)
+    assert before[-1] != before[0]
+
+
+def test_value_iteration_refuses_it_by_name(reward, tmp_path):
+    with pytest.raises(DesignError, match=r"got .*own.py:cost; allowed for value iteration"):
+        iterate(IterateSettings(name="own", reward=reward), Run("own", tmp_path), bar=False)
+    assert not (tmp_path / "own" / "run.json").exists()
+
+
+def test_predictive_control_plans_by_it():
+    scene = SCENE.replace(**{"control.steps": 20})
+    made = [PredictiveControl(one, LQR(CARRIAGE_FORCE)) for one in (scene, rewarded(scene, OWN))]
+    plans = []
+    for law in made:
+        law.begin(3)
+        state = np.array([[0.01, 0.01, 0.0, 0.0], [0.0, 0.0, 0.2, 0.0], [0.005, 0.0, -0.1, 0.1]])
+        plans.append(law.action(state, np.zeros((3, 1))))
+    np.testing.assert_array_equal(*plans)
+
+
+def pushed(disturbance_force):
+    return disturbance_force**2
+
+
+def test_predictive_control_refuses_what_its_model_does_not_show():
+    scene = rewarded(PRE_STRETCH, OwnReward(pushed))
+    law = predictive_control(scene, uncontrolled(scene).law)
+    with pytest.raises(DesignError, match="reads disturbance_force; the model of predictive"):
+        law.law.begin(2)
+
+
+def test_plans_by_squares_refuse_it_by_name():
+    scene = rewarded(CARRIAGE_FORCE, OWN)
+    with pytest.raises(DesignError, match="reward: got cost; allowed for plans by Gauss-Newton"):
+        NewtonPredictiveControl(scene)
+    env = MovingMassVectorEnv(scene, 2, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    with pytest.raises(DesignError, match="allowed for plans by Gauss-Newton"):
+        Trajectories(scene, compile_scene(scene), env.get_state())
+
+
+def few(scene):
+    """The baselines, but for those whose tuning takes long."""
+    return [best_velocity_feedback(scene)], {}
+
+
+def finished(tmp_path, reward):
+    run = Run("own", tmp_path)
+    train(settings(TrainSettings, name="own", reward=reward, **TRAINING), run, bar=False)
+    return run
+
+
+def test_loading_a_run_never_executes_its_reward(reward, tmp_path):
+    run = finished(tmp_path, reward)
+    (tmp_path / "own.py").write_text("raise SystemExit('executed')\n")
+    assert law_of(str(run.folder), SCENE, np.random.default_rng(0)).name == str(run.folder)
+    with pytest.raises(PolicyError, match=r"own.py:cost: the run's own code.*--trust allows it"):
+        command.report_run(run, episodes=2)
+    with pytest.raises(SystemExit, match="executed"):
+        command.report_run(run, episodes=2, trust=True)
+
+
+def test_run_is_scored_by_the_reward_that_is_asked_for(reward, tmp_path, monkeypatch):
+    run = finished(tmp_path, reward)
+    monkeypatch.setattr(
+        "agents.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
+    )
+    (tmp_path / "four.py").write_text(TEXT.replace("128.0", "256.0"))
+    mine = command.report_run(run, episodes=4, trust=True)
+    four = command.report_run(run, episodes=4, reward=f"{tmp_path}/four.py:cost")
+    for one, other in zip(mine, four, strict=True):
+        np.testing.assert_array_equal(4.0 * one.penalties, other.penalties)
+
+
+def test_comparison_is_by_the_reward(reward):
+    names = ("lqr", "velocity-feedback")
+    field = read_field(names, ("CarriageForce",), reward)
+    (task,) = field.scenes
+    assert field.scenes[task].own_reward.name == reward
+    (result,) = measure(field, Compared(2, 4))
+    lqr = evaluate(rewarded(CARRIAGE_FORCE, OWN), law_of("lqr", CARRIAGE_FORCE, None), episodes=8)
+    row = result.labels.index("lqr")
+    np.testing.assert_array_equal(result.sample.penalties[row].ravel(), lqr.penalties)
+
+
+def test_flag_scores_a_controller(reward, tmp_path, monkeypatch, capsys):
+    (tmp_path / "law.py").write_text(
+        "import numpy as np\n"
+        "class Law:\n"
+        "    def __init__(self, scene):\n        pass\n"
+        "    def begin(self, lanes):\n        pass\n"
+        "    def action(self, state, applied):\n        return -0.5 * np.sign(state[:, 2:3])\n"
+    )
+    monkeypatch.setattr(
+        "agents.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
+    )
+    words = ["agents.evaluate", "CarriageForce", "--controller", f"{tmp_path}/law.py:Law"]
+    monkeypatch.setattr(sys, "argv", [*words, "--episodes", "4", "--reward", reward])
+    assert command.main() is None
+    monkeypatch.setattr(sys, "argv", [*words, "--reward", reward.replace("cost", "cst")])
+    assert "no class or function 'cst'; did you mean 'cost'" in command.main()
+    capsys.readouterr()
+
+
+def negative(carriage_displacement):
+    return -1.0 - carriage_displacement**2
+
+
+def test_cost_without_a_root_is_refused():
+    law = law_of("no-control", PRE_STRETCH_SHOCK, None)
+    with pytest.raises(SceneError, match="reward: negative is negative on average"):
+        evaluate(rewarded(PRE_STRETCH_SHOCK, negative), law, episodes=2)
