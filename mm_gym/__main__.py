@@ -22,6 +22,7 @@ from mm_gym.errors import (
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.findings import compile_findings
+from mm_gym.records import ACCELERATION_UNITS, FORCE_UNITS, read_record
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
@@ -99,6 +100,9 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("warm", help=text, description=text)
     command.add_argument("scene", metavar="TASK or SCENE.toml", nargs="*")
     command.set_defaults(run=_warm)
+    text = "print the response spectrum of a recorded ground acceleration"
+    command = commands.add_parser("spectrum", help=text, description=text)
+    _add_spectrum(command)
     text = "print the JSON schema of scene files, for editors"
     command = commands.add_parser("schema", help=text, description=text)
     command.set_defaults(run=_schema)
@@ -130,6 +134,26 @@ def _add_tuning(tune: argparse.ArgumentParser) -> None:
     tune.add_argument("--amplitude", type=float, metavar="A", help=text)
     text = "write the tuned scene, and its frequency response as PNG; needs mm_gym[plot]"
     tune.add_argument("--out", metavar="DIR", help=text)
+
+
+def _add_spectrum(spectrum: argparse.ArgumentParser) -> None:
+    spectrum.add_argument("file", metavar="FILE", help="of PEER, text in columns, .mat or .npz")
+    text = "of the samples, such as g or m/s^2; by default g for PEER's format"
+    spectrum.add_argument("--unit", metavar="UNIT", help=text)
+    text = "between the samples, if no column has times"
+    spectrum.add_argument("--time-step", type=float, metavar="SECONDS", help=text)
+    spectrum.add_argument("--column", metavar="N or NAME", help="with the samples, from 1")
+    spectrum.add_argument("--skip", type=int, default=0, metavar="N", help="lines at the beginning")
+    spectrum.add_argument("--variable", metavar="NAME", help="of a .mat or .npz file")
+    text = "natural periods; by default 241 from 0.01 to 10 s"
+    spectrum.add_argument("--periods", type=float, nargs="+", metavar="SECONDS", help=text)
+    text = "damping ratios; by default 0.05"
+    spectrum.add_argument(
+        "--damping", type=float, nargs="+", default=[0.05], metavar="Z", help=text
+    )
+    spectrum.add_argument("--csv", metavar="FILE", help="write all numbers")
+    spectrum.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
+    spectrum.set_defaults(run=_spectrum)
 
 
 def _seed(text: str) -> int:
@@ -191,6 +215,31 @@ def _simulate(options: argparse.Namespace) -> None:
         trajectory.to_csv(options.csv)
     if options.plot is not None:
         trajectory.plot(options.plot)
+
+
+def _spectrum(options: argparse.Namespace) -> None:
+    from mm_gym.analysis import response_spectrum  # noqa: PLC0415 - other commands do not need it
+
+    outputs = [path for path in (options.csv, options.plot) if path is not None]
+    check_outputs(outputs, [options.file])
+    column = options.column
+    record = read_record(
+        options.file,
+        unit=options.unit,
+        time_step=options.time_step,
+        column=int(column) if column is not None and column.isdecimal() else column,
+        skip=options.skip,
+        variable=options.variable,
+    )
+    if options.unit in FORCE_UNITS:
+        msg = f"--unit: got {options.unit!r}; allowed: {', '.join(ACCELERATION_UNITS)}"
+        raise SceneError(msg)
+    spectrum = response_spectrum(record, options.periods, options.damping)
+    print(spectrum.table())
+    if options.csv is not None:
+        spectrum.to_csv(options.csv)
+    if options.plot is not None:
+        spectrum.plot(options.plot)
 
 
 def _warm(options: argparse.Namespace) -> None:

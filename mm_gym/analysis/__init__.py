@@ -1,4 +1,7 @@
-"""Analysis of a scene: modes, frequency response, asymptotic offset and critical velocity."""
+"""Analysis of a scene: modes, frequency response, asymptotic offset and critical velocity.
+
+And of a ground motion: its response spectrum.
+"""
 
 from mm_gym.analysis.bifurcation import asymptotic_offset as asymptotic_offset
 from mm_gym.analysis.bifurcation import bifurcation as bifurcation
@@ -7,6 +10,8 @@ from mm_gym.analysis.modes import Modes as Modes
 from mm_gym.analysis.modes import modes as modes
 from mm_gym.analysis.response import FrequencyResponse as FrequencyResponse
 from mm_gym.analysis.response import frequency_response as frequency_response
+from mm_gym.analysis.spectrum import ResponseSpectrum as ResponseSpectrum
+from mm_gym.analysis.spectrum import response_spectrum as response_spectrum
 from mm_gym.analysis.springs import spring_energy as spring_energy
 from mm_gym.analysis.springs import spring_stiffness as spring_stiffness
 from mm_gym.analysis.springs import stretch_for_stiffness as stretch_for_stiffness

@@ -1,0 +1,80 @@
+"""Largest responses of damped oscillators to a recorded ground acceleration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mm_gym.errors import SceneError
+from mm_gym.records.spectrum_kernel import TURN, write_peaks
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+
+MOST_DAMPING = 10.0
+"""Largest damping ratio."""
+
+MOST_PARTS = 1e10
+"""Steps of the recurrence, at most: about a minute."""
+
+EVEN = 2.0**-40
+"""Rounding of a file's times, relative to them: what deviates less is evenly spaced."""
+
+
+def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: ArrayLike) -> Array:
+    """Return the largest w^2 |x| and |absolute acceleration| of oscillators.
+
+    Parameters
+    ----------
+    times, values
+        (n,) increasing instants [s], and the ground's acceleration [m/s^2] at them: linear in
+        between, and zero before and after.
+    periods, damping
+        (k,) natural periods without damping [s], and (d,) damping ratios [-].
+
+    Returns
+    -------
+    (2, d, k) [m/s^2]: pseudo-acceleration, and absolute acceleration.
+
+    Raises
+    ------
+    SceneError
+        If a period or damping ratio is not allowed.
+    """
+    own, ratios = _numbers("periods", periods), _numbers("damping", damping)
+    if not np.all(own > 0.0):
+        msg = f"periods: got {own.min():g}; allowed: greater than 0 s"
+        raise SceneError(msg)
+    if not np.all((ratios >= 0.0) & (ratios <= MOST_DAMPING)):
+        got = ratios[(ratios < 0.0) | (ratios > MOST_DAMPING)][0]
+        msg = f"damping: got {got:g}; allowed: a ratio from 0 to {MOST_DAMPING:g}"
+        raise SceneError(msg)
+    lasts = float(times[-1] - times[0])
+    parts = 2.0 * np.pi * lasts * np.sum(1.0 / own) * np.sum(1.0 + 2.0 * ratios) / TURN
+    if not parts <= MOST_PARTS:
+        msg = (
+            f"periods: got down to {own.min():g} s of a record of {lasts:g} s, which takes "
+            f"{parts:.1g} steps; allowed: {MOST_PARTS:.0g}. Leave out the shortest"
+        )
+        raise SceneError(msg)
+    steps = np.diff(times)
+    mean = lasts / len(steps)
+    if np.all(np.abs(times - times[0] - mean * np.arange(len(times))) <= EVEN * times[-1]):
+        steps = np.full(len(steps), mean)
+    peaks = np.empty((2, len(ratios), len(own)))
+    write_peaks(steps, np.array(values), own, ratios, peaks)
+    return peaks
+
+
+def _numbers(name: str, given: ArrayLike) -> Array:
+    array = np.asarray(given)
+    if array.dtype.kind not in "fiu" or array.ndim > 1 or not array.size:
+        msg = f"{name}: got shape {array.shape} of type {array.dtype}; allowed: (n,) numbers"
+        raise SceneError(msg)
+    if not np.all(np.isfinite(array)):
+        msg = f"{name}: got NaN or infinity; allowed: finite numbers"
+        raise SceneError(msg)
+    return np.atleast_1d(array).astype(np.float64)
