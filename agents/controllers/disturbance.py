@@ -76,6 +76,8 @@ def prediction_weights(scene: Scene) -> Values:
 
 def force_column(scene: Scene) -> Values:
     """Return the state (4,) that a force of 1 N on the carriage leads to in a control step."""
+    if scene.actuation.is_between:
+        scene = scene.replace(**{"actuation.force.between": "ground"})
     return compile_scene(scene).discrete()[1][:, 0]
 
 

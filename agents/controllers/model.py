@@ -19,13 +19,18 @@ if TYPE_CHECKING:
 AMPLE = 1e3
 """Force limit of the model over all that is known to push: a disturbance enters as a force."""
 
+AMPLITUDE = "excitation.0.amplitude"
+HELD = {"kind": "harmonic", "amplitude": 0.0, "frequency": 0.0, "phase": 0.5 * np.pi}
+"""A force on the carriage that is held, and its field."""
+
 
 class Model:
     """Motion of the carriage and the sphere from a given state, step by step.
 
     There is no excitation, no noise and no delay; randomised parameters have the values that the
     scene states, and the actuators reach at once what is applied. A known disturbance enters as a
-    force on the carriage that is constant over a control step.
+    force on the carriage that is constant over a control step: in the control force, or, where that
+    acts between the masses, as a harmonic force of frequency 0.
 
     Parameters
     ----------
@@ -46,12 +51,14 @@ class Model:
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
         self.has_force, self.has_stretch = force is not None, stretch is not None
+        self.is_between = scene.actuation.is_between
+        pushed = {"limit": self.limit, "between": "masses" if self.is_between else "ground"}
         changes: dict[str, object] = {
-            "excitation": [],
-            "randomization": {},
+            "excitation": [HELD] if self.is_between else [],
+            "randomization": {AMPLITUDE: [-self.limit, self.limit]} if self.is_between else {},
             "initial": {},
             "sensors": {},
-            "actuation": {"force": {"limit": self.limit}},
+            "actuation": {"force": pushed},
             "objective.effort_weight": 0.0,
             "objective.displacement_limit": None,
             "objective.rail_half_length": None,
@@ -61,24 +68,30 @@ class Model:
             low, high = stretch.minimum, stretch.maximum
             self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
             changes["actuation"] = {
-                "force": {"limit": self.limit},
+                "force": pushed,
                 "stretch": {"minimum": low, "maximum": high},
             }
         self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
         self.columns = columns(scene)
         self.env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
-        self.env.reset(seed=0)
+        self.state = self.env.reset(seed=0)[1]["state"]
 
     def begin(self, state: Values) -> None:
         """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s]."""
-        x1, x2, v1, v2 = np.ascontiguousarray(state.T)
+        self.state = state
+        if not self.is_between:  # else each step begins anew
+            self._reset({})
+
+    def _reset(self, fields: dict[str, Values]) -> None:
+        x1, x2, v1, v2 = np.ascontiguousarray(self.state.T)
         self.env.reset(
             options={
                 "initial.carriage_displacement": x1,
                 "initial.sphere_offset": x2 - x1,
                 "initial.carriage_velocity": v1,
                 "initial.sphere_velocity": v2,
+                **fields,
             }
         )
 
@@ -93,12 +106,17 @@ class Model:
         disturbance
             (lanes,) a known force on the carriage [N], held over the step.
         """
-        force = disturbance + (applied[:, 0] if self.has_force else 0.0)
+        force = applied[:, 0] if self.has_force else 0.0
+        if self.is_between:
+            self._reset({AMPLITUDE: np.broadcast_to(disturbance, len(applied))})
+        else:
+            force = disturbance + force
         actions = np.empty((len(applied), 1 + self.has_stretch))
         actions[:, 0] = force / self.limit
         if self.has_stretch:
             actions[:, 1] = (applied[:, -1] - self.middle) / self.half
         _, rewards, *_, info = self.env.step(actions)
+        self.state = info["state"].copy() if self.is_between else info["state"]
         return info["state"], rewards
 
 

@@ -54,7 +54,8 @@ def _action(scene: Scene) -> str:
     force, stretch = scene.actuation.force, scene.actuation.stretch
     rows: list[list[str]] = []
     if force is not None:
-        rows.append(["force on the carriage", "N", f"{-force.limit:g}", f"{force.limit:g}"])
+        where = "between the masses" if force.between == "masses" else "on the carriage"
+        rows.append([f"force {where}", "N", f"{-force.limit:g}", f"{force.limit:g}"])
         rows[-1] += _motion(force)
     if stretch is not None:
         rows.append(["stretch of the springs", "-", f"{stretch.minimum:g}", f"{stretch.maximum:g}"])

@@ -57,7 +57,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     =======  =========================  ================================================
     column   actuator                   an action of 1 means
     =======  =========================  ================================================
-    force    `actuation.force` [N]      +limit, on the carriage
+    force    `actuation.force` [N]      +limit, on the carriage; with ``between = "masses"``
+                                        -limit on the sphere, too
     stretch  `actuation.stretch` [-]    `maximum`
     =======  =========================  ================================================
 

@@ -102,7 +102,9 @@ JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no 
 EXCITATION = 6  # slot where the sampled excitation is described
 INTERFACE = 7
 """Row of the first parameter of an interface in value form; its own state, if any, is before."""
-MODEL_OWN = 8
+BETWEEN = 8
+"""1 if the control force acts between the masses, 0 if between the ground and the carriage."""
+MODEL_OWN = 9
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step

@@ -78,6 +78,23 @@ def read_coefficients(lanes, i, count):
 
 
 @inlined_kernel
+def control_forces(model, force):
+    """Return what a control force adds to that between the masses, and to that on the carriage.
+
+    One of both is 0. Added to the interface's force at rest, the first costs a method nothing.
+
+    Parameters
+    ----------
+    model
+        (m,) read.
+    force
+        That of the actuator [N], a number or a vector of lanes.
+    """
+    inner = model[at.BETWEEN] * force
+    return inner, force - inner
+
+
+@inlined_kernel
 def rates(p, is_finite, x1, offset, v1, link, push, shake):
     """Return the accelerations [m/s^2] of carriage and sphere.
 

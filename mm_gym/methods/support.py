@@ -70,6 +70,8 @@ class Support:
     interface, interface_row
         The interface, if it is in value form, and the row of its first parameter; the row before is
         its own state.
+    is_between
+        Whether the control force acts between the masses, and not on the carriage alone.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.
@@ -91,6 +93,7 @@ class Support:
     idle_velocity: float = math.inf
     interface: Interface = LINE
     interface_row: int = 0
+    is_between: bool = False
 
     @property
     def frequencies(self) -> NDArray[np.float64]:

@@ -48,7 +48,7 @@ class LaneResponse:
     def __init__(self, env: MovingMassVectorEnv) -> None:
         self._env = env
         self._values = _values_of(env)
-        self._totals = Totals(self._values)
+        self._totals = Totals(self._values, is_between=env.plant.support.is_between)
         self._task = env.plant.task.copy()  # of an environment that shows accelerations
         self._task[[at.IS_DERIVED, at.HAS_REACTIONS]] = 1.0
 
@@ -85,14 +85,16 @@ def _values_of(env: MovingMassVectorEnv) -> Array:
 
 def _spring_energy(values: Array) -> Array:
     """Return the energy [J] of the sphere's springs in each lane."""
-    rest = values[at.L0] if values[at.L0].any() else 0.0  # all of a scene are of one kind
-    offset = values[at.X2] - values[at.X1]
-    return plain(springs.spring_energy)(values[at.K0], rest, values[at.STRETCH], offset)
+    energy, offset = plain(springs.spring_energy), values[at.X2] - values[at.X1]
+    k0, l0, stretch = values[[at.K0, at.L0, at.STRETCH]]
+    if not l0.any():  # all of a scene are of one kind
+        return energy(k0, 0.0, stretch, offset)
+    return np.array([energy(*lane) for lane in zip(k0, l0, stretch, offset, strict=True)])
 
 
 def _end(values: Array) -> End:
     return End(
         values[:4, :, None],
-        values[at.CARRIAGE_ACCELERATION][:, None],
+        values[at.CARRIAGE_ACCELERATION : at.SPHERE_ACCELERATION + 1, :, None],
         values[at.GROUND_ACCELERATION][:, None],
     )

@@ -34,13 +34,15 @@ class Response:
         Of the carriage [m/s^2], absolute: that of the ground is in it. Impulses are not.
     peak_base_force, rms_base_force
         On the base, the base shear [N]: k1 (alpha + beta x1^2) x1 + d v1 - u, of the carriage's
-        spring and damper, and the reaction to the control force.
+        spring and damper, and the reaction to the control force; without -u if that acts between
+        the masses.
     peak_stroke, rms_stroke
         Offset of the sphere, x2 - x1 [m].
     peak_force, rms_force
         Control force u [N].
     peak_power
-        Of the control force [W]: max_t |u v1|.
+        Of the control force [W]: max_t |u v1|. Between the masses v1 - v2 takes the place of v1,
+        here and in both energies.
     control_energy
         What the control force gives and takes [J], added up by magnitude: integral of |u v1| dt.
     control_work

@@ -28,7 +28,7 @@ class End(NamedTuple):
     state
         (4, lanes, n) x1, x2 [m], v1, v2 [m/s].
     acceleration
-        (lanes, n) of the carriage [m/s^2], absolute.
+        (2, lanes, n) of carriage and sphere [m/s^2], absolute.
     ground
         (lanes, n) acceleration of the ground [m/s^2].
     """
@@ -48,6 +48,8 @@ class Totals:
     ----------
     parameters
         (rows, lanes) of the motions.
+    is_between
+        Whether the control force acts between the masses, and not between ground and carriage.
 
     Raises
     ------
@@ -55,11 +57,11 @@ class Totals:
         If a carriage has no mass: its acceleration is not finite.
     """
 
-    def __init__(self, parameters: Array) -> None:
+    def __init__(self, parameters: Array, *, is_between: bool) -> None:
         if not parameters[at.M1].all():
             msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
             raise SimulationError(msg)
-        self._p, lanes = parameters, parameters.shape[1]
+        self._p, lanes, self._is_between = parameters, parameters.shape[1], is_between
         self._duration = np.zeros(lanes)
         self._peaks: dict[str, Array] = {}
         self._sums: dict[str, Array] = {}
@@ -77,7 +79,11 @@ class Totals:
             )
         )
         counts, fastest = duration > 0.0, velocity.peak()
-        first, last = start.acceleration, end.acceleration
+        first, last = start.acceleration[0], end.acceleration[0]
+        moved, speed, way = displacement, fastest, end.state[at.X1] - start.state[at.X1]
+        if self._is_between:
+            moved, speed = stroke, cubic(_slip(start), _slip(end), duration).peak()
+            way = way - (end.state[at.X2] - start.state[at.X2])
         self._raise(
             counts,
             displacement=displacement.peak(),
@@ -86,7 +92,7 @@ class Totals:
             base_force=base_force.peak(),
             stroke=stroke.peak(),
             force=np.abs(force),
-            power=np.abs(force) * fastest,
+            power=np.abs(force) * speed,
         )
         self._add(
             counts,
@@ -95,8 +101,8 @@ class Totals:
             base_force=duration * base_force.mean_square(),
             stroke=duration * stroke.mean_square(),
             force=duration * force * force,
-            control_energy=np.abs(force) * displacement.variation(),
-            control_work=force * (end.state[at.X1] - start.state[at.X1]),
+            control_energy=np.abs(force) * moved.variation(),
+            control_work=force * way,
         )
         self._duration += duration.sum(axis=1)
 
@@ -127,12 +133,13 @@ class Totals:
     def _smooth(self, end: End, control: Array) -> list[tuple[Array, Array]]:
         """Return value and rate of displacement, velocity, stroke and force on the base.
 
-        The reaction to the control force (lanes, n) [N] is part of the last one.
+        The reaction to a control force (lanes, n) [N] that acts on the ground is part of the last.
         """
         k1, alpha, beta, d = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA, at.D))
         x1, x2, v1, v2 = end.state
-        relative = end.acceleration - end.ground
-        force = plain(carriage_spring.carriage_force)(k1, alpha, beta, x1) + d * v1 - control
+        relative = end.acceleration[0] - end.ground
+        force = plain(carriage_spring.carriage_force)(k1, alpha, beta, x1) + d * v1
+        force = force if self._is_between else force - control
         rate = k1 * (alpha + 3.0 * beta * x1 * x1) * v1 + d * relative
         return [(x1, v1), (v1, relative), (x2 - x1, v2 - v1), (force, rate)]
 
@@ -145,3 +152,8 @@ class Totals:
         for name, value in values.items():
             total = np.sum(value, axis=1, where=counts)
             self._sums[name] = self._sums.get(name, self._none) + total
+
+
+def _slip(end: End) -> tuple[Array, Array]:
+    """Return the slip velocity [m/s] and its rate [m/s^2]."""
+    return end.state[at.V2] - end.state[at.V1], end.acceleration[1] - end.acceleration[0]

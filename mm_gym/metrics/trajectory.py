@@ -62,7 +62,8 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
         raise SimulationError(msg)
     rows = np.arange(int(np.ceil(end / interval * (1.0 - 1e-12))))
     lengths = np.minimum(interval, end - rows * interval)
-    totals = Totals(recording.parameters[:, None])
+    is_between = recording.plant.support.is_between
+    totals = Totals(recording.parameters[:, None], is_between=is_between)
     parts = np.linspace(0.0, 1.0, pieces + 1)[:, None] * lengths
     instants = [_end(recording, rows, part, first=k == 0) for k, part in enumerate(parts)]
     held = recording.applied[rows, 0][None]
@@ -93,5 +94,9 @@ def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bo
     exciting = excitation(recording, Place(rows, part))
     applied = recording.applied[rows]
     support = recording.plant.support
-    absolute = acceleration(support, recording.parameters, state, applied, exciting[:, 0])[:, 0]
-    return End(np.ascontiguousarray(state[:, :4].T)[:, None], absolute[None], exciting[None, :, 1])
+    absolute = acceleration(support, recording.parameters, state, applied, exciting[:, 0])
+    return End(
+        np.ascontiguousarray(state[:, :4].T)[:, None],
+        np.ascontiguousarray(absolute.T)[:, None],
+        exciting[None, :, 1],
+    )

@@ -135,7 +135,8 @@ def tangent(support: Support, row: Array) -> Tangent:
         force, spring_force = _forces(row, link)
         moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
         one = np.array([Decimal(value) for value in moving])
-        drivers = np.column_stack([system.force, stretch, system.force, system.ground, one])
+        control = system.control(is_between=support.is_between)
+        drivers = np.column_stack([control, stretch, system.force, system.ground, one])
     return Tangent(system.a, drivers, (over_offset, over_stretch), spring_force)
 
 

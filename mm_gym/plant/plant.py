@@ -102,6 +102,8 @@ class Plant:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A (4, 4) and B (4, 1) of x' = A x + B u about rest, u the control force [N].
 
+        The force acts where ``actuation.force.between`` says.
+
         Parameters
         ----------
         stretch
@@ -121,7 +123,8 @@ class Plant:
             If the carriage has no mass.
         """
         system = self.system(stretch)
-        return system.a.astype(np.float64), system.force.astype(np.float64)[:, None]
+        b = system.control(is_between=self.support.is_between)
+        return system.a.astype(np.float64), b.astype(np.float64)[:, None]
 
     def discrete(
         self, stretch: float | None = None
@@ -131,12 +134,13 @@ class Plant:
         The force u [N] is held over each control step. Parameters and linearisation are those of
         `linear`; a carriage without mass is allowed.
         """
-        row = self._middle(stretch)
-        massless = row[at.M1] == 0.0
-        if massless:
-            both = massless_transition(values_about(self.support, row), self.time_step)
+        row, is_between = self._middle(stretch), self.support.is_between
+        if row[at.M1] == 0.0:
+            values = values_about(self.support, row)
+            both = massless_transition(values, self.time_step, is_between=is_between)
         else:
-            both = transition(_equations(self.support, row), self.time_step)
+            equations = _equations(self.support, row)
+            both = transition(equations, self.time_step, is_between=is_between)
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:

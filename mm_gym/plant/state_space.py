@@ -57,7 +57,7 @@ def state_space_of(
         impulses=random_impulses(loop.support, row),
         inputs=asked_inputs,
         outputs=asked_outputs,
-        held=_held(asked_inputs, asked_outputs, loop.lags, sampled=sampled),
+        held=_held(loop, asked_inputs, asked_outputs, sampled=sampled),
     )
     return _sampled(parts) if sampled else _continuous(parts)
 
@@ -76,7 +76,7 @@ def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tu
     return names
 
 
-SEES = {
+SEES: dict[str, tuple[str, ...]] = {
     "force": ("carriage_acceleration", "applied_force"),
     "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
 }
@@ -84,14 +84,17 @@ SEES = {
 
 
 def _held(
-    inputs: tuple[str, ...], outputs: tuple[str, ...], lags: dict[str, float], *, sampled: bool
+    loop: ControlLoop, inputs: tuple[str, ...], outputs: tuple[str, ...], *, sampled: bool
 ) -> tuple[str, ...]:
     """Return the actuators that need a state: with lag, or seen while held."""
+    sees = dict(SEES)
+    if loop.support.is_between:
+        sees["force"] = (*sees["force"], "sphere_acceleration")
     return tuple(
         name
-        for name, lag in lags.items()
+        for name, lag in loop.lags.items()
         if name in inputs
-        and (lag < 1.0 or (sampled and any(channel in outputs for channel in SEES[name])))
+        and (lag < 1.0 or (sampled and any(channel in outputs for channel in sees[name])))
     )
 
 

@@ -109,6 +109,7 @@ def support_of(scene: Scene) -> Support:
         excitation=layout.description,
         interface=interface,
         interface_row=first if own else 0,
+        is_between=scene.actuation.is_between,
     )
 
 

@@ -249,17 +249,18 @@ class Oracle:
 
     def _field(self, regime: int, force: float, stretch: float) -> Callable[..., State]:
         carriage, m2 = self.scene.carriage, self.scene.sphere.mass
+        pair, held = (force, 0.0) if self.scene.actuation.is_between else (0.0, force)
 
         def field(t: float, y: State) -> State:
             x1, x2, v1, v2 = y
-            inner = self._interface(v2 - v1, regime) + self._springs(x2 - x1, stretch)
+            inner = self._interface(v2 - v1, regime) + self._springs(x2 - x1, stretch) + pair
             spring = (
                 carriage.stiffness
                 * (carriage.linear_coefficient + carriage.cubic_coefficient * x1**2)
                 * x1
             )
             ground = self._excitation(t, "ground")
-            outer = force + self._excitation(t, "force") - carriage.damping * v1 - spring
+            outer = held + self._excitation(t, "force") - carriage.damping * v1 - spring
             return np.array(
                 [v1, v2, (inner + outer) / carriage.mass - ground, -inner / m2 - ground]
             )
@@ -272,6 +273,7 @@ class Oracle:
         """Integrate x1, x2, v2; v1 balances the forces on the carriage (viscous interface)."""
         carriage, m2 = self.scene.carriage, self.scene.sphere.mass
         c = self._interface(1.0, STICK)
+        pair = force if self.scene.actuation.is_between else 0.0
 
         def velocity(t: float, x1: float, x2: float, v2: float) -> float:
             spring = carriage.stiffness * carriage.linear_coefficient * x1
@@ -287,7 +289,7 @@ class Oracle:
         def field(t: float, y: State) -> State:
             x1, x2, v2 = y
             v1 = velocity(t, x1, x2, v2)
-            inner = c * (v2 - v1) + self._springs(x2 - x1, stretch)
+            inner = c * (v2 - v1) + self._springs(x2 - x1, stretch) + pair
             return np.array([v1, v2, -inner / m2 - self._excitation(t, "ground")])
 
         x1, x2, v2 = self._segment(field, start, end, state[[0, 1, 3]], []).y[:, -1]

@@ -230,12 +230,15 @@ class Mechanism:
         canvas.disc(centre, 3.5, look.INK)
 
     def _draw_forces(self) -> None:
-        """Draw arrows of the forces on the carriage, and one of the ground's acceleration."""
+        """Draw arrows of the forces on the masses, and one of the ground's acceleration."""
         canvas, subject, past = self.canvas, self.subject, self.past
         arrows: list[tuple[float, Colour]] = []
         largest = max(subject.force_limit or 0.0, subject.disturbance, past.disturbance)
         if subject.force_limit is not None:
             arrows.append((past.now(at.FORCE) / largest, look.CONTROL))
+        if subject.is_between:  # its reaction, on the sphere
+            centre = self.carriage + self.offset, place.TOP - place.FILM - place.RADIUS
+            canvas.arrow(centre, -ARROW * past.now(at.FORCE) / largest, look.CONTROL)
         if subject.disturbance:
             arrows.append((past.now(rows.PUSH) / largest, look.DISTURBANCE))
         if subject.impulse and can_be_seen(subject):

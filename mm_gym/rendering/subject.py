@@ -44,6 +44,8 @@ class Subject:
         Stretches [-] from one end of the springs' colours to the other.
     force_limit
         Of the control force [N], or None.
+    is_between
+        Whether it acts between the masses.
     is_stretched
         Whether the stretch is actuated.
     displacement_limit, rail_limit
@@ -69,6 +71,7 @@ class Subject:
     interface: str
     stretch_range: tuple[float, float]
     force_limit: float | None
+    is_between: bool
     is_stretched: bool
     displacement_limit: float | None
     rail_limit: float | None
@@ -103,11 +106,12 @@ def subject_of(scene: Scene, plant: Plant) -> Subject:
         period=min(natural_period(plant), plant.steps * plant.time_step),
         speed=speed_text(plant.time_step, frames),
         has_damper=bool(high[at.D] > 0.0),
-        has_sphere=has_springs or scene.interface.kind != "none",
+        has_sphere=has_springs or scene.interface.kind != "none" or actuation.is_between,
         has_springs=has_springs,
         interface=scene.interface.kind,
         stretch_range=stretches,
         force_limit=None if actuation.force is None else actuation.force.limit,
+        is_between=actuation.is_between,
         is_stretched=actuation.stretch is not None,
         displacement_limit=objective.displacement_limit,
         rail_limit=objective.rail_half_length,

@@ -36,10 +36,12 @@ class Actuator(Part):
 
 
 class ForceActuator(Actuator):
-    """A control force on the carriage [N]; action 1 is +limit."""
+    """A control force u on the carriage [N]; action 1 is +limit."""
 
     limit: Positive = 4.0
     """[N]"""
+    between: Literal["ground", "masses"] = "ground"
+    """what the actuator pushes against: the ground, or the sphere, on which -u then acts"""
 
 
 def _minimum_below_maximum(minimum: float, maximum: float) -> str | None:
@@ -67,3 +69,8 @@ class Actuation(Part):
 
     force: ForceActuator | None = None
     stretch: StretchActuator | None = None
+
+    @property
+    def is_between(self) -> bool:
+        """Whether there is a force, and it acts between the masses."""
+        return self.force is not None and self.force.between == "masses"

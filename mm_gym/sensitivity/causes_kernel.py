@@ -10,6 +10,7 @@ import math
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma
+from mm_gym.law.motion import control_forces
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.layout import FIRST_ROW, IS_CUBIC, IS_FINITE, TIME
 
@@ -35,7 +36,8 @@ def cause(model, lanes, i, c, p, elapsed, unit, n, row):
     """
     first, regime = 1.0 if n == 0 else 0.0, p[of.REGIME]
     if row == at.FORCE:
-        return 0.0, -first, 0.0, 0.0
+        pair, held = control_forces(model, first)
+        return pair, -held, 0.0, 0.0
     if row == at.STRETCH:
         if model[IS_FINITE] > 0.0:
             return c[of.OVER_STRETCH + n], 0.0, 0.0, 0.0

@@ -58,17 +58,17 @@ def propagate(model, lanes, first, last):
         c[rows.RECIPROCAL + n] = 1.0 / (n + 1.0)
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        _load(lanes, c, numbers, i, count)
+        _load(model, lanes, c, numbers, i, count)
         status = max(status, _propagate(model, lanes, c, rows_of(numbers), i, count))
     return status
 
 
 @borrowing_kernel
-def _load(lanes, c, numbers, i, count):
+def _load(model, lanes, c, numbers, i, count):
     """Write coefficients and states of the lanes i .. i + count - 1, the last one repeated."""
     for k in range(LANES):
         lane = i + min(k, count - 1)
-        taylor.coefficients(lanes, lane, False, c)
+        taylor.coefficients(model, lanes, lane, False, c)
         for row in range(rows.BY_M1, rows.SIZE):
             numbers[row * LANES + k] = c[row]
         for row in range(4):
@@ -212,7 +212,8 @@ def _deviate_all(model, lanes, c, b, unit, order, has_springs, i, count):
     zero, width = everywhere(0.0), int(model[WIDTH])
     for j in range(width):
         cause, push, to_v1, to_w = int(model[CAUSES + j]), zero, zero, zero
-        if cause == at.FORCE:
+        is_push = cause == at.FORCE and not model[at.BETWEEN] > 0.0
+        if is_push:
             push = unit * unit * b[rows.BY_M1]
         elif cause >= 0:
             to_v1, to_w = _write_signal(lanes, b, cause, unit, order, i, count)
@@ -223,7 +224,7 @@ def _deviate_all(model, lanes, c, b, unit, order, has_springs, i, count):
             continue
         b[target], b[target + 1] = to_v1, to_w
         b[target + 2] = push
-        is_driven = cause >= 0 and cause != at.FORCE
+        is_driven = cause >= 0 and not is_push
         row = COLUMN_ROWS + 4 * j
         part = deviate(b, c, row, target, unit, order, has_springs, is_driven)
         if part < 1.0:
@@ -256,6 +257,11 @@ def _write_signal(lanes, b, cause, unit, order, i, count):
     m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
     k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
     k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    if cause == at.FORCE:  # held between the masses
+        for n in range(order):
+            b[SIGNAL + n] = everywhere(1.0 if n == 0 else 0.0)
+        factor = unit * unit / m1
+        return factor, -factor - unit * unit / m2
     if cause in (at.K1, at.BETA):
         beta = read(lanes, at.BETA, i, count)
         for n in range(order):

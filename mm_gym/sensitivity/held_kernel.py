@@ -71,12 +71,8 @@ def _write_held(model, lanes, weights, i, count):
     for j in range(STATES, width):
         if model[CAUSES + j] == at.FORCE:
             push = piece * piece * by_m1
-            z = (
-                push * by_carriage[0],
-                push * by_carriage[1],
-                push * by_carriage[2],
-                push * by_carriage[3],
-            )
+            pull = -model[at.BETWEEN] * g[4] * push  # of the sphere, by its reaction
+            z = add(add((zero, zero, zero, zero), push, by_carriage), pull, by_sphere)
             write_column(lanes, row + j, width, piece, i, count, z)
 
 

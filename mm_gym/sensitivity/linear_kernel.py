@@ -17,6 +17,7 @@ from mm_gym.lanes.groups import read, write, write_state
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, everywhere
 from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.law.motion import control_forces
 from mm_gym.sensitivity.generator_kernel import (
     ACCELERATION,
     COUPLING,
@@ -48,9 +49,10 @@ from mm_gym.sensitivity.layout import (
 )
 
 # Rows of scratch behind the series of the motion: force on the carriage over m1 and the ground's
-# acceleration; what an amplitude, frequency or phase drives. Behind them cosine and sine of each
-# harmonic, then the jets.
-_FORCE, _GROUND, _SIGNAL, _HARMONIC = 4 * ORDERS, 5 * ORDERS, 6 * ORDERS, 7 * ORDERS
+# acceleration; what an amplitude, frequency or phase drives; the force held between the masses over
+# m1. Behind them cosine and sine of each harmonic, then the jets.
+_FORCE, _GROUND, _SIGNAL, _PAIR = 4 * ORDERS, 5 * ORDERS, 6 * ORDERS, 7 * ORDERS
+_HARMONIC = _PAIR + 1
 
 
 @kernel
@@ -170,6 +172,9 @@ def _move(b, g, weights, z, degree, terms):
         b[V1 + n], b[W + n] = z[2], z[3]
         is_driven = n < terms
         z, coupling = derivative(g, z, b[_FORCE + n] if is_driven else zero)
+        if n == 0:
+            z = z[0], z[1], z[2] + b[_PAIR], fma(-1.0 - g[4], b[_PAIR], z[3])
+            coupling = coupling + b[_PAIR]
         b[ACCELERATION + n], b[COUPLING + n] = z[2], coupling
         if is_driven:
             z = z[0], z[1], z[2] - b[_GROUND + n], z[3]
@@ -307,7 +312,8 @@ def _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count):
             factor = 1.0 / weights[n]
             b[_FORCE + n] = factor * scale * b[jet + n]
             b[_GROUND + n] = factor * square * b[jet + terms + n]
-    b[_FORCE] = fma(scale, read(lanes, at.FORCE, i, count), b[_FORCE])
+    pair, held = control_forces(model, read(lanes, at.FORCE, i, count))
+    b[_PAIR], b[_FORCE] = scale * pair, fma(scale, held, b[_FORCE])
     for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
         is_ground = (int(model[at.GROUND]) >> j) & 1

@@ -11,6 +11,7 @@ from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.simd import everywhere
+from mm_gym.law.motion import control_forces
 from mm_gym.sensitivity import series_layout as of
 from mm_gym.sensitivity.causes_kernel import friction_slope, harmonic_slope
 from mm_gym.sensitivity.generator_kernel import (
@@ -50,7 +51,7 @@ def expand_motion(model, c, p, unit, phase):
     by_m1, by_both = 1.0 / p[of.M1], 1.0 / p[of.M1] + 1.0 / p[of.M2]
     k1, k2, d, damping = p[of.K1] * p[of.ALPHA], p[of.K2], p[of.D], p[of.DAMPING]
     excited = model[at.HARMONIC_COUNT] > 0.0 or model[at.TERMS] > 0.0
-    held, slip, bound = p[of.HELD], p[of.SLIP], 1.0
+    held, slip, bound = p[of.HELD], p[of.SLIP] + p[of.BETWEEN], 1.0
     for n in range(of.ORDER):
         step = unit / (n + 1.0)
         inner = fma(damping, c[of.W + n], k2 * c[of.OFFSET + n]) + slip
@@ -91,7 +92,8 @@ def write_signals(model, lanes, i, c, p, t, elapsed, unit, theta, order):
         cause = int(model[CAUSES + j])
         row, scale = of.X1, theta
         if cause == at.FORCE:
-            t[_TO_V1, j], t[_TO_W, j], t[_SIGNAL, j] = push, -push, 1.0
+            pair, alone = control_forces(model, push)
+            t[_TO_V1, j], t[_TO_W, j], t[_SIGNAL, j] = push, -alone - both * pair, 1.0
             continue
         if cause >= at.HARMONICS:
             which = (cause - at.HARMONICS) // at.HARMONIC_ROWS

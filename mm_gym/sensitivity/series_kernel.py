@@ -24,6 +24,7 @@ from mm_gym.lanes.simd_memory import rows_of
 from mm_gym.law.bounds import fastest_harmonic, fastest_rate
 from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.sensitivity import regime_kernel as regime
 from mm_gym.sensitivity import series_layout as of
@@ -64,13 +65,13 @@ def propagate(model, lanes, first, last):
         t, work = np.zeros((of.ROWS, COLUMNS)), np.zeros((4, COLUMNS))
     weights = weights_of(of.ORDER + 1)
     for i in range(first, last):
-        _load(lanes, i, p)
+        _load(model, lanes, i, p)
         status = max(status, _propagate_lane(model, lanes, i, c, p, t, work, weights))
     return status
 
 
 @borrowing_kernel
-def _load(lanes, i, p):
+def _load(model, lanes, i, p):
     """Write the coefficients of lane i."""
     p[of.M1], p[of.M2], p[of.K1], p[of.D] = (
         lanes[at.M1, i],
@@ -78,7 +79,8 @@ def _load(lanes, i, p):
         lanes[at.K1, i],
         lanes[at.D, i],
     )
-    p[of.ALPHA], p[of.BETA], p[of.HELD] = lanes[at.ALPHA, i], lanes[at.BETA, i], lanes[at.FORCE, i]
+    p[of.ALPHA], p[of.BETA] = lanes[at.ALPHA, i], lanes[at.BETA, i]
+    p[of.BETWEEN], p[of.HELD] = control_forces(model, lanes[at.FORCE, i])
     p[of.K0], p[of.L0], p[of.STRETCH] = lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i]
     p[of.K2] = stiffness(p[of.K0], p[of.STRETCH]) if p[of.K0] > 0.0 else 0.0
     p[of.STICK], p[of.VR], p[of.CHI] = lanes[at.C, i], lanes[at.VR, i], lanes[at.CHI, i]
@@ -204,7 +206,7 @@ def _expand(model, lanes, i, c, p, t, work, elapsed, unit):
     k1, beta, d, damping = p[of.K1] * p[of.ALPHA], p[of.K1] * p[of.BETA], p[of.D], p[of.DAMPING]
     excited = model[at.HARMONIC_COUNT] > 0.0 or model[at.TERMS] > 0.0
     inner, outer, kick, slide = work[0], work[1], work[2], work[3]
-    held, slip = p[of.HELD], p[of.SLIP]
+    held, slip = p[of.HELD], p[of.SLIP] + p[of.BETWEEN]
     write_size(c, t, unit, 0)
     for n in range(of.ORDER):
         step = unit / (n + 1.0)
@@ -381,7 +383,7 @@ def _jump(model, lanes, i, c, p, velocities, elapsed, regime, direction):
     outer = p[of.K1] * (p[of.ALPHA] + p[of.BETA] * x1 * x1) * x1 + p[of.D] * c[of.V1] - p[of.HELD]
     if excited:
         outer -= c[of.FORCE]
-    inner = p[of.DAMPING] * c[of.W] + p[of.SLIP] + pair
+    inner = p[of.DAMPING] * c[of.W] + p[of.SLIP] + pair + p[of.BETWEEN]
     by_m1, by_both = 1.0 / p[of.M1], 1.0 / p[of.M1] + 1.0 / p[of.M2]
     rate = outer * by_m1 - inner * by_both
     damping, slip = interface_line(direction - regime, p[of.STICK], p[of.CHI], p[of.INTERCEPT])

@@ -24,4 +24,6 @@ M1, M2, K1, ALPHA, BETA, D, HELD, K0, L0, STRETCH, K2 = range(11)
 STICK, CHI, INTERCEPT, VR, FN, MU1, MU2, DAMPING, SLIP, REGIME = range(11, 21)
 REST = 21
 """What rounding leaves of the offset [m]."""
-COEFFICIENTS = 22
+BETWEEN = 22
+"""Force held between the masses [N]; HELD is that on the carriage."""
+COEFFICIENTS = 23

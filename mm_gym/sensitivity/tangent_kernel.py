@@ -29,7 +29,7 @@ from mm_gym.law.interface import (
     resolves,
     states_of,
 )
-from mm_gym.law.motion import coefficients
+from mm_gym.law.motion import coefficients, control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
 from mm_gym.methods.runge_kutta import layout as of
@@ -199,7 +199,7 @@ def _load(interface, model, lanes, i, b):
         stretch,
     )
     runge_kutta.write_coefficients(b, p)
-    b[of.FORCE] = _parameter(model, lanes, at.FORCE, i)
+    b[of.PAIR], b[of.FORCE] = control_forces(model, _parameter(model, lanes, at.FORCE, i))
     for k in range(parameters_of(interface)):
         b[of.PARAMETERS + k] = _parameter(model, lanes, int(model[at.INTERFACE]) + k, i)
     _load_sources(model, lanes, i, b)
@@ -278,7 +278,8 @@ def _over(model, h, fifth, third, rows, b, error):
         scale = max(scale, abs(value_of(b[of.OWN_KICKS])) * part)
         width = larger(width, abs(slopes_of(b[of.OWN_KICKS])) * part)
     if rows[0] == at.V1:  # what rounding leaves of balanced forces
-        forces = abs(value_of(b[of.FORCE])) + abs(value_of(b[of.LINEAR]) * value_of(b[0]))
+        forces = abs(value_of(b[of.FORCE])) + abs(value_of(b[of.PAIR]))
+        forces += abs(value_of(b[of.LINEAR]) * value_of(b[0]))
         scale += runge_kutta.ROUND_OFF * forces * value_of(b[of.BY_M1]) / limit
     for side in range(2):
         one, two = abs(value_of(fifth[side])), abs(value_of(third[side]))

@@ -70,15 +70,16 @@ def interface_energy(support: Support, p: Array, state: Array) -> Array:
     return np.zeros(len(state)) + energy(own, state[:, 1] - state[:, 0], slip, state[:, -1])
 
 
-def base_force(p: Array, state: Array, force: Array) -> Array:
+def base_force(support: Support, p: Array, state: Array, force: Array) -> Array:
     """Return the force (n,) [N] on the base.
 
-    It is that of the carriage's spring and damper, and the reaction to the control force (n,) [N],
-    whose actuator stands on the base.
+    It is that of the carriage's spring and damper, and the reaction to the control force (n,) [N]
+    if its actuator stands on the base.
     """
     x1, v1 = state[:, 0], state[:, 2]
     spring = plain(carriage_spring.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
-    return spring + p[at.D] * v1 - force
+    own = spring + p[at.D] * v1
+    return own if support.is_between else own - force
 
 
 def acceleration(
@@ -104,7 +105,9 @@ def acceleration(
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
     inner = interface_force(support, p, state) + spring_force(p, state, applied[:, 1])
-    outer = disturbance - base_force(p, state, applied[:, 0])
+    outer = disturbance - base_force(support, p, state, applied[:, 0])
+    if support.is_between:
+        inner = inner + applied[:, 0]
     return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])
 
 

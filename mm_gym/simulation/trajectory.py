@@ -97,9 +97,11 @@ class Trajectory:
     def base_force(self) -> NDArray[np.float64]:
         """Force (n,) [N] on the base, positive as x1 is: the base shear.
 
-        It is that of the carriage's spring and damper, and the reaction to the control force.
+        It is that of the carriage's spring and damper, and the reaction to the control force if
+        its actuator stands on the base.
         """
-        return base_force(self.parameters, self.state, self.applied[:, 0])
+        support = self.recording.plant.support
+        return base_force(support, self.parameters, self.state, self.applied[:, 0])
 
     def channel(self, name: str) -> NDArray[np.float64]:
         """Return a channel (n,) by its name, in SI units, without noise and delay.

@@ -18,11 +18,19 @@ if TYPE_CHECKING:
 
 
 class StateSpace(NamedTuple):
-    """x' = A x + force * u + ground * a_g with the state x1, x2, v1, v2, as arrays of `Decimal`."""
+    """x' = A x + force * p + ground * a_g + pair * u with the state x1, x2, v1, v2, in `Decimal`.
+
+    The pair of forces acts between the masses: u on the carriage, -u on the sphere.
+    """
 
     a: NDArray[np.object_]
     force: NDArray[np.object_]
     ground: NDArray[np.object_]
+    pair: NDArray[np.object_]
+
+    def control(self, *, is_between: bool) -> NDArray[np.object_]:
+        """Return the column (4,) of the control force."""
+        return self.pair if is_between else self.force
 
 
 def state_space(p: Values) -> StateSpace:
@@ -36,8 +44,8 @@ def state_space(p: Values) -> StateSpace:
         [k2 / m2, -k2 / m2, c / m2, -c / m2],
     ]
     force = [zero, zero, one / m1, zero]
-    ground = [zero, zero, -one, -one]
-    return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground)))
+    ground, pair = [zero, zero, -one, -one], [zero, zero, one / m1, -one / m2]
+    return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground, pair)))
 
 
 def slip_space(p: Values) -> StateSpace:
@@ -55,5 +63,5 @@ def slip_space(p: Values) -> StateSpace:
         [k1 / m1, -k2 * both, d / m1, -c * both],
     ]
     force = [zero, zero, one / m1, -one / m1]
-    ground = [zero, zero, -one, zero]
-    return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground)))
+    ground, pair = [zero, zero, -one, zero], [zero, zero, one / m1, -both]
+    return StateSpace(*(np.array(x, dtype=object) for x in (a, force, ground, pair)))

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from mm_gym.state_space.equations import StateSpace, Values
 
 
-def transition(system: StateSpace, time: float) -> NDArray[np.float64]:
-    """Return [exp(A t) | response to a held unit force], (4, 5)."""
+def transition(system: StateSpace, time: float, *, is_between: bool = False) -> NDArray[np.float64]:
+    """Return [exp(A t) | response to a held unit control force], (4, 5)."""
     generator = np.full((5, 5), Decimal(0))
-    generator[:4, :4], generator[:4, 4] = system.a, system.force
+    generator[:4, :4], generator[:4, 4] = system.a, system.control(is_between=is_between)
     return exponential(generator, time)[:4]
 
 
@@ -64,12 +64,14 @@ def response(
     return exponential(generator, time)[:4, 4:].T
 
 
-def massless_transition(p: Values, time: float) -> NDArray[np.float64]:
+def massless_transition(p: Values, time: float, *, is_between: bool = False) -> NDArray[np.float64]:
     """Return the same as `transition` for a carriage without mass.
 
     The velocity v1 at the step's start has no influence.
     """
-    return _massless(p, harmonic(0.0), time, ground=False)[:, :5].astype(np.float64)
+    source = harmonic(0.0)
+    moved = _massless(p, source, time, ground=False, is_between=is_between)
+    return moved[:, :5].astype(np.float64)
 
 
 def halved_massless_transitions(p: Values, time: float, levels: int) -> NDArray[np.float64]:
@@ -86,18 +88,20 @@ def massless_response(
     return _massless(p, source, time, ground=ground)[:, 5:].T.astype(np.float64)
 
 
-def _massless(p: Values, source: Exosystem, time: float, *, ground: bool) -> NDArray[np.object_]:
+def _massless(
+    p: Values, source: Exosystem, time: float, *, ground: bool, is_between: bool = False
+) -> NDArray[np.object_]:
     """Return x1, x2, v1, v2 at the step's end against what there is at its start.
 
     That is (x1, x2, v1, v2, held force, exosystem's states).
 
     """
-    generator, v1 = _massless_generator(p, source, ground=ground)
+    generator, v1 = _massless_generator(p, source, ground=ground, is_between=is_between)
     return _four_rows(halved_exponentials(generator, time, 0)[0], v1)
 
 
 def _massless_generator(
-    p: Values, source: Exosystem, *, ground: bool
+    p: Values, source: Exosystem, *, ground: bool, is_between: bool = False
 ) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """Return the equations of (x1, x2, v2, held force, exosystem's states), and the row of v1.
 
@@ -113,6 +117,8 @@ def _massless_generator(
         generator[0], generator[1, 2] = v1, Decimal(1)
         generator[2] = c * v1 / m2
         generator[2, :3] += np.array([k2, -k2, -c]) / m2
+        if is_between:
+            generator[2, 3] -= 1 / m2
         generator[2, 4:] -= shake
         generator[4:, 4:] = source.matrix
     return generator, v1

@@ -23,6 +23,7 @@ from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.interface import LINE, Interface, force_of, has_state
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import spring_force
 
 if TYPE_CHECKING:
@@ -72,19 +73,20 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
         write_excitation(model, lanes, at.GROUND_ACCELERATION, True, first, last)
         if has_reactions:
             for i in range(first, last):
-                write_reactions(lanes, link(model, lanes, i), i)
+                write_reactions(model, lanes, link(model, lanes, i), i)
 
     return derive
 
 
 @borrowing_kernel
-def write_reactions(lanes, link, i):
+def write_reactions(model, lanes, link, i):
     """Write accelerations and spring force of a lane, given its interface's force [N]."""
     x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
     springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
-    inner = link + springs
+    pair, held = control_forces(model, lanes[at.FORCE, i])
+    inner = link + springs + pair
     spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
-    outer = lanes[at.DISTURBANCE, i] + lanes[at.FORCE, i] - lanes[at.D, i] * lanes[at.V1, i]
+    outer = lanes[at.DISTURBANCE, i] + held - lanes[at.D, i] * lanes[at.V1, i]
     lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer - spring) / lanes[at.M1, i]  # (1)
     lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
     lanes[at.SPRING_FORCE, i] = springs

@@ -56,7 +56,7 @@ def propagate(model, lanes, first, last):
             _move_along(model, terms, lanes, first, last)
         for j in range(count):
             _shift(model, lanes, j, True, first, last)
-    if terms == 0 and model[IS_PUSHED] > 0.0:
+    if model[IS_PUSHED] > 0.0 and (terms == 0 or model[at.BETWEEN] > 0.0):
         _push(model, lanes, first, last)
     return at.OK
 
@@ -82,7 +82,8 @@ def _move_along_line(model, lanes, first, last):
     """Advance the state under the held force and jets that are linear in time."""
     prefer_widest_vectors()
     h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
-    stiffnesses, push = (model[K0], model[MIDDLE], model[SCALE]), model[PUSH]
+    stiffnesses = model[K0], model[MIDDLE], model[SCALE]
+    push = model[PUSH], 1.0 - model[at.BETWEEN]  # a force between the masses is added in `_push`
     jets, times = int(model[at.JETS]), (h, 1.0 / h, h * h)
     if last - first == 1:  # a lone lane does without what a loop prepares
         _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, first)
@@ -102,7 +103,7 @@ def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i)
     stiffnesses
         K0, MIDDLE and SCALE.
     push
-        Acceleration times h^2 per force.
+        Acceleration times h^2 per force, and the part of the held force that counts.
     times
         The sample interval h [s], 1 / h and h^2.
     lanes
@@ -112,11 +113,11 @@ def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i)
     i
         The lane.
     """
-    (k0, middle, scale), (h, by_h, square) = stiffnesses, times
+    (k0, middle, scale), (h, by_h, square), (push, part) = stiffnesses, times, push
     k2 = stiffness(k0, lanes[at.STRETCH, i])
     x1, v1, ground = lanes[at.X1, i], lanes[at.V1, i], jets + LINE
     z = x1, lanes[at.X2, i] - x1, h * v1, h * (lanes[at.V2, i] - v1)
-    force = push * (lanes[at.FORCE, i] + lanes[jets, i])
+    force = push * fma(part, lanes[at.FORCE, i], lanes[jets, i])
     y = _driven(generator, k2, z, force, square * lanes[ground, i], 1.0)
     force = push * lanes[jets + 1, i]
     rest = _driven(generator, k2, y, force, square * lanes[ground + 1, i], 0.5)
@@ -132,11 +133,12 @@ def _move_along(model, terms, lanes, first, last):
     """Advance the state under the held force and any jets."""
     h, generator, cubic = model[at.SAMPLE_INTERVAL], _generator(model), _cubic(model, OF_REST)
     by_h, push, square, jets = 1.0 / h, model[PUSH], h * h, int(model[at.JETS])
+    part = 1.0 - model[at.BETWEEN]
     for i in range(first, last):
         k2 = stiffness(model[K0], lanes[at.STRETCH, i])
         x1, v1 = lanes[at.X1, i], h * lanes[at.V1, i]
         y = x1, lanes[at.X2, i] - x1, v1, h * lanes[at.V2, i] - v1
-        z, force = (0.0, 0.0, 0.0, 0.0), lanes[at.FORCE, i]
+        z, force = (0.0, 0.0, 0.0, 0.0), part * lanes[at.FORCE, i]
         for n in range(terms):
             z = z[0] + y[0], z[1] + y[1], z[2] + y[2], z[3] + y[3]
             force, ground = push * (force + lanes[jets + n, i]), lanes[jets + terms + n, i]
@@ -228,6 +230,7 @@ def _push(model, lanes, first, last):
     """Add what the held force causes from rest."""
     prefer_widest_vectors()
     generator, cubic = _generator(model), _cubic(model, OF_FORCE)
+    slide = generator[3] if model[at.BETWEEN] > 0.0 else 1.0  # w', as the carriage speeds up by 1
     by_h, k0, middle, scale = (
         1.0 / model[at.SAMPLE_INTERVAL],
         model[K0],
@@ -243,7 +246,8 @@ def _push(model, lanes, first, last):
     )
     for i in range(last - first):
         k2, u = stiffness(k0, stretches[i]), push * forces[i]
-        x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), (0.0, 0.0, u, -u))
+        z = 0.0, 0.0, u, -slide * u
+        x1, offset, v1, w = _moved(generator, cubic, k2, scale * (k2 - middle), z)
         x1s[i] += x1
         x2s[i] += x1 + offset
         v1s[i] += by_h * v1

@@ -17,6 +17,7 @@ from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import on_cache_line
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
 DEGREE, PIECES, UNIFORM = (at.MODEL_OWN + i for i in range(3))  # UNIFORM: parameters are fixed
@@ -28,10 +29,11 @@ WIDTH = 64
 
 # Scratch: at the piece's start x1, the sphere's offset, v1, the slip velocity; their partial
 # sums; then 1/m1, k1/m1, d/m1, c/m1, k0/m1, 1 + m1/m2; and with this step's stretch and force k2/m1
-# and force/m1. Offset and slip need fewer operations than x2 and v2.
-_ROWS = 16 * WIDTH
+# and force/m1, on the carriage and between the masses. Offset and slip need fewer operations than
+# x2 and v2.
+_ROWS = 17 * WIDTH
 _X1, _OFFSET, _V1, _SLIP, _Y1, _Y2, _W1, _W2, *_COEFFICIENTS = range(0, _ROWS, WIDTH)
-_PER_MASS, _K1, _D1, _C1, _K0, _BOTH, _K2, _HELD = _COEFFICIENTS
+_PER_MASS, _K1, _D1, _C1, _K0, _BOTH, _K2, _HELD, _PAIR = _COEFFICIENTS
 
 # Drive: accelerations that forces on the carriage cause, then those of the ground, a row for each
 # order of a pass.
@@ -84,7 +86,7 @@ def _propagate(model, lanes, scratch, drive, harmonics, jets, first, count):
     # The first harmonic, if it is a force, is summed with the state and passes through no memory.
     alone = 1 if harmonics.shape[0] > 0 and ground & 1 == 0 else 0
     driven = harmonics.shape[0] + jets.shape[0] > alone
-    _load_state(lanes, scratch, first, count)
+    _load_state(model, lanes, scratch, first, count)
     for j in range(harmonics.shape[0]):
         _load_harmonic(lanes, scratch, harmonics[j], j, (ground >> j) & 1, first, count)
     _load_jets(model, lanes, scratch, jets, first, count)
@@ -108,7 +110,7 @@ def _propagate(model, lanes, scratch, drive, harmonics, jets, first, count):
 
 
 @borrowing_kernel
-def _load_state(lanes, scratch, first, count):
+def _load_state(model, lanes, scratch, first, count):
     """Copy the state, and derive what force and stretch do in this step."""
     x1, x2, v1, v2 = (
         lanes[at.X1, first:],
@@ -122,7 +124,9 @@ def _load_state(lanes, scratch, first, count):
         scratch[_V1 + i], scratch[_SLIP + i] = v1[i], v2[i] - v1[i]
     for i in range(count):
         scratch[_K2 + i] = stiffness(scratch[_K0 + i], stretch[i])
-        scratch[_HELD + i] = force[i] * scratch[_PER_MASS + i]
+        pair, held = control_forces(model, force[i])
+        scratch[_HELD + i] = held * scratch[_PER_MASS + i]
+        scratch[_PAIR + i] = pair * scratch[_PER_MASS + i]
 
 
 @borrowing_kernel
@@ -372,7 +376,7 @@ def _next(scratch, i, force, ground, step, state, y):
         x1, offset [m], v1 and w [m/s]: at the piece's start, and the partial sum.
     """
     x1, offset, v1, w = y
-    coupling = fma(scratch[_C1 + i], w, scratch[_K2 + i] * offset)
+    coupling = fma(scratch[_C1 + i], w, fma(scratch[_K2 + i], offset, scratch[_PAIR + i]))
     outer = fma(-scratch[_D1 + i], v1, fma(-scratch[_K1 + i], x1, force))
     a1 = coupling + (outer + ground)  # (1) of docs/model.md
     a2 = fma(-scratch[_BOTH + i], coupling, -outer)  # (2) less (1): the ground moves both

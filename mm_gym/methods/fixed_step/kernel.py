@@ -10,13 +10,13 @@ import numpy as np
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.jets import jet_value
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.arithmetic import prefer_widest_vectors, stay_apart
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.elementary import cosine_and_sine
 from mm_gym.lanes.groups import read, write_state
 from mm_gym.lanes.simd import LANES, element, everywhere, with_element
 from mm_gym.lanes.simd_masks import none, where
 from mm_gym.law.carriage_spring import escape_distance, has_escaped
-from mm_gym.law.motion import rates, read_coefficients
+from mm_gym.law.motion import control_forces, rates, read_coefficients
 
 SUBSTEPS, IS_FINITE = at.MODEL_OWN, at.MODEL_OWN + 1
 
@@ -31,7 +31,7 @@ def propagate_rk4(model, lanes, first, last):
     half, sixth = 0.5 * h, h / 6.0
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        p, (x1, x2, v1, v2) = _constants(model, lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
@@ -69,7 +69,7 @@ def propagate_semi_implicit_euler(model, lanes, first, last):
     h = model[at.SAMPLE_INTERVAL] / substeps
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        p, (x1, x2, v1, v2) = _constants(lanes, i, count), _state(lanes, i, count)
+        p, (x1, x2, v1, v2) = _constants(model, lanes, i, count), _state(lanes, i, count)
         escape = _escape_distances(lanes, i, count, model[at.SAMPLE_INTERVAL])
         may_escape = not none(escape < np.inf)
         for k in range(substeps):
@@ -122,17 +122,18 @@ def _state(lanes, i, count):
 
 
 @inlined_kernel
-def _constants(lanes, i, count):
-    """Return the coefficients of the lanes i .. i + count - 1, damping, and the force held [N]."""
-    p = read_coefficients(lanes, i, count)
-    return p, read(lanes, at.C, i, count), read(lanes, at.FORCE, i, count)
+def _constants(model, lanes, i, count):
+    """Return the coefficients of the lanes i .. i + count - 1, damping, and the forces held [N]."""
+    p, held = read_coefficients(lanes, i, count), read(lanes, at.FORCE, i, count)
+    return p, read(lanes, at.C, i, count), control_forces(model, held)
 
 
 @inlined_kernel
 def _field(p, finite, excitation, x1, x2, v1, v2):
     """Return the accelerations [m/s^2] under a force held and an excitation."""
-    (force, ground), (own, c, held) = excitation, p
-    return rates(own, finite, x1, x2 - x1, v1, c * (v2 - v1), held + force, ground)
+    (force, ground), (own, c, (pair, held)) = excitation, p
+    link = fma(c, v2 - v1, pair)
+    return rates(own, finite, x1, x2 - x1, v1, link, held + force, ground)
 
 
 @inlined_kernel

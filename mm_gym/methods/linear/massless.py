@@ -45,7 +45,7 @@ class Massless(Linear):
         with refuse_overflow(support):
             return linear_model(
                 support,
-                massless_transition(values, time),
+                massless_transition(values, time, is_between=support.is_between),
                 lambda source, ground: massless_response(values, source, ground=ground, time=time),
                 lambda levels: halved_massless_transitions(values, time, levels),
             )

@@ -66,7 +66,7 @@ class Linear(ExactMethod):
         with refuse_overflow(support):
             return linear_model(
                 support,
-                transition(system, time),
+                transition(system, time, is_between=support.is_between),
                 lambda source, ground: response(system, source, ground=ground, time=time),
                 lambda levels: halved_transitions(system, time, levels),
             )

@@ -45,7 +45,7 @@ from mm_gym.law.interface import (
     resolves,
     states_of,
 )
-from mm_gym.law.motion import Coefficients, rates, read_coefficients
+from mm_gym.law.motion import Coefficients, control_forces, rates, read_coefficients
 from mm_gym.law.springs import is_resolved
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
@@ -171,12 +171,12 @@ def _load(interface, model, lanes, i, count, b):
     if has_state(interface):
         b[of.OWN] = read(lanes, own_row(model), i, count)
     write_coefficients(b, read_coefficients(lanes, i, count))
+    b[of.PAIR], b[of.FORCE] = control_forces(model, read(lanes, at.FORCE, i, count))
     if is_line(interface):
-        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), everywhere(0.0)
+        b[of.SLOPE], b[of.INTERCEPT] = read(lanes, at.C, i, count), b[of.PAIR]
     else:
         for k in range(parameters_of(interface)):
             b[of.PARAMETERS + k] = read(lanes, int(model[at.INTERFACE]) + k, i, count)
-    b[of.FORCE] = read(lanes, at.FORCE, i, count)
     if model[series.HAS_FRICTION] > 0.0:
         vr, chi = read(lanes, at.VR, i, count), read(lanes, at.CHI, i, count)
         kinetic = read(lanes, at.KINETIC_FORCE, i, count)
@@ -226,7 +226,7 @@ def _enter(b, regime):
     """Write a regime, and the line that friction follows in it."""
     b[of.REGIME] = regime
     b[of.SLOPE] = where(regime == 0.0, b[of.CREEP], b[of.CHI])
-    b[of.INTERCEPT] = regime * b[of.SLIPPING]
+    b[of.INTERCEPT] = fma(regime, b[of.SLIPPING], b[of.PAIR])
 
 
 @borrowing_kernel
@@ -305,6 +305,8 @@ def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
         push, shake = push + force, shake * b[of.LENGTH]
     is_finite, p, offset, slip = model[series.IS_FINITE] > 0.0, _parameters(b), x2 - x1, v2 - v1
     link = force_of(interface, p, offset, slip, own)
+    if not is_line(interface):  # whose intercept has it
+        link = link + b[of.PAIR]
     a1, a2 = rates(_coefficients(b), is_finite, x1, offset, v1, link, push, shake)
     return a1, a2, b[of.LENGTH] * rate_of(interface, p, offset, slip, own)
 
@@ -386,7 +388,7 @@ def _assess(interface, model, b):
     limit = model[of.LIMIT] * larger(h * (1.0 / model[at.SAMPLE_INTERVAL]), alike(h, least))
     if not is_line(interface):  # else what rounding leaves of balanced forces is left to the series
         limit = larger(limit, alike(h, ROUND_OFF))
-        forces = fma(abs(b[of.LINEAR]), far, abs(b[of.FORCE]))
+        forces = fma(abs(b[of.LINEAR]), far, abs(b[of.FORCE]) + abs(b[of.PAIR]))
         fast = fma(ROUND_OFF * forces, b[of.BY_M1] / limit, fast)
     good = (shift <= limit * far) & (change <= limit * fast)
     # One estimate can vanish by chance where steps are too long, two hardly. At a turning point the

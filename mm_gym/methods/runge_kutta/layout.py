@@ -22,13 +22,14 @@ MOST_STAGES = 13
 # Rows of a vector each: the state at the step's start and end, the interface's own last; both
 # accelerations of each stage, times the step's length.
 STATE, OWN, END, KICKS = 0, 4, 5, 10
-# Coefficients of the equations, in the order of `law.motion.Coefficients`; the force held [N].
+# Coefficients of the equations, in the order of `law.motion.Coefficients`; the forces held on the
+# carriage and between the masses [N].
 COEFFICIENTS = KICKS + 2 * MOST_STAGES
-ONE_BY_M1, ONE_BY_M2, LINEAR, CUBIC, D, K2, TWICE_K0, BY_L0, STRETCH, FORCE = (
-    COEFFICIENTS + k for k in range(10)
+ONE_BY_M1, ONE_BY_M2, LINEAR, CUBIC, D, K2, TWICE_K0, BY_L0, STRETCH, FORCE, PAIR = (
+    COEFFICIENTS + k for k in range(11)
 )
 # Parameters of the interface; the first two are those of the line that it is in one regime.
-PARAMETERS = SLOPE = FORCE + 1
+PARAMETERS = SLOPE = PAIR + 1
 INTERCEPT = SLOPE + 1
 MOST_PARAMETERS = 8
 # Of dry friction: the reference velocity, slope in stick, slope and force at w = 0 in slip, regime.

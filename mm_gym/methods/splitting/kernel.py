@@ -21,6 +21,7 @@ from mm_gym.lanes.groups import read, write_states
 from mm_gym.lanes.simd import LANES, element, everywhere
 from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.splitting import layout as of
 from mm_gym.methods.taylor import kernel as taylor
@@ -133,17 +134,20 @@ def _finish(model, lanes, b, done, i, count):
     push, x1, x2, v1, v2 = _loaded(model, lanes, b, i, count)
     first_check, sprung = int(model[of.FIRST_CHECK]), model[of.IS_SPRUNG] > 0.0
     k2, excited, bends = everywhere(0.0), is_excited(model), (everywhere(0.0), everywhere(0.0))
-    most = push
+    most = drag = push
     if sprung:
         k2 = stiffness(read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count))
+        drag = _drag(model, lanes, b, i, count)
+        most = abs(push) + abs(drag)
         if excited:
             load_sources(model, lanes, i, count, b, of.SOURCES)
-            most, bends = _strongest(model, b, push)
+            most, bends = _strongest(model, b, most)
     y1, y2, w1, w2, kept, reached = x1, x2, v1, v2, everywhere(0.0), everywhere(0.0)
     for k in range(int(model[of.COLUMNS])):
         if k >= done:
             if sprung:
-                c1, c2, c3, c4, reached = _sprung_column(model, b, k, push, k2, x1, x2, v1, v2)
+                held, state = (push, drag, k2), (x1, x2, v1, v2)
+                c1, c2, c3, c4, reached = _sprung_column(model, b, k, held, state)
             else:
                 c1, c2, c3, c4, reached = _column(model, b, k, push, x1, x2, v1, v2)
             b[4 * k], b[4 * k + 1], b[4 * k + 2], b[4 * k + 3] = c1, c2, c3, c4
@@ -200,6 +204,18 @@ def _loaded(model, lanes, b, i, count):
         push = push * model[of.PLANT + of.BY_M1]
     x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
     return push, x1, x2, read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
+
+
+@inlined_kernel
+def _drag(model, lanes, b, i, count):
+    """Return the deceleration of the spheres by a force held between the masses [m/s^2].
+
+    Constants that are drawn are read from the rows that `_loaded` writes.
+    """
+    by_m2 = everywhere(model[of.PLANT + of.BY_M2])
+    if model[of.IS_DRAWN] > 0.0:
+        by_m2 = b[of.OWN + of.BY_M2]
+    return control_forces(model, read(lanes, at.FORCE, i, count))[0] * by_m2
 
 
 @inlined_kernel
@@ -281,7 +297,7 @@ def _strongest(model, b, push):
     model, b
         As for `_finish`; read.
     push
-        Acceleration by the held force [m/s^2].
+        Accelerations by the held force, added up [m/s^2].
     """
     by_m1, h = everywhere(model[of.PLANT + of.BY_M1]), model[at.SAMPLE_INTERVAL]
     if model[of.IS_DRAWN] > 0.0:
@@ -289,7 +305,7 @@ def _strongest(model, b, push):
     force, ground = strongest(model, b, of.SOURCES)
     third, fourth = fma(by_m1, force[1], ground[1]), fma(by_m1, force[2], ground[2])
     bends = h * h * fma(4.0, third, fourth), h * fourth
-    return abs(push) + fma(by_m1, force[0], ground[0]), bends
+    return push + fma(by_m1, force[0], ground[0]), bends
 
 
 @inlined_kernel
@@ -416,10 +432,9 @@ def _substeps(model, slot, springs, dampers, push, state):
 
 
 @inlined_kernel
-def _sprung_column(model, b, k, push, k2, x1, x2, v1, v2):
-    """Return the same with springs between the masses, or excitation."""
+def _sprung_column(model, b, k, held, state):
+    """Return the same with springs or a force between the masses, or excitation."""
     slot = of.COLUMN + of.COLUMN_SIZE * k
-    held, state = (push, k2), (x1, x2, v1, v2)
     if model[of.IS_DRAWN] > 0.0:
         plant = _springs(b, of.OWN), _own_dampers(model, b, slot)
         # None is another type, so that a loop without excitation is compiled by itself.
@@ -434,27 +449,27 @@ def _sprung_column(model, b, k, push, k2, x1, x2, v1, v2):
 
 @inlined_kernel
 def _sprung_substeps(model, slot, plant, held, state, sources):
-    """Return the same of given springs and dampers, and what is held: push and k2."""
+    """Return the same of given springs and dampers, and what is held: push, drag and k2."""
     ((linear, cubic), (by_m1, by_m2)), (drift, decay) = plant
-    (push, k2), (x1, x2, v1, v2) = held, state
+    (push, drag, k2), (x1, x2, v1, v2) = held, state
     sixth, third = model[slot + of.SIXTH], model[slot + of.THIRD]
     middle, gradient = model[slot + of.MIDDLE], model[slot + of.GRADIENT]
     on1, on2, furthest = k2 * by_m1, k2 * by_m2, x1 * x1
-    length = 3.0 * third
+    springs, length = (linear, cubic, on1, on2), 3.0 * third
     pushed, shake = _pushed(model, sources, by_m1, push, 0.0)
-    a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
+    a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
     v1, v2 = fma(sixth, a1, v1), fma(sixth, a2, v2)
     for n in range(int(model[slot + of.COUNT])):
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
         pushed, shake = _pushed(model, sources, by_m1, push, (n + 0.5) * length)
-        a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
+        a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
         apart, slope = a2 - a1, fma(3.0 * cubic, x1 * x1, linear)
         furthest = larger(x1 * x1, furthest)
         v1 = fma(middle, fma(gradient, fma(on1, apart, slope * a1), a1), v1)
         v2 = fma(middle, fma(-gradient * on2, apart, a2), v2)
         x1, x2, v1, v2 = _drifted(drift, decay, x1, x2, v1, v2)
         pushed, shake = _pushed(model, sources, by_m1, push, (n + 1.0) * length)
-        a1, a2 = _accelerations(linear, cubic, on1, on2, pushed, shake, x1, x2)
+        a1, a2 = _accelerations(springs, (pushed, shake, shake + drag), x1, x2)
         furthest = larger(x1 * x1, furthest)
         v1, v2 = fma(third, a1, v1), fma(third, a2, v2)
     return x1, x2, fma(-sixth, a1, v1), fma(-sixth, a2, v2), furthest
@@ -470,11 +485,14 @@ def _pushed(model, sources, by_m1, push, time):
 
 
 @inlined_kernel
-def _accelerations(linear, cubic, on1, on2, push, shake, x1, x2):
-    """Return what all but dampers accelerates the masses by: (1) and (2) of docs/model.md."""
-    offset = x2 - x1
+def _accelerations(springs, drive, x1, x2):
+    """Return what all but dampers accelerates the masses by: (1) and (2) of docs/model.md.
+
+    The drive is what pushes the carriage and shakes it, and what shakes and drags the sphere.
+    """
+    (linear, cubic, on1, on2), (push, shake, back), offset = springs, drive, x2 - x1
     outer = fma(fma(cubic, x1 * x1, linear), x1, push - shake)
-    return fma(on1, offset, outer), fma(-on2, offset, -shake)
+    return fma(on1, offset, outer), fma(-on2, offset, -back)
 
 
 @inlined_kernel

@@ -158,7 +158,8 @@ class Splitting(Method):
         limit = model[of.LIMIT] = _limit(support, settings)
         model[of.COLUMNS] = max(plan.columns, _most_columns(plan.first, limit))
         # With excitation the masses share more terms than springs alone would give them.
-        model[of.IS_SPRUNG] = high[at.K0] > 0.0 or support.terms or len(support.ground) > 0
+        excited = support.terms or len(support.ground) > 0
+        model[of.IS_SPRUNG] = high[at.K0] > 0.0 or excited or support.is_between
         model[of.INTERVAL] = support.sample_interval
         fastest = support.frequencies.max(initial=0.0) * support.sample_interval
         model[of.FASTEST_TURN] = 1.0 if support.terms else fastest**2

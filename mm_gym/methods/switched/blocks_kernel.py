@@ -221,7 +221,8 @@ def _expand(model, k, b, z, degree):
     """
     ratio, v_before, w_before = model[k + slots.RATIO], z[2], z[3]
     outer = fma(model[k], z[0], fma(model[k + 1], z[2], -model[k + 2] * z[5]))
-    inner = fma(model[k + 3], z[1], fma(model[k + 4], z[3], model[k + 5] * z[4]))
+    held = fma(model[k + 5], z[4], model[k + 6] * z[5])
+    inner = fma(model[k + 3], z[1], fma(model[k + 4], z[3], held))
     v, w = inner - outer, fma(-ratio, inner, outer)
     b[_SERIES_V1], b[_SERIES_W], b[_SERIES_V1 + 1], b[_SERIES_W + 1] = v_before, w_before, v, w
     for n in range(1, degree):

@@ -26,7 +26,8 @@ HARMONIC_SECOND, HARMONIC_ROWS, HARMONIC_CHANGE, HARMONIC_GAINS, HARMONIC_TURN, 
 )
 
 # Slots of a regime's terms, for an interval h and accelerations outer = (k1 x1 + d v1 - u) / m1 and
-# inner = (k2 (x2 - x1) + c w + sign f) / m1: h times the coefficients of x1, v1, u, x2 - x1, w and
-# sign in them; RATIO = 1 + m1 / m2 in w' = outer - RATIO inner; then from term n of v1 and w and
-# from that before it to term n + 1: the same of v1 before and v1, of w before and w, h / (n + 1).
-RATIO, NEXT, TERM = 6, 7, 5
+# inner = (k2 (x2 - x1) + c w + sign f) / m1, with u in either: h times the coefficients of x1, v1,
+# u, x2 - x1, w, sign and u in them; RATIO = 1 + m1 / m2 in w' = outer - RATIO inner; then from term
+# n of v1 and w and from that before it to term n + 1: the same of v1 before and v1, of w before and
+# w, h / (n + 1).
+RATIO, NEXT, TERM = 7, 8, 5

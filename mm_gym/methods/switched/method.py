@@ -176,7 +176,8 @@ def _series(support: Support, damping: Decimal, force: Decimal, terms: int) -> N
     step, before = interval / (n + 1.0), interval / np.maximum(n, 1)
     columns = before * k1 / m1, np.full(n.size, d / m1), before * k2 / m1, np.full(n.size, c / m1)
     rest = np.column_stack([*(step * column for column in columns), step])
-    first = interval / m1 * np.array([k1, d, 1.0, k2, c, f])
+    pair = float(support.is_between)
+    first = interval / m1 * np.array([k1, d, 1.0 - pair, k2, c, f, pair])
     return np.concatenate([first, [1.0 + m1 / m2], rest.ravel()])
 
 
@@ -207,7 +208,8 @@ def _generator(support: Support, damping: Decimal, force: Decimal) -> NDArray[np
         system = slip_space(values)
         size = STATE_INPUTS + 2 * len(support.ground)
         generator = np.full((size, size), Decimal(0))
-        generator[:4, :4], generator[:4, 5] = system.a, system.force
+        generator[:4, :4] = system.a
+        generator[:4, 5] = system.control(is_between=support.is_between)
         generator[3, 4] = -force * (1 / values["m1"] + 1 / values["m2"])
         generator[2, 4] = force / values["m1"]
         for j, ground in enumerate(support.ground):

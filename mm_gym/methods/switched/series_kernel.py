@@ -17,6 +17,7 @@ from mm_gym.lanes.arithmetic import fma
 from mm_gym.law.bounds import fastest_harmonic, fastest_rate
 from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import gaps_of, gaps_on, regime_exit, sign_of
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
 MOST_CHANGES = 1000
@@ -71,7 +72,7 @@ def walk(p, c, model, lanes, i, z, regime, elapsed, duration, degree):
     upper, lower = gaps_of(vr, z[4])
     for _ in range(MOST_CHANGES):
         write_series(c, _WIDTH, model, lanes, i, elapsed, duration, degree)
-        _expand(c, p, z, regime, duration, degree)
+        _expand(model, c, p, z, regime, duration, degree)
         theta, direction = regime_exit(c, _W, degree, regime, upper, lower)
         _evaluate(c, z, min(theta, 1.0), degree)
         if direction == 0.0:
@@ -85,19 +86,20 @@ def walk(p, c, model, lanes, i, z, regime, elapsed, duration, degree):
 
 
 @kernel
-def _expand(c, p, z, regime, duration, degree):
+def _expand(model, c, p, z, regime, duration, degree):
     """Write the series of the state: term n is its n-th derivative times duration**n / n!.
 
     Parameters
     ----------
     c
         (SERIES,) written, but for the series of force [N] and ground acceleration [m/s^2], read.
-    p, z, regime, duration, degree
+    model, p, z, regime, duration, degree
         As for `walk`; read.
     """
     by_m1, by_m2, k1, d, k2 = 1.0 / p[_M1], 1.0 / p[_M2], p[_K1], p[_D], p[_K2]
     damping, friction = interface_line(regime, p[_STICK], p[_CHI], p[_INTERCEPT])
-    held, by_both = p[HELD], by_m1 + by_m2
+    pair, held = control_forces(model, p[HELD])
+    friction, by_both = friction + pair, by_m1 + by_m2
     x1, x2, offset, v1, v2, w = z[0], z[1], z[1] - z[0], z[2], z[3], z[4]
     c[_X1], c[_X2], c[_V1], c[_V2], c[_W] = x1, x2, v1, v2, w
     for n in range(degree):

@@ -76,7 +76,7 @@ def _propagate(model, lanes, c, b, first, last):
     """
     most, status, waiting, busy = int(model[rows.ORDER]), at.OK, first, 0
     for i in range(LANES):
-        waiting = _occupy(lanes, c, b, i, waiting, last)
+        waiting = _occupy(model, lanes, c, b, i, waiting, last)
         busy += b[_LANE * LANES + i] != _IDLE
     while busy > 0:
         _advance(model, c, rows_of(b), most)
@@ -86,19 +86,19 @@ def _propagate(model, lanes, c, b, first, last):
                 if reached in (at.OK, at.ESCAPED):
                     _leave(lanes, b, i)
                 status = max(status, int(reached))
-                waiting = _occupy(lanes, c, b, i, waiting, last)
+                waiting = _occupy(model, lanes, c, b, i, waiting, last)
                 busy -= b[_LANE * LANES + i] == _IDLE
     return status
 
 
 @borrowing_kernel
-def _occupy(lanes, c, b, i, lane, last):
+def _occupy(model, lanes, c, b, i, lane, last):
     """Load a lane into a slot, or rest when there is none; return the next lane.
 
     Parameters
     ----------
-    lanes
-        (rows, count) read.
+    model, lanes
+        (m,) and (rows, count), read.
     c
         (rows.SIZE,) written: the coefficients of the lane.
     b
@@ -116,7 +116,7 @@ def _occupy(lanes, c, b, i, lane, last):
         for row in range(4):
             b[row * rows.WIDTH * LANES + i] = 0.0
         return lane
-    taylor.coefficients(lanes, lane, False, c)
+    taylor.coefficients(model, lanes, lane, False, c)
     for row in range(rows.BY_M1, rows.SIZE):
         b[row * LANES + i] = c[row]
     for row in range(4):
@@ -171,11 +171,12 @@ def expand(b, c, enough, most):
         b[rows.D],
         b[rows.C],
     )
-    k1, beta, k2, held = (
+    k1, beta, k2, held, pair = (
         b[rows.K1],
         b[rows.BETA],
         b[rows.K2],
         b[rows.U],
+        b[rows.PAIR],
     )
     none_ends, order = none(enough > 0.0), alike(unit, float(most))
     for m in range(most // 2):
@@ -184,7 +185,7 @@ def expand(b, c, enough, most):
         next_x1, next_x2 = step * v1, step * v2
         b[rows.X1 + n + 1], b[rows.X2 + n + 1] = next_x1, next_x2
         cube, next_cube = taylor.cubes(b, m, x1, next_x1)
-        inner, next_inner = k2 * (x2 - x1), k2 * (next_x2 - next_x1)
+        inner, next_inner = fma(k2, x2 - x1, pair), k2 * (next_x2 - next_x1)
         outer = fma(k1, x1, fma(beta, cube, -held))
         v1, v2 = taylor.accelerated(step, by_m1, by_m2, d, damping, inner, outer, 0.0, v1, v2)
         b[rows.V1 + n + 1], b[rows.V2 + n + 1] = v1, v2
@@ -198,7 +199,7 @@ def expand(b, c, enough, most):
             v1,
             v2,
         )
-        held = alike(held, 0.0)
+        held = pair = alike(held, 0.0)
         if n + 2 >= taylor_step.FEWEST and not none_ends:
             ends = taylor_step.is_enough(b, n + 2, enough) & (enough > 0.0)
             order = where(ends, smaller(order, n + 2.0), order)

@@ -19,6 +19,7 @@ from mm_gym.lanes.simd import alike
 from mm_gym.law.carriage_spring import escape_distance, has_escaped
 from mm_gym.law.dry_friction import interface_line, slip_intercept
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor.step_size_kernel import FEWEST, allotted, is_enough, step_of
@@ -34,7 +35,7 @@ def propagate(model, lanes, first, last):
     c = np.zeros(rows.SIZE)
     write_reciprocals(model, c)
     for i in range(first, last):
-        coefficients(lanes, i, model[rows.HAS_FRICTION] > 0.0, c)
+        coefficients(model, lanes, i, model[rows.HAS_FRICTION] > 0.0, c)
         status = max(status, _propagate_lane(model, lanes, i, c))
     return status
 
@@ -55,12 +56,13 @@ def write_reciprocals(model, c):
 
 
 @borrowing_kernel
-def coefficients(lanes, i, friction, c):
+def coefficients(model, lanes, i, friction, c):
     """Write what the equations of lane i need to c (rows.SIZE,), in SI units."""
     k1, k0, stretch = lanes[at.K1, i], lanes[at.K0, i], lanes[at.STRETCH, i]
     c[rows.BY_M1], c[rows.BY_M2] = 1.0 / lanes[at.M1, i], 1.0 / lanes[at.M2, i]
     c[rows.K1], c[rows.BETA] = k1 * lanes[at.ALPHA, i], k1 * lanes[at.BETA, i]
-    c[rows.D], c[rows.C], c[rows.U] = lanes[at.D, i], lanes[at.C, i], lanes[at.FORCE, i]
+    c[rows.D], c[rows.C] = lanes[at.D, i], lanes[at.C, i]
+    c[rows.PAIR], c[rows.U] = control_forces(model, lanes[at.FORCE, i])
     c[rows.K0], c[rows.L0], c[rows.STRETCH] = k0, lanes[at.L0, i], stretch
     c[rows.K2] = stiffness(k0, stretch) if k0 > 0.0 else 0.0
     c[rows.ESCAPE] = escape_distance(
@@ -158,7 +160,9 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
     k1, k2, beta = c[rows.K1], 0.0 if finite else c[rows.K2], c[rows.BETA]
     damping, slip = interface_line(regime, c[rows.C], c[rows.CHI], c[rows.INTERCEPT])
     plant = c[rows.BY_M1], c[rows.BY_M2], c[rows.D], damping
-    held = c[rows.U]
+    held, between = c[rows.U], c[rows.PAIR]
+    if finite:  # which has no k2 to add it to
+        slip, between = slip + between, 0.0
     c[rows.X1], c[rows.X2], c[rows.V1], c[rows.V2], c[rows.W] = x1, x2, v1, v2, w
     for m in range(most // 2):
         n = m + m
@@ -168,7 +172,7 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
         cube = next_cube = 0.0
         if cubic:
             cube, next_cube = cubes(c, m, x1, next_x1)
-        pair, next_pair = k2 * (x2 - x1), k2 * (next_x2 - next_x1)
+        pair, next_pair = fma(k2, x2 - x1, between), k2 * (next_x2 - next_x1)
         if finite:
             if not (_stretch(c, n) and _stretch(c, n + 1)):
                 return 0
@@ -179,7 +183,7 @@ def _expand(c, cubic, finite, friction, regime, unit, most, enough):
         velocities = v1, v2, w
         v1, v2, w = _accelerate(c, n + 1, next_step, plant, next_pair, outer, velocities, friction)
         c[rows.X1 + n + 2], c[rows.X2 + n + 2] = x1, x2
-        held = slip = 0.0
+        held = slip = between = 0.0
         if enough > 0.0 and n + 2 >= FEWEST and is_enough(c, n + 2, enough):
             return n + 2
     return most

@@ -13,7 +13,8 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write_state, write_states
-from mm_gym.lanes.simd import LANES
+from mm_gym.lanes.simd import LANES, everywhere
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
 # Slots of the model. The degree; then in units of the sample interval h and the carriage's mass m1
@@ -40,13 +41,13 @@ def _propagate(model, lanes, first, last):
     prefer_widest_vectors()
     stay_apart()
     h, degree, generator = model[at.SAMPLE_INTERVAL], int(model[DEGREE]), _generator(model)
-    by_h = 1.0 / h
+    by_h, nothing = 1.0 / h, everywhere(0.0)
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        k2, force, z = _loaded(model, lanes, h, i, count)
-        z, y = _next(generator, k2, force, 1.0, z, z)
+        k2, (pair, force), z = _loaded(model, lanes, h, i, count)
+        z, y = _next(generator, k2, (pair, force), 1.0, z, z)
         for n in range(2, degree + 1):
-            z, y = _next(generator, k2, 0.0, model[WEIGHTS + n], z, y)
+            z, y = _next(generator, k2, (nothing, 0.0), model[WEIGHTS + n], z, y)
         _write(lanes, by_h, i, count, y)
 
 
@@ -56,18 +57,18 @@ def _propagate_with_harmonic(model, lanes, first, last):
     prefer_widest_vectors()
     stay_apart()
     h, degree, generator = model[at.SAMPLE_INTERVAL], int(model[DEGREE]), _generator(model)
-    by_h, push = 1.0 / h, model[PUSH]
+    by_h, push, nothing = 1.0 / h, model[PUSH], everywhere(0.0)
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
-        k2, force, z = _loaded(model, lanes, h, i, count)
+        k2, (pair, force), z = _loaded(model, lanes, h, i, count)
         scale = push * read(lanes, at.HARMONICS + at.AMPLITUDE, i, count)
         turn = h * read(lanes, at.HARMONICS + at.FREQUENCY, i, count)
         even = scale * read(lanes, at.HARMONICS + at.SINE, i, count)
         odd = turn * (scale * read(lanes, at.HARMONICS + at.COSINE, i, count))
         square = -turn * turn
-        z, y = _next(generator, k2, force + even, 1.0, z, z)
+        z, y = _next(generator, k2, (pair, force + even), 1.0, z, z)
         for n in range(2, degree + 1):
-            z, y = _next(generator, k2, odd, model[WEIGHTS + n], z, y)
+            z, y = _next(generator, k2, (nothing, odd), model[WEIGHTS + n], z, y)
             even, odd = odd, square * even
         _write(lanes, by_h, i, count, y)
 
@@ -80,32 +81,32 @@ def _generator(model):
 
 @inlined_kernel
 def _loaded(model, lanes, h, i, count):
-    """Return the springs' stiffness, the held force and the state of the lanes from i on."""
+    """Return the springs' stiffness, the held forces and the state of the lanes from i on."""
     k2 = stiffness(model[K0], read(lanes, at.STRETCH, i, count))
     force = model[PUSH] * read(lanes, at.FORCE, i, count)
     x1, x2 = read(lanes, at.X1, i, count), read(lanes, at.X2, i, count)
     v1, v2 = read(lanes, at.V1, i, count), read(lanes, at.V2, i, count)
-    return k2, force, (x1, x2 - x1, h * v1, h * (v2 - v1))
+    return k2, control_forces(model, force), (x1, x2 - x1, h * v1, h * (v2 - v1))
 
 
 @inlined_kernel
-def _next(generator, k2, force, weight, z, y):
+def _next(generator, k2, forces, weight, z, y):
     """Return the derivatives that follow from those of one order, and what they add up to.
 
     Parameters
     ----------
     generator, k2
         The coefficients.
-    force
-        Derivative of the force, of the order of z.
+    forces
+        Derivatives of the force between the masses and of that on the carriage, of the order of z.
     weight
         1 / n! of the next order n.
     z, y
         Derivatives of x1, offset, h v1 and h w by t / h, and the sum of the series so far.
     """
-    k1, d, c, both = generator
+    (k1, d, c, both), (pair, force) = generator, forces
     x1, offset, v1, w = z
-    coupling, outer = fma(c, w, k2 * offset), fma(-d, v1, fma(-k1, x1, force))
+    coupling, outer = fma(c, w, fma(k2, offset, pair)), fma(-d, v1, fma(-k1, x1, force))
     a1 = coupling + outer  # (1) of docs/model.md
     a2 = fma(-both, coupling, -outer)  # (2) less (1)
     return (v1, w, a1, a2), (

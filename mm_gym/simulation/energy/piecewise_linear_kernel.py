@@ -162,6 +162,15 @@ def start(p, state, force, harmonics, time, jets):
 
 
 @kernel
+def force_share(model, p):
+    """Return the force on the carriage that makes w change as a control force of 1 does.
+
+    Between the masses it acts on w by both, -(1 / m1 + 1 / m2).
+    """
+    return 1.0 + carriage_mass(p) / p[at.M2] if model[at.BETWEEN] > 0.0 else 1.0
+
+
+@kernel
 def energy_root(p, k2, z):
     """Return sqrt(2 E), E the kinetic and elastic energy."""
     m1, m2 = carriage_mass(p), p[at.M2]

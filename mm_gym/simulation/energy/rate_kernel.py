@@ -50,7 +50,7 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     regimes = 2 if friction else 1
     levels, forms = np.zeros((regimes, 1, n, n)), np.zeros((regimes, 2, 1, n, n))
     rows, y = np.zeros((regimes, 2, n)), np.empty(n)
-    k2 = -1.0
+    k2, share = -1.0, piecewise.force_share(model, p)
     for i in range(states.shape[0]):
         present = stiffness(p[at.K0], applied[i, 1])
         if present != k2:
@@ -64,7 +64,8 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
             forms = np.zeros((regimes, 2, depth + 1, n, n))
             for k in range(regimes):
                 _prepare(p, k2, model, duration, k == 1, levels[k], forms[k], rows[k])
-        z = piecewise.start(p, states[i], applied[i, 0], harmonics, times[i], jets[i])
+        force = share * applied[i, 0]
+        z = piecewise.start(p, states[i], force, harmonics, times[i], jets[i])
         if friction:
             status = _walk(p, k2, model, duration, levels, forms, rows, z, y, work[i])
             if status != at.OK:
@@ -96,6 +97,8 @@ def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
         int(model[at.TERMS]),
     )
     a = piecewise.generator(p, k2, harmonics, ground, terms, model[at.SAMPLE_INTERVAL], in_slip)
+    if model[at.BETWEEN] > 0.0:  # both masses together feel nothing of the force
+        a[piecewise.COMMON, piecewise.FORCE] = 0.0
     precise.double_up(a, duration, levels)
     piecewise.slip_rows(a, rows)
     weights = np.zeros((2, a.shape[0], a.shape[0]))

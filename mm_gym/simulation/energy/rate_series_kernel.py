@@ -17,6 +17,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import write_inverse_square
 from mm_gym.law.dry_friction import interface_line, slip_intercept, threshold
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
+from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
 ORDER = 24
@@ -97,7 +98,7 @@ def _walk(model, lane, c, z, duration, work):
     work[0] = work[1] = 0.0
     for _ in range(MOST_SERIES):
         write_series(c, _WIDTH, model, lane, 0, elapsed, unit, ORDER)
-        if not _expand(c, lane, z, regime, unit):
+        if not _expand(model, c, lane, z, regime, unit):
             return at.COLLAPSED
         remaining = (duration - elapsed) / unit
         theta, direction = min(_reach(c), remaining), 0.0
@@ -122,11 +123,12 @@ def _walk(model, lane, c, z, duration, work):
 
 
 @kernel
-def _expand(c, lane, z, regime, unit):
+def _expand(model, c, lane, z, regime, unit):
     """Write the series of state and forces: term n is the n-th derivative times unit**n / n!."""
     m1, m2, d = lane[at.M1, 0], lane[at.M2, 0], lane[at.D, 0]
     k1, beta = lane[at.K1, 0] * lane[at.ALPHA, 0], lane[at.K1, 0] * lane[at.BETA, 0]
-    k0, l0, stretch, held = lane[at.K0, 0], lane[at.L0, 0], lane[at.STRETCH, 0], lane[at.FORCE, 0]
+    k0, l0, stretch = lane[at.K0, 0], lane[at.L0, 0], lane[at.STRETCH, 0]
+    pair, held = control_forces(model, lane[at.FORCE, 0])
     k2, chi = stiffness(k0, stretch), lane[at.CHI, 0]
     intercept = slip_intercept(lane[at.KINETIC_FORCE, 0], chi, lane[at.VR, 0])
     slope, constant = interface_line(regime, lane[at.C, 0], chi, intercept)
@@ -141,11 +143,11 @@ def _expand(c, lane, z, regime, unit):
                 return False
             springs = 2.0 * k0 * (offset + 2.0 * stretch * _product(c, _OFFSET, _INVERSE, n))  # (6)
         c[_SQUARE + n] = _product(c, _X1, _X1, n)
-        c[_INNER + n] = c[_LINK + n] + springs
+        c[_INNER + n] = c[_LINK + n] + springs + pair
         c[_OUTER + n] = (
             d * v1 + k1 * x1 + beta * _product(c, _SQUARE, _X1, n) - c[_FORCE + n] - held
         )
-        held = constant = 0.0
+        held = pair = constant = 0.0
         inner, outer, step = c[_INNER + n], c[_OUTER + n], unit / (n + 1.0)
         c[_X1 + n + 1], c[_OFFSET + n + 1] = step * v1, step * w
         c[_V1 + n + 1] = step * ((inner - outer) / m1 - c[_GROUND + n])  # (1)

@@ -51,7 +51,7 @@ class Work:
     Attributes
     ----------
     control
-        Work of the control force on the carriage.
+        Work of the control force: on the carriage, or between the masses on both.
     stretch
         Work of changing the stretch: the jump of the springs' potential at the offset of that
         instant.
@@ -101,7 +101,7 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     """Add up the work of every kind until each instant of a trajectory."""
     steps, step = int(place.row.max()), recording.plant.support.sample_interval
     per_step = np.zeros((steps, 4))
-    run = recording.states[1 : steps + 1, 0] - recording.starts[:steps, 0]
+    run = _reach(recording, recording.states[1 : steps + 1], recording.starts[:steps])
     per_step[:, CONTROL] = recording.applied[:steps, 0] * run
     per_step[:, DISSIPATED:] = _integrals(recording, np.arange(steps), step)
     jumps = energy_jumps(recording, steps)
@@ -112,7 +112,8 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
     totals[on_grid, DISTURBANCE] -= jumps[place.row[on_grid], DISTURBANCE]
     for i in np.flatnonzero(place.part):
         n, part = int(place.row[i]), np.zeros(4)
-        part[CONTROL] = recording.applied[n, 0] * (state[i, 0] - recording.starts[n, 0])
+        run = _reach(recording, state[i], recording.starts[n])
+        part[CONTROL] = recording.applied[n, 0] * run
         part[DISSIPATED:] = _integrals(recording, np.array([n]), float(place.part[i]))[0]
         totals[i] += part
         throughput[i] += np.abs(part)
@@ -123,6 +124,15 @@ def work_of(recording: Recording, place: Place, state: Array, energy: Array) -> 
         scale += np.maximum.accumulate(gross_energy(p, state[:, :4], stretch)) - energy[0]
     control, change, dissipated, disturbance = totals.T
     return Work(control, change, disturbance, dissipated, scale)
+
+
+def _reach(recording: Recording, end: Array, start: Array) -> Array:
+    """Return how far [m] the control force has moved its point between states (..., 4).
+
+    Between the masses that is x1 - x2.
+    """
+    way = end[..., :2] - start[..., :2]
+    return way[..., 0] - way[..., 1] if recording.plant.support.is_between else way[..., 0]
 
 
 def _until(per_step: Array) -> Array:
