@@ -17,6 +17,10 @@ class SceneError(ValueError):
     """
 
 
+class StructureError(SceneError):
+    """A structure has a matrix, a mode or a place of its device that is not allowed."""
+
+
 class CompileError(ValueError):
     """No method covers the scene within its bound, or the chosen one does not apply to it."""
 

@@ -187,9 +187,9 @@ def _impulse_slots(placed: Placed[Impulse]) -> Slots:
 
 
 def _record_samples(part: Recorded) -> tuple[Array, float]:
-    usual = "N" if part.target == "force" else "m/s^2"
-    peer = part.file.lower().endswith(".at2") and part.target == "ground"
-    unit = part.unit or ("g" if peer else usual)
+    is_force = part.target == "force" and part.inertial_mass is None
+    peer = part.file.lower().endswith(".at2") and not is_force
+    unit = part.unit or ("g" if peer else "N" if is_force else "m/s^2")
     motion = read_record(
         part.file,
         unit=unit,
@@ -198,7 +198,8 @@ def _record_samples(part: Recorded) -> tuple[Array, float]:
         skip=part.skip,
         variable=part.variable,
     )
-    return np.vstack([motion.times, motion.values]), motion.time_step
+    factor = 1.0 if part.inertial_mass is None else -part.inertial_mass
+    return np.vstack([motion.times, factor * motion.values]), motion.time_step
 
 
 def _record_interval(placed: Placed[Recorded]) -> float:

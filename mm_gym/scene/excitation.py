@@ -24,7 +24,7 @@ UNITS = {
 }
 """Target -> the units that its records may have, and what they are units of."""
 
-FIXED_FIELDS = ("sample_time", "time_step")
+FIXED_FIELDS = ("sample_time", "time_step", "inertial_mass")
 """Numbers that are the same in every episode."""
 
 
@@ -181,12 +181,19 @@ def _unit_of_target(unit: object, info: ValidationInfo) -> object:
     """Return a unit; refuse what the target cannot have as pydantic's `Literal` does."""
     if unit is None or "target" not in info.data:  # a wrong target is reported by itself
         return unit
-    units, quantity = UNITS[info.data["target"]]
+    is_force = info.data.get("inertial_mass") is None and info.data["target"] == "force"
+    units, quantity = UNITS["force" if is_force else "ground"]
     if unit in units:
         return unit
     *others, last = map(repr, units)
     expected = f"{', '.join(others)} or {last} for {quantity}"
     raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
+
+
+def _inertial_force(mass: float | None, target: str) -> str | None:
+    if mass is None or target == "force":
+        return None
+    return "inertial_mass: has no effect on the ground; set target = 'force'"
 
 
 class Recorded(Sampled):
@@ -199,6 +206,9 @@ class Recorded(Sampled):
     file: Annotated[str, Field(min_length=1)]
     """a PEER AT2 file, text in columns, or a .mat or .npz file of arrays; a path in a scene file is
     relative to that file's folder"""
+    inertial_mass: float | None = None
+    """[kg]: with target "force", the record is an acceleration a of the ground, and the force is
+    -inertial_mass * a; negative where a mode moves less than its device, see `mm_gym.structure`"""
     unit: Annotated[
         Literal[ForceUnit, AccelerationUnit] | None, BeforeValidator(_unit_of_target)
     ] = None
@@ -218,6 +228,8 @@ class Recorded(Sampled):
     """factor of the times [-]; below 1 the record runs faster"""
     start: NonNegative = 0.0
     """time of the record [s] at which an episode begins"""
+
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("inertial_mass", "target"), _inertial_force),)
 
 
 Excitation = Annotated[

@@ -41,6 +41,13 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
     SceneError
         If the times do not increase.
     """
+    with record_of(motion) as record:
+        return compile_scene(scene.replace(excitation=[*scene.excitation, record]))
+
+
+@contextmanager
+def record_of(motion: ArrayLike) -> Generator[Recorded]:
+    """Write a ground motion to a file of its own for a while; raise as `shaken` does."""
     samples = np.asarray(motion)
     shape = samples.shape
     if samples.dtype.kind not in "fiu" or samples.ndim != 2 or shape[1] != 2 or shape[0] < 2:  # noqa: PLR2004
@@ -52,8 +59,7 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
     with TemporaryDirectory() as folder, _without_warning_of_the_rest():
         file = Path(folder) / "ground.csv"  # the way of every record, all digits are kept
         write_csv(file, ["time [s]", "acceleration [m/s^2]"], list(samples.T))
-        record = Recorded(target="ground", file=str(file), unit="m/s^2")
-        return compile_scene(scene.replace(excitation=[*scene.excitation, record]))
+        yield Recorded(target="ground", file=str(file), unit="m/s^2")
 
 
 @contextmanager

@@ -1,0 +1,320 @@
+"""A reduction against the whole structure with its device: numbers, a table and a figure."""
+
+# pyright: reportUnknownMemberType=false
+# matplotlib's signatures are typed in part only
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
+from mm_gym.errors import SceneError, StructureError
+from mm_gym.plant.compile import compile_scene
+from mm_gym.records import Record
+from mm_gym.simulation.ground_motion import record_of
+from mm_gym.simulation.response import root_mean_square
+from mm_gym.simulation.simulate import simulate
+from mm_gym.structure.full_model import FullModel
+from mm_gym.structure.structure import drift_matrix
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike, NDArray
+
+    from mm_gym.scene.scene import Scene
+    from mm_gym.structure.reduction import Reduction
+
+    Array = NDArray[np.float64]
+
+POINTS = 20
+"""Instants to the shortest natural period, so that peaks are within 1.3 % of those in between."""
+
+MOST_INSTANTS = 1_000_000
+"""Most instants of a comparison: each is a matrix product."""
+
+MOST_PER_SAMPLE = 16
+"""Instants to a sample of the ground's motion at most: it moves little that is faster."""
+
+MOST_SHOWN = 12
+"""Storeys whose drifts a table shows one by one."""
+
+HEADER = ("", "unit", "peak full", "reduced", "error", "rms full", "reduced", "error", "difference")
+
+
+class Row(NamedTuple):
+    """A response of the whole structure and of its reduction.
+
+    Attributes
+    ----------
+    name, unit
+        What it is, and its unit.
+    full_peak, reduced_peak
+        Largest magnitude at the instants.
+    full_rms, reduced_rms
+        Root mean square over time.
+    difference_rms
+        Root mean square of the difference over that of the whole structure [-]: the error of the
+        motion as such, which is larger than that of its size.
+    """
+
+    name: str
+    unit: str
+    full_peak: float
+    reduced_peak: float
+    full_rms: float
+    reduced_rms: float
+    difference_rms: float
+
+    @property
+    def peak_error(self) -> float:
+        """Relative error of the peak [-], positive where the reduction moves more."""
+        return self.reduced_peak / self.full_peak - 1.0
+
+    @property
+    def rms_error(self) -> float:
+        """Relative error of the root mean square [-], positive where the reduction moves more."""
+        return self.reduced_rms / self.full_rms - 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Motions of the whole structure and of its reduction under one motion of the ground.
+
+    Attributes
+    ----------
+    reduction, scene
+        What was compared.
+    time
+        (k,) [s].
+    full, reduced
+        Displacements (k, n) [m] of the degrees of freedom, relative to the ground; those of the
+        reduction are shape * x1.
+    rows
+        The responses: displacement and absolute acceleration of the device's degree of freedom,
+        the device's stroke, and each interstorey drift of a structure of storeys.
+    """
+
+    reduction: Reduction
+    scene: Scene
+    time: Array
+    full: Array
+    reduced: Array
+    rows: tuple[Row, ...]
+
+    def __getitem__(self, name: str) -> Row:
+        """Return a row by its name."""
+        found = {row.name: row for row in self.rows}
+        if name not in found:
+            msg = f"comparison: got {name!r}; allowed: {', '.join(map(repr, found))}"
+            raise StructureError(msg)
+        return found[name]
+
+    def table(self) -> str:
+        """Return the rows as text: peaks and root mean squares, and their relative errors.
+
+        Of more than `MOST_SHOWN` drifts it has the largest and that with the largest error.
+        """
+        cells = [HEADER, *(_cells(row) for row in self.rows if row not in self._left_out())]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        return "\n".join(
+            "  ".join(
+                cell.ljust(width) if k < 2 else cell.rjust(width)  # noqa: PLR2004 - name and unit
+                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ).rstrip()
+            for row in cells
+        )
+
+    def _left_out(self) -> set[Row]:
+        drifts = [row for row in self.rows if row.name.startswith("drift")]
+        if len(drifts) <= MOST_SHOWN:
+            return set()
+        largest = max(drifts, key=lambda row: row.full_peak)
+        return set(drifts) - {largest, max(drifts, key=lambda row: abs(row.peak_error))}
+
+    def plot(self, path: str | PathLike[str] | None = None) -> Figure:
+        """Draw the displacement and the largest drifts, and write a PNG if a path is given.
+
+        Raises
+        ------
+        gymnasium.error.DependencyNotInstalled
+            Without matplotlib (extra: plot).
+        """
+        return drawn(_draw, self, path)
+
+
+def compare(
+    reduction: Reduction,
+    scene: Scene,
+    ground: ArrayLike | Record,
+    *,
+    duration: float | None = None,
+) -> Comparison:
+    """Compare a scene with the whole structure that carries the same device.
+
+    The ground's motion takes the place of the scene's excitation. Actuators exert no force and
+    keep the stretch. A linear device on the structure is exact but for round-off, by a matrix
+    exponential from sample to sample; any other is integrated by SciPy to 1e-8.
+
+    Parameters
+    ----------
+    reduction
+        The reduction that the scene was made from.
+    scene
+        A scene without ranges, of `Reduction.scene`.
+    ground
+        (k, 2) increasing times [s] and accelerations [m/s^2], or a record of them; linear in
+        between, zero before and after.
+    duration
+        Of the motion [s]; by default that of the record.
+
+    Raises
+    ------
+    StructureError
+        If the scene has another carriage or ranges, or the comparison is too long.
+    SimulationError
+        If the ground's motion is not of numbers, or a motion cannot be completed.
+    SceneError
+        If its times do not increase.
+    """
+    _check(reduction, scene)
+    motion = (
+        np.column_stack([ground.times, ground.values]) if isinstance(ground, Record) else ground
+    )
+    with record_of(motion) as record:
+        samples = np.asarray(motion, np.float64)
+        time = _instants(reduction, samples, duration)
+        shaken = scene.replace(excitation=reduction.excitation(record, scene.sphere.mass))
+        plant = compile_scene(shaken)
+    short = simulate(plant, times=time)
+    whole = FullModel(reduction, scene).motion(time, samples)
+    x1, x2 = short.state[:, 0], short.state[:, 1]
+    reduced = np.outer(x1, reduction.shape)
+    place, own = reduction.place, whole.displacement[:, reduction.device - 1]
+    responses = [
+        (f"displacement of {place}", "m", own, x1),
+        (f"acceleration of {place}", "m/s²", whole.acceleration, short.acceleration[:, 0]),
+    ]
+    if not scene.interface.kind == scene.springs.kind == "none":  # else the device is free
+        responses.append(("stroke of the device", "m", whole.stroke, x2 - x1))
+    if reduction.structure.storeys:
+        drifts = drift_matrix(reduction.structure.count).T
+        pairs = zip((whole.displacement @ drifts).T, (reduced @ drifts).T, strict=True)
+        responses += [(f"drift of storey {k}", "m", *pair) for k, pair in enumerate(pairs, 1)]
+    rows = tuple(_row(time, *response) for response in responses)
+    return Comparison(reduction, scene, time, whole.displacement, reduced, rows)
+
+
+def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: int = 0) -> Array:
+    """Return a ground motion (k, 2): times [s], and independent normal accelerations [m/s^2].
+
+    Lines between the samples leave it white up to about a quarter of 1 / time_step [Hz], where its
+    power has fallen by a third.
+
+    Parameters
+    ----------
+    duration, time_step
+        [s].
+    rms
+        Root mean square of the samples [m/s^2].
+    seed
+        Of `numpy.random.default_rng`.
+
+    Raises
+    ------
+    StructureError
+        If there are not two samples, or more than `MOST_INSTANTS`.
+    """
+    count = duration / time_step if time_step > 0.0 else np.nan
+    if not 1.0 <= count <= MOST_INSTANTS:
+        msg = (
+            f"white noise: got {duration} s in steps of {time_step} s; "
+            f"allowed: 1 to {MOST_INSTANTS} steps"
+        )
+        raise StructureError(msg)
+    samples = rms * np.random.default_rng(seed).standard_normal(round(count) + 1)
+    return np.column_stack([_spaced(time_step, len(samples)), samples])
+
+
+def _check(reduction: Reduction, scene: Scene) -> None:
+    own = (reduction.mass, reduction.stiffness, reduction.damping, 1.0, 0.0)
+    names = ("mass", "stiffness", "damping", "linear_coefficient", "cubic_coefficient")
+    for name, value in zip(names, own, strict=True):
+        got = getattr(scene.carriage, name)
+        if got != value:
+            msg = f"carriage.{name}: got {got:g}; allowed: {value:g}, that of the reduction"
+            raise StructureError(msg)
+    ranges = [f"initial.{name}" for name, value in scene.initial if isinstance(value, tuple)]
+    ranges += [f"randomization.{name}" for name in scene.randomization]
+    if ranges:
+        msg = f"{ranges[0]}: got a range; a comparison needs one value for every field"
+        raise StructureError(msg)
+
+
+def _instants(reduction: Reduction, ground: Array, duration: float | None) -> Array:
+    """Return evenly spaced instants [s], some for every sample of the ground's motion."""
+    spacing = float(np.diff(ground[:, 0]).min())
+    if not spacing > 0.0:
+        msg = "ground: got times that do not increase; allowed: increasing times [s]"
+        raise SceneError(msg)
+    end = float(ground[-1, 0]) if duration is None else duration
+    fastest = float(reduction.structure.frequencies[-1])
+    per_sample = np.ceil(spacing * fastest / (2.0 * np.pi) * POINTS)
+    step = spacing / float(np.clip(per_sample, 1, MOST_PER_SAMPLE))
+    count = end / step
+    if not 1.0 - 1e-9 <= count <= MOST_INSTANTS:
+        msg = (
+            f"duration: got {end:g} s, which is {count:g} instants; "
+            f"allowed: 1 to {MOST_INSTANTS}, {step:g} s apart"
+        )
+        raise StructureError(msg)
+    return _spaced(step, int(count * (1.0 + 1e-12)) + 1)
+
+
+def _spaced(step: float, count: int) -> Array:
+    return np.asarray(step * np.arange(count), np.float64)
+
+
+def _row(time: Array, name: str, unit: str, full: Array, reduced: Array) -> Row:
+    rms = root_mean_square(time, full)
+    peaks = float(np.abs(full).max()), float(np.abs(reduced).max())
+    if rms == 0.0:
+        msg = f"ground: does not move the structure: {name} is 0 at all times"
+        raise StructureError(msg)
+    difference = root_mean_square(time, reduced - full) / rms
+    return Row(name, unit, *peaks, rms, root_mean_square(time, reduced), difference)
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        *(row.name, row.unit),
+        *(f"{row.full_peak:.4g}", f"{row.reduced_peak:.4g}", f"{row.peak_error:+.1%}"),
+        *(f"{row.full_rms:.4g}", f"{row.reduced_rms:.4g}", f"{row.rms_error:+.1%}"),
+        f"{row.difference_rms:.1%}",
+    )
+
+
+def _draw(comparison: Comparison) -> Figure:
+    """Return displacements over time, and largest drifts over storeys, within `drawing.style`."""
+    reduction = comparison.reduction
+    drifts = [row for row in comparison.rows if row.name.startswith("drift")]
+    figure, axes = panels(4.6 if drifts else 2.6, 1 + bool(drifts), 1)
+    column = reduction.device - 1
+    for k, (name, motion) in enumerate(
+        (("whole structure", comparison.full), ("two masses", comparison.reduced))
+    ):
+        colour, curve = COLOURS[k], 1e3 * motion[:, column]
+        axes[0].plot(comparison.time, curve, STYLES[k], color=colour, label=name)
+        if drifts:
+            peaks = [1e3 * (row.full_peak, row.reduced_peak)[k] for row in drifts]
+            axes[1].bar(np.arange(1, len(peaks) + 1) + 0.4 * k - 0.2, peaks, 0.4, color=colour)
+    axes[0].set(xlabel="time [s]", ylabel=f"{comparison.rows[0].name} [mm]")
+    if drifts:
+        axes[1].set(xlabel="storey", ylabel="largest drift [mm]")
+        axes[1].margins(x=0.02)
+    legend_below(figure, axes[0], 2)
+    return figure

@@ -1,0 +1,46 @@
+"""Do the programs of docs/structures.md run, and print what the page shows?"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mm_gym import load_scene
+from mm_gym.structure import EXAMPLES
+
+PAGE = (Path(__file__).parents[2] / "docs" / "structures.md").read_text("utf-8")
+PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+SHOWN = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+
+
+def record():
+    """A text in PEER's format: ten seconds of noise that dies away, in g."""
+    times = 0.02 * np.arange(500)
+    values = 0.1 * np.random.default_rng(7).normal(size=500) * np.exp(-0.3 * times)
+    samples = "\n".join(f"{value:.6e}" for value in values)
+    return f"\n\nACCELERATION IN UNITS OF G\nNPTS= 500, DT= .02 SEC\n{samples}\n"
+
+
+def test_frame_and_record_become_a_scene_with_its_error(monkeypatch, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "RSN953.AT2").write_text(record())
+    exec(compile(PROGRAMS[0], "docs/structures.md, program 1", "exec"), {})  # noqa: S102
+    printed = capsys.readouterr().out
+    # The last digits of what is 0 but for round-off differ between machines.
+    told, expected = (re.sub(r"by \S+ at most", "", text) for text in (printed, SHOWN[0]))
+    assert told.startswith(expected)
+    assert "drift of storey 5" in printed
+    assert len(load_scene("frame.toml").excitation) == 2
+    assert (tmp_path / "frame.png").stat().st_size > 10_000
+
+
+def test_errors_are_those_of_the_page(capsys):
+    exec(compile(PROGRAMS[1], "docs/structures.md, program 2", "exec"), {})  # noqa: S102
+    assert capsys.readouterr().out == SHOWN[1]
+
+
+def test_page_lists_every_example():
+    rows = PAGE.partition("## Examples")[2]
+    assert re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE) == list(EXAMPLES)
