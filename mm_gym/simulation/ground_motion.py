@@ -18,7 +18,7 @@ from mm_gym.scene.excitation import Recorded
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.plant.plant import Plant
     from mm_gym.scene.scene import Scene
@@ -48,6 +48,21 @@ def shaken(scene: Scene, motion: ArrayLike) -> Plant:
 @contextmanager
 def record_of(motion: ArrayLike) -> Generator[Recorded]:
     """Write a ground motion to a file of its own for a while; raise as `shaken` does."""
+    samples = checked_motion(motion)
+    with TemporaryDirectory() as folder, _without_warning_of_the_rest():
+        file = Path(folder) / "ground.csv"  # the way of every record, all digits are kept
+        write_csv(file, ["time [s]", "acceleration [m/s^2]"], list(samples.T))
+        yield Recorded(target="ground", file=str(file), unit="m/s^2")
+
+
+def checked_motion(motion: ArrayLike) -> NDArray[np.float64]:
+    """Return a ground motion (k, 2) as numbers.
+
+    Raises
+    ------
+    SimulationError
+        If it has another shape or is not finite.
+    """
     samples = np.asarray(motion)
     shape = samples.shape
     if samples.dtype.kind not in "fiu" or samples.ndim != 2 or shape[1] != 2 or shape[0] < 2:  # noqa: PLR2004
@@ -56,10 +71,7 @@ def record_of(motion: ArrayLike) -> Generator[Recorded]:
     if not np.isfinite(samples).all():
         msg = "ground: got NaN or infinity; allowed: finite numbers"
         raise SimulationError(msg)
-    with TemporaryDirectory() as folder, _without_warning_of_the_rest():
-        file = Path(folder) / "ground.csv"  # the way of every record, all digits are kept
-        write_csv(file, ["time [s]", "acceleration [m/s^2]"], list(samples.T))
-        yield Recorded(target="ground", file=str(file), unit="m/s^2")
+    return samples.astype(np.float64)
 
 
 @contextmanager

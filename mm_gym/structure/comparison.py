@@ -12,11 +12,9 @@ import numpy as np
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SceneError, StructureError
-from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
-from mm_gym.simulation.ground_motion import record_of
+from mm_gym.simulation.ground_motion import checked_motion
 from mm_gym.simulation.response import root_mean_square
-from mm_gym.simulation.simulate import simulate
 from mm_gym.structure.full_model import FullModel
 from mm_gym.structure.structure import drift_matrix
 
@@ -185,12 +183,9 @@ def compare(
     motion = (
         np.column_stack([ground.times, ground.values]) if isinstance(ground, Record) else ground
     )
-    with record_of(motion) as record:
-        samples = np.asarray(motion, np.float64)
-        time = _instants(reduction, samples, duration)
-        shaken = scene.replace(excitation=reduction.excitation(record, scene.sphere.mass))
-        plant = compile_scene(shaken)
-    short = simulate(plant, times=time)
+    samples = checked_motion(motion)
+    time = _instants(reduction, samples, duration)
+    short = reduction.simulate(scene.replace(excitation=[]), samples, times=time)
     whole = FullModel(reduction, scene).motion(time, samples)
     x1, x2 = short.state[:, 0], short.state[:, 1]
     reduced = np.outer(x1, reduction.shape)

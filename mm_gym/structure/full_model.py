@@ -10,6 +10,7 @@ it has one. Displacements are relative to the ground.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-8
 """Relative tolerance of the integration of a nonlinear device: far below what a reduction leaves
 out, which is some percent."""
+
+MOST_EVALUATIONS = 3_000_000
+"""Of the rates of a nonlinear device: some minutes."""
 
 SAME_TIME = 1e-12
 """Difference of two instants, relative to the last, that is round-off."""
@@ -156,9 +160,15 @@ class FullModel:
 
     def _integrate(self, stops: Array, ground: Array) -> Array:
         """Return the states of a nonlinear device, by SciPy from stop to stop at most."""
-        times, values = ground.T
+        (times, values), spent = ground.T, count(1)
 
         def field(time: float, state: Array) -> Array:
+            if next(spent) > MOST_EVALUATIONS:
+                msg = (
+                    f"full model: gave up at {time:g} s, after {MOST_EVALUATIONS} evaluations; "
+                    "the interface is too stiff for SciPy's integrator"
+                )
+                raise SimulationError(msg)
             return self.rates(state, float(np.interp(time, times, values, left=0.0, right=0.0)))
 
         start = self._start()

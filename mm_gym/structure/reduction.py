@@ -23,13 +23,17 @@ from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.part import Part
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_text import toml_of
+from mm_gym.simulation.ground_motion import record_of
+from mm_gym.simulation.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.simulation.simulate import Policy
+    from mm_gym.simulation.trajectory import Trajectory
     from mm_gym.structure.structure import Structure
     from mm_gym.tuning.closed_forms import Absorber
 
@@ -301,6 +305,35 @@ class Reduction:
             k0 = k2 / (2.0 * (1.0 + 2.0 / STRETCH**3))  # (5) of docs/model.md
             parts["springs"] = {"kind": "small_on_large", "stiffness": k0, "stretch": STRETCH}
         return parts
+
+    def simulate(
+        self,
+        scene: Scene,
+        ground: ArrayLike,
+        *,
+        duration: float | None = None,
+        times: ArrayLike | None = None,
+        action: ArrayLike | Policy | None = None,
+        seed: int | None = None,
+    ) -> Trajectory:
+        """Simulate a scene whose ground moves also as an array says, as `mm_gym.simulate` does.
+
+        The ground moves carriage and device each by its own, see `excitation`; with
+        `mm_gym.simulate(scene, ground=...)` it moves both alike.
+
+        Parameters
+        ----------
+        scene
+            A scene of this reduction; its own excitation stays.
+        ground
+            (k, 2) increasing times [s] and accelerations [m/s^2], linear in between, zero outside.
+        duration, times, action, seed
+            As for `mm_gym.simulate`, which says what is raised.
+        """
+        with record_of(ground) as record:
+            entries = [*scene.excitation, *self.excitation(record, scene.sphere.mass)]
+            plant = compile_scene(scene.replace(excitation=entries))
+        return simulate(plant, duration=duration, times=times, action=action, seed=seed)
 
     def to_toml(self, scene: Scene, path: str | PathLike[str]) -> None:
         """Write a scene as a TOML file, whole or not at all, below the reduction in comments.

@@ -82,6 +82,8 @@ def test_record_moves_them_so_too(tmp_path):
         )[0]
         states.append(state)
     assert close(simulate(scene, times=times).state, np.array(states))
+    array = np.column_stack([times, 0.5 * 9.80665 * values])
+    assert close(FRAME.simulate(FRAME.scene(0.3, **PARTS), array, times=times).state, states)
 
 
 def test_impulse_of_the_ground_jumps_both_velocities_by_their_own():
