@@ -37,14 +37,15 @@ class FeedforwardLQR:
     name = "LQR with feed-forward"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        price, plant = force_price(scene), compile_scene(scene)
+        force_price(scene)
+        plant = compile_scene(scene)
         assert scene.actuation.force is not None  # noqa: S101 - `force_price` refuses otherwise
         self.limit = scene.actuation.force.limit
         at = None if stretch is None else {"initial.stretch": stretch}
         system = plant.state_space(["force"], MOTION, sampled=True, at=at)
         names = [signal.name for signal in system.states]
         self.filter = ExcitationFilter(scene, system)
-        gain = regulator(plant, scene, at, price, system)[1]
+        gain = regulator(plant, scene, at, system)[1]
         self.of_motion, self.of_filters = gain[:4], gain[self.filter.rows]
         self.of_force = gain[names.index("force")] if "force" in names else 0.0
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.lqr import force_price, state_weight, states_that_matter
+from agents.controllers.lqr import quadratic_cost, states_that_matter
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
@@ -49,27 +49,29 @@ class FiniteHorizonLQR:
     name = "finite-horizon LQR"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        price, steps = force_price(scene), scene.control.steps
+        own, steps = quadratic_cost(scene, stretch), scene.control.steps
         if steps > MOST_STEPS:
             msg = (
                 f"control.steps: got {steps}; allowed for a finite-horizon LQR: at most "
                 f"{MOST_STEPS}; the LQR is its limit for long episodes"
             )
             raise DesignError(msg)
-        assert scene.actuation.force is not None  # noqa: S101 - `force_price` refuses otherwise
+        assert scene.actuation.force is not None  # noqa: S101 - `quadratic_cost` refuses otherwise
         self.limit = scene.actuation.force.limit
-        plant, weight = compile_scene(scene), state_weight(scene)
-        self.states = states_that_matter(plant.linear(stretch)[0], weight)
+        plant = compile_scene(scene)
+        self.states = states_that_matter(plant.linear(stretch)[0], own.state)
         a, b = plant.discrete(stretch)
         rows = np.ix_(self.states, self.states)
-        a, b, weight = a[rows], b[list(self.states), :1], weight[rows]
+        a, b, own = a[rows], b[list(self.states), :1], own.of(self.states)
+        across = 2.0 * b.T @ own.cross
         self.gains = np.empty((steps, len(a)))
         cost = np.zeros_like(a)
         for step in reversed(range(steps)):
-            ahead = weight + cost  # the reward is of the state at the step's end
-            gain = (b.T @ ahead @ a) / (price + b.T @ ahead @ b)
+            ahead = own.state + cost  # the reward is of the state at the step's end
+            gain = (b.T @ ahead @ a + own.cross.T @ a) / (own.force + b.T @ ahead @ b + across)
             closed = a - b @ gain
-            cost = closed.T @ ahead @ closed + price * gain.T @ gain
+            crossed = closed.T @ own.cross @ gain
+            cost = closed.T @ ahead @ closed + own.force * gain.T @ gain - (crossed + crossed.T)
             self.gains[step] = gain[0]
         self.cost = cost
 

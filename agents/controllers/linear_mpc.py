@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.sparse import csc_matrix
 
-from agents.controllers.lqr import design, force_price, state_weight, states_that_matter
+from agents.controllers.lqr import design, quadratic_cost, states_that_matter
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
@@ -50,22 +50,25 @@ class LinearMPC:
         if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
             msg = f"horizon: got {horizon!r}; allowed: 1 to {MOST_STEPS} control steps"
             raise DesignError(msg)
-        price = force_price(scene)
+        cost = quadratic_cost(scene)
         actuator = scene.actuation.force
-        assert actuator is not None  # noqa: S101 - `force_price` refuses otherwise
+        assert actuator is not None  # noqa: S101 - `quadratic_cost` refuses otherwise
         self.name, self.limit = f"linear MPC, {horizon} steps ahead", actuator.limit
-        plant, weight = compile_scene(scene), state_weight(scene)
-        self.states = states_that_matter(plant.linear()[0], weight)
+        plant = compile_scene(scene)
+        self.states = states_that_matter(plant.linear()[0], cost.state)
         a, b = plant.discrete()
         rows = np.ix_(self.states, self.states)
-        a, b, weight = a[rows], b[list(self.states), :1] * self.limit, weight[rows]
+        a, b, cost = a[rows], b[list(self.states), :1] * self.limit, cost.of(self.states)
         free, forced = _predicted(a, b, horizon)
-        weights = np.stack([weight] * (horizon - 1) + [weight + _cost_to_go(scene, len(a))])
+        weights = np.stack([cost.state] * (horizon - 1) + [cost.state + _cost_to_go(scene, len(a))])
         both = np.einsum("kin,kij,kjm->nm", forced, weights, forced)
         self.slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
         most = np.inf if actuator.rate_limit is None else actuator.rate_limit / self.limit
         self.travel = most * scene.control.time_step
-        self.hessian = both + price * self.limit**2 * np.eye(horizon)
+        self.hessian = both + cost.force * self.limit**2 * np.eye(horizon)
+        across = self.limit * np.einsum("i,kin->kn", cost.cross[:, 0], forced)
+        self.hessian += across + across.T
+        self.slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
         self.begin(0)  # or tell at once that there is no solver
 
     def begin(self, lanes: int) -> None:

@@ -10,7 +10,13 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.controllers.controller import require_number
-from agents.controllers.lqr import force_price, state_weight
+from agents.controllers.lqr import (
+    Quadratic,
+    force_price,
+    motion_weight,
+    reaction_weights,
+    state_weight,
+)
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
@@ -35,6 +41,9 @@ MOST_NUMBERS = 500_000
 """Numbers of gains that are kept for an episode's start."""
 
 MOTION = ("x1", "x2", "v1", "v2")
+
+REACTIONS = ("carriage_acceleration", "sphere_acceleration")
+"""What `reaction_weights` weighs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +93,13 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
         If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
         a mode that does not decay, or an equation has no stabilising solution.
     """
-    price = force_price(scene)
+    force_price(scene)
     require_number("unmodelled", unmodelled)
     plant = compile_scene(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
-    regulated, gain, riccati = regulator(plant, scene, at, price, system)
+    regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
     floor = [(FLOOR / channel.factor) ** 2 for channel in shown]
@@ -99,33 +108,38 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     start = _initial(scene, system)
     filters, error = _filter(system, noise, sensors, start, units=units, steps=scene.control.steps)
     rows = np.ix_(regulated, regulated)
-    b, own = system.B[list(regulated)], gain[list(regulated)]
-    curvature = price + (b.T @ riccati @ b).item()
+    own = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
     return LQGDesign(system, regulated, gain, filters, error, cost)
 
 
 def regulator(
-    plant: Plant, scene: Scene, at: dict[str, float] | None, price: float, system: LinearSystem
-) -> tuple[tuple[int, ...], Array, Array]:
-    """Return the states that the cost depends on, the gain on all states, and P."""
-    weight = state_weight(scene)
-    seen = [name for k, name in enumerate(MOTION) if weight[k].any()]
-    part = plant.state_space(["force"], seen, sampled=True, at=at)
+    plant: Plant, scene: Scene, at: dict[str, float] | None, system: LinearSystem
+) -> tuple[tuple[int, ...], Array, Array, float]:
+    """Return what regulates a system.
+
+    Returns
+    -------
+    tuple
+        The states that the cost depends on, the gain on all states, P, and the curvature of the
+        cost over the force [1/N^2].
+    """
     every = [signal.name for signal in system.states]
+    weight = _weight(scene, at, every)
+    seen = [name for name in MOTION if weight[every.index(name)].any()]
+    part = plant.state_space(["force"], seen, sampled=True, at=at)
     names = [signal.name for signal in part.observable().states]
     if not set(names) <= set(every):  # combinations of states
         names = [signal.name for signal in part.states]
+    names += [name for k, name in enumerate(every) if weight[k, k] > 0.0 and name not in names]
     regulated = tuple(every.index(name) for name in names)
-    own = np.zeros((len(names), len(names)))
-    inside = [k for k, name in enumerate(names) if name in MOTION]
-    rows = [MOTION.index(names[k]) for k in inside]
-    own[np.ix_(inside, inside)] = weight[np.ix_(rows, rows)]
-    rows = np.ix_(regulated, regulated)
+    whole = Quadratic(weight[:-1, :-1], weight[:-1, -1:], weight[-1:, -1:])
+    own, rows = whole.of(regulated), np.ix_(regulated, regulated)
     a, b = system.A[rows], system.B[list(regulated)]
+    stage = own.ahead(a, b) if own.cross.any() else own
     try:
-        found, riccati, poles = control.dlqr(a, b, own, [[price]], method="scipy")
+        found, riccati, poles = control.dlqr(a, b, *stage.weights, method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
@@ -137,7 +151,36 @@ def regulator(
         raise DesignError(msg)
     gain = np.zeros(len(every))
     gain[list(regulated)] = np.asarray(found)[0]
-    return regulated, gain, np.asarray(riccati)
+    riccati = np.asarray(riccati)
+    curvature = (stage.force + b.T @ riccati @ b).item()
+    if stage is not own:
+        riccati = riccati + own.state
+    return regulated, gain, riccati, curvature
+
+
+def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Array:
+    """Return the weight (n + 1, n + 1) of the states named, at a step's end, and of the force.
+
+    A force with a lag is one of the states, and its acceleration is of what it then is.
+    """
+    weight = np.zeros((len(every) + 1, len(every) + 1))
+    motion = [every.index(name) for name in MOTION]
+    weight[np.ix_(motion, motion)] = motion_weight(scene)
+    weight[-1, -1] = force_price(scene)
+    reactions = reaction_weights(scene)
+    names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
+    if names:
+        instant = compile_scene(scene.replace(sensors={}))  # of sensors without delay
+        shown = instant.state_space(["force"], names, sampled=True, at=at)
+        rows = np.zeros((len(names), len(every) + 1))
+        for k, signal in enumerate(shown.states):
+            rows[:, every.index(signal.name) if signal.name in every else -1] += shown.C[:, k]
+        squares = [squared for squared in reactions if squared > 0.0]
+        for row, squared in zip(rows, squares, strict=True):
+            weight += squared * np.outer(row, row)
+    if not weight[:-1, :-1].any():
+        state_weight(scene)  # tells which weights there are
+    return weight
 
 
 def _unmodelled(scene: Scene, part: float, size: int) -> Array:

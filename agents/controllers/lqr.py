@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import control
 import numpy as np
@@ -11,6 +11,8 @@ import numpy as np
 from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Values
@@ -55,6 +57,8 @@ class Design:
 def design(scene: Scene, stretch: float | None = None) -> Design:
     """Solve the discrete Riccati equation for the scene's reward and its sampled linear plant.
 
+    Accelerations at a step's end are linear in state and force, which gives the cost cross terms.
+
     The plant is linearised about rest at a stretch, by default the one that an episode starts from.
     The states are those that the cost depends on: a sphere without springs drifts freely, its
     position is neither rewarded nor controllable, and Riccati solvers silently return garbage.
@@ -66,21 +70,91 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
         weight or is not stabilisable, or the solution fails its checks: residual, definiteness,
         closed-loop eigenvalues.
     """
-    price = np.array([[force_price(scene)]])
-    plant = compile_scene(scene)
-    weight = state_weight(scene)
-    states = states_that_matter(plant.linear(stretch)[0], weight)
+    plant, cost = compile_scene(scene), quadratic_cost(scene, stretch)
+    states = states_that_matter(plant.linear(stretch)[0], cost.state)
     a, b = plant.discrete(stretch)
-    a, b, weight = a[np.ix_(states, states)], b[list(states)], weight[np.ix_(states, states)]
+    a, b, cost = a[np.ix_(states, states)], b[list(states), :1], cost.of(states)
     _require_stabilisable(a, b, states)
+    stage = cost.ahead(a, b) if cost.cross.any() else cost
     try:
-        gain, cost, _ = control.dlqr(a, b, weight, price, method="scipy")
+        gain, riccati, _ = control.dlqr(a, b, *stage.weights, method="scipy")
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
-    solution = Design(states, np.asarray(gain), np.asarray(cost), weight)
-    _check(solution, a, b, price)
-    return solution
+    gain, riccati = np.asarray(gain), np.asarray(riccati)
+    _check(gain, riccati, a, b, stage)
+    if stage is not cost:
+        riccati = riccati + cost.state
+    return Design(states, gain, riccati, cost.state)
+
+
+class Quadratic(NamedTuple):
+    """A cost x'Q x + 2 x'N u + u'R u of states x and a force u [N].
+
+    Attributes
+    ----------
+    state, cross, force
+        Q (n, n), N (n, 1) and R (1, 1).
+    """
+
+    state: NDArray[np.float64]
+    cross: NDArray[np.float64]
+    force: NDArray[np.float64]
+
+    @property
+    def weights(self) -> tuple[NDArray[np.float64], ...]:
+        """Q and R, and N if it is not zero: SciPy rounds otherwise where it is given."""
+        both = self.state, self.force
+        return (*both, self.cross) if self.cross.any() else both
+
+    def of(self, states: Sequence[int]) -> Quadratic:
+        """Return the cost of some of the states, where the others have no part in it."""
+        rows = np.ix_(states, states)
+        return Quadratic(self.state[rows], self.cross[list(states)], self.force)
+
+    def ahead(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> Quadratic:
+        """Return it as a cost of the state before the step a x + b u in which the force acts."""
+        before, through = a.T @ self.state @ a, self.state @ b + self.cross
+        return Quadratic(
+            0.5 * (before + before.T),  # round-off is not symmetric
+            a.T @ through,
+            self.force + b.T @ self.state @ b + self.cross.T @ b + b.T @ self.cross,
+        )
+
+
+def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
+    """Return the cost of x1, x2, v1, v2 at a step's end and of the force that is held in it.
+
+    Accelerations are linear in both: a1 and a2 are the third and fourth rows of A x + B u, and the
+    force between the masses is m2 a2. What disturbs the plant is left out.
+
+    Raises
+    ------
+    DesignError
+        If the motion has no weight, or as for `force_price`.
+    """
+    weight = np.zeros((5, 5))
+    weight[4, 4] = force_price(scene)
+    weight[:4, :4] = motion_weight(scene)
+    reactions = reaction_weights(scene)
+    if any(reactions):
+        a, b = compile_scene(scene).linear(stretch)
+        for row, squared in zip(np.hstack([a, b])[2:], reactions, strict=True):
+            weight += squared * np.outer(row, row)
+    _require_weight(weight[:4, :4])
+    return Quadratic(weight[:4, :4], weight[:4, 4:], weight[4:, 4:])
+
+
+def reaction_weights(scene: Scene) -> tuple[float, float]:
+    """Return the weights of the squared accelerations of carriage and sphere [s^4/m^2].
+
+    That of the force between the masses is in the second, with the middle of the sphere's mass.
+    """
+    o = scene.objective
+    mass = float(np.mean(scene.range_of("sphere.mass", scene.sphere.mass)))
+    on_sphere = o.sphere_acceleration_weight / o.sphere_acceleration_scale**2
+    on_sphere += o.coupling_force_weight * (mass / o.coupling_force_scale) ** 2
+    return o.carriage_acceleration_weight / o.carriage_acceleration_scale**2, on_sphere
 
 
 def force_price(scene: Scene) -> float:
@@ -111,13 +185,28 @@ def force_price(scene: Scene) -> float:
 
 
 def state_weight(scene: Scene) -> NDArray[np.float64]:
-    """Return the (4, 4) weight of the state in the scene's reward.
+    """Return the (4, 4) weight of the state in a reward of nothing but state and actions.
 
     Raises
     ------
     DesignError
-        If the motion has no weight.
+        If the motion has no weight, or the reward is also of accelerations or the force between the
+        masses.
     """
+    if any(reaction_weights(scene)):
+        msg = (
+            "objective: carriage_acceleration_weight, sphere_acceleration_weight and "
+            "coupling_force_weight have no part in this design; allowed: 0. The LQR, the "
+            "finite-horizon LQR, the LQG and linear MPC take them"
+        )
+        raise DesignError(msg)
+    weight = motion_weight(scene)
+    _require_weight(weight)
+    return weight
+
+
+def motion_weight(scene: Scene) -> NDArray[np.float64]:
+    """Return the (4, 4) weight of displacement, velocity and stroke in the scene's reward."""
     objective = scene.objective
     stroke = objective.stroke_weight / objective.stroke_scale**2
     weight = np.zeros((4, 4))
@@ -125,13 +214,16 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
     weight[1, 1] = stroke
     weight[0, 1] = weight[1, 0] = -stroke
     weight[2, 2] = objective.velocity_weight / objective.velocity_scale**2
+    return weight
+
+
+def _require_weight(weight: NDArray[np.float64]) -> None:
     if not weight.any():
         msg = (
             "objective: displacement_weight, velocity_weight and stroke_weight are 0; allowed: one "
             "greater than 0, for a motion to keep small"
         )
         raise DesignError(msg)
-    return weight
 
 
 def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[int, ...]:
@@ -160,11 +252,15 @@ def _require_stabilisable(
 
 
 def _check(
-    solution: Design, a: NDArray[np.float64], b: NDArray[np.float64], price: NDArray[np.float64]
+    gain: NDArray[np.float64],
+    p: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    stage: Quadratic,
 ) -> None:
-    p, gain = solution.cost, solution.gain
-    closed = a - b @ gain
-    residual = closed.T @ p @ closed + gain.T @ price @ gain + solution.weight - p
+    closed, crossed = a - b @ gain, stage.cross @ gain
+    residual = closed.T @ p @ closed + gain.T @ stage.force @ gain + stage.state - p
+    residual -= crossed + crossed.T
     relative = np.abs(residual).max() / np.abs(p).max()
     if not relative < RESIDUAL:
         msg = f"the Riccati residual is {relative:.1e} of P; allowed: below {RESIDUAL}"

@@ -42,11 +42,11 @@ class Model:
     Raises
     ------
     DesignError
-        If the scene has an own reward that reads what a disturbance is, not what it does.
+        If the reward reads what a disturbance is, not what it does.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
-        _require_own_reward_of_motion(scene)
+        _require_reward_of_motion(scene)
         force, stretch = scene.actuation.force, scene.actuation.stretch
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
@@ -120,13 +120,19 @@ class Model:
         return info["state"], rewards
 
 
-def _require_own_reward_of_motion(scene: Scene) -> None:
-    """Refuse an own reward of what a model with an equivalent force does not show."""
-    if scene.own_reward is None or not scene.excitation:
-        return
+def _require_reward_of_motion(scene: Scene) -> None:
+    """Refuse a reward of what a model with an equivalent force does not show."""
     hidden = ["applied_force", "disturbance_force", "ground_acceleration"]
     if any(part.target == "ground" for part in scene.excitation):
         hidden.append("carriage_acceleration")
+        if scene.own_reward is None and scene.objective.carriage_acceleration_weight > 0.0:
+            msg = (
+                "objective.carriage_acceleration_weight: allowed for predictive control where the "
+                "ground moves: 0; its model has a force on the carriage in place of the ground"
+            )
+            raise DesignError(msg)
+    if scene.own_reward is None or not scene.excitation:
+        return
     for name in scene.own_reward.arguments:
         if name in hidden:
             msg = (

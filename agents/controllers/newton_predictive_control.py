@@ -10,7 +10,7 @@ import numpy as np
 from agents.controllers.cross_entropy import correlated
 from agents.controllers.forecast import PushForecast
 from agents.controllers.trajectories import Trajectories
-from mm_gym import MovingMassVectorEnv
+from mm_gym import DesignError, MovingMassVectorEnv
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
@@ -65,10 +65,17 @@ class NewtonPredictiveControl:
     Raises
     ------
     DesignError
-        If an actuator has a lag, or is priced and limited in its rate but commanded by value.
+        If there is an own reward, accelerations of the carriage are weighed under excitation, an
+        actuator has a lag, or is priced and limited in its rate but commanded by value.
     """
 
     def __init__(self, scene: Scene, steps: Steps | None = None) -> None:
+        if scene.excitation and scene.objective.carriage_acceleration_weight > 0.0:
+            msg = (
+                "objective.carriage_acceleration_weight: allowed for plans by Gauss-Newton under "
+                "excitation: 0; their model knows what a disturbance does in a step, not its force"
+            )
+            raise DesignError(msg)
         self.steps = steps or Steps()
         self.name = f"predictive control, {self.steps.horizon} steps ahead"
         self.scene = scene.replace(

@@ -10,11 +10,12 @@ from mm_gym import DesignError
 from mm_gym.sensitivity import Sensitivities, expected, sweep
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from mm_gym import Plant, Scene
+    from mm_gym.sensitivity import Actuator
 
     Array = NDArray[np.float64]
     Indices = NDArray[np.intp]
@@ -38,6 +39,10 @@ class Trajectory(NamedTuple):
         (steps, 4, 4 + k, lanes): derivatives of x1, x2, v1, v2 after a step.
     states
         (steps + 1, 4 + k, lanes): x1, x2 [m], v1, v2 [m/s] and what is applied [N, -].
+    reactions
+        (steps, m, 1 + 4 + k, lanes): what the objective squares of what follows from the motion
+        after a step (`Plant.scored_reactions`), and its derivatives with respect to the state then;
+        m is 0 where it has no weight.
     controls, actions
         (steps, k, lanes) [-]: see `Trajectories`; and what the environment is given.
     cost
@@ -46,6 +51,7 @@ class Trajectory(NamedTuple):
 
     motion: Array
     states: Array
+    reactions: Array
     controls: Array
     actions: Array
     cost: Array
@@ -97,6 +103,7 @@ class Trajectories:
             raise DesignError(msg)
         self.start = start["values"], start["streams"]
         self.support, self.constants = plant.support, (plant.model, plant.task)
+        self.plant = plant
         if not foresees:
             self.support, model, values = expected(plant.support, plant.model, start["values"])
             self.start, self.constants = (values, start["streams"]), (model, plant.task)
@@ -128,6 +135,7 @@ class Trajectories:
         )
         self.effort = objective.effort_weight
         self.pushes: Array | None = None
+        self._differences = difference_steps(scene, self.actuators)
 
     def controls_of(self, applied: Array) -> Array:
         """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
@@ -155,6 +163,7 @@ class Trajectories:
         found = Trajectory(
             np.empty((self.steps, 4, n, count)),
             np.empty((self.steps + 1, n, count)),
+            np.empty((self.steps, 2 * self.plant.scores_reactions, 1 + n, count)),
             np.empty((self.steps, columns, count)),
             np.empty((self.steps, columns, count)),
             np.zeros(count),
@@ -170,6 +179,9 @@ class Trajectories:
             if self.pushes is not None:
                 lanes.lanes[:4] += self.pushes[k][:, episodes]
             state = found.states[k + 1] = lanes.state
+            if self.plant.scores_reactions:
+                found.reactions[k] = self._reactions(lanes.lanes)
+        found.cost[:] += (found.reactions[:, :, 0] ** 2).sum(axis=(0, 1))
         x1, x2, v1 = np.moveaxis(found.states[1:, :3], 1, 0)
         for weight, value in zip(self.weights, (x1, v1, x2 - x1), strict=True):
             found.cost[:] += weight * (value**2).sum(axis=0)
@@ -188,7 +200,7 @@ class Trajectories:
         for _ in range(rounds):
             if idle == PATIENCE:
                 break
-            trajectory = best.motion, best.states, best.controls
+            trajectory = best.motion, best.states, best.controls, best.reactions
             sweep(trajectory, self._limits, self.weights, self.effort, extra, change, gain)
             trial = self.follow(episodes, best.controls + change, best, gain)
             better = trial.cost < best.cost
@@ -197,6 +209,16 @@ class Trajectories:
                 mine[..., better] = other[..., better]
             extra = np.clip(np.where(better, EASIER, HARDER) * extra, LEAST, MOST)
         return best
+
+    def _reactions(self, lanes: Array) -> Array:
+        """Return a step's entry of `Trajectory.reactions`."""
+
+        def squared(lanes: Array) -> Array:
+            return self.plant.scored_reactions(lanes, self.constants[0])
+
+        rows = [*range(4), *(actuator.row for actuator in self.actuators)]
+        slopes = central_differences(squared, lanes, rows, self._differences)
+        return np.concatenate([squared(lanes)[:, None], slopes], axis=1)
 
     def _lanes(self, episodes: Indices) -> Sensitivities:
         values, streams = self.start
@@ -217,3 +239,29 @@ class Trajectories:
         reached = applied + self._limits[3][:, None] * controls
         asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
         return np.where(self._by_change[:, None], asked, controls)
+
+
+def difference_steps(scene: Scene, actuators: Sequence[Actuator]) -> Array:
+    """Return by how much x1, x2 [m], v1, v2 [m/s] and actuators [N, -] change in a difference.
+
+    It is the root of third order of a double's round-off, over the size of what is changed: so
+    error and round-off of a smooth function are some 1e-10 of it.
+    """
+    scales = scene.objective
+    sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
+    sizes += [0.5 * (actuator.high - actuator.low) for actuator in actuators]
+    return np.cbrt(np.finfo(float).eps) * np.array(sizes)
+
+
+def central_differences(
+    function: Callable[[Array], Array], lanes: Array, rows: Sequence[int], steps: Array
+) -> Array:
+    """Return the slopes (..., rows, n) of a function (..., n) of lanes over some of their rows."""
+    count = lanes.shape[1]
+    changed = np.tile(lanes, 2 * len(rows))
+    for k, (row, step) in enumerate(zip(rows, steps, strict=True)):
+        changed[row, 2 * k * count : (2 * k + 1) * count] += step
+        changed[row, (2 * k + 1) * count : (2 * k + 2) * count] -= step
+    values = function(changed)
+    pairs = values.reshape(*values.shape[:-1], len(rows), 2, count)
+    return (pairs[..., 0, :] - pairs[..., 1, :]) / (2.0 * steps[:, None])

@@ -113,6 +113,9 @@ def limit_penalty(scene: Scene) -> float:
         (objective.displacement_weight, objective.displacement_limit, objective.displacement_scale),
         (objective.velocity_weight, None, objective.velocity_scale),
         (objective.stroke_weight, objective.rail_half_length, objective.stroke_scale),
+        (objective.carriage_acceleration_weight, None, objective.carriage_acceleration_scale),
+        (objective.sphere_acceleration_weight, None, objective.sphere_acceleration_scale),
+        (objective.coupling_force_weight, None, objective.coupling_force_scale),
     )
     motion = sum(
         weight if limit is None else weight * (limit / scale) ** 2 for weight, limit, scale in terms

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.lqr import state_weight
+from agents.controllers.lqr import motion_weight, state_weight
 from agents.controllers.observed_state import ROWS
+from agents.controllers.trajectories import central_differences, difference_steps
 from mm_gym import DesignError, MovingMassVectorEnv
 from mm_gym.sensitivity import Sensitivities
 
@@ -63,9 +64,10 @@ class Episodes:
         self._begin(range(lanes))
         self.shown = _shown(self.env, self.physics)
         size = len(self.physics.actuators)
-        own = scene.own_reward is not None
-        self.slopes = _Slopes(self.env, self.physics) if own else None
-        self.weight = np.zeros((4, 4)) if own else state_weight(scene)
+        own, reacts = scene.own_reward is not None, self.env.plant.scores_reactions
+        self.slopes = _Slopes(self.env, self.physics) if own or reacts else None
+        weight_of = motion_weight if reacts else state_weight
+        self.weight = np.zeros((4, 4)) if own else weight_of(scene)
         self.effort = 0.0 if own else objective.effort_weight
         self.states: Values = np.empty((self.steps, 4, lanes))
         self.actions: Values = np.empty((self.steps, size, lanes))
@@ -146,11 +148,9 @@ class Episodes:
 
 
 class _Slopes:
-    """Slopes of an own cost over the motion and what actuators have, by central differences.
+    """Slopes of an own cost, or of the cost of accelerations, by central differences.
 
-    What follows from the motion, as an acceleration does, is derived anew at each difference. The
-    step is the root of third order of a double's round-off, over the size of what is changed: error
-    and round-off of a smooth cost are some 1e-10 of it.
+    What follows from the motion is derived anew at each difference.
 
     Attributes
     ----------
@@ -159,26 +159,21 @@ class _Slopes:
     """
 
     def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
-        scales, actuators = env.scene.objective, physics.actuators
-        self.env, self.rows = env, [*range(4), *(actuator.row for actuator in actuators)]
-        sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
-        sizes += [0.5 * (actuator.high - actuator.low) for actuator in actuators]
-        self.steps = np.cbrt(np.finfo(float).eps) * np.array(sizes)
+        self.env, self.rows = env, [*range(4), *(actuator.row for actuator in physics.actuators)]
+        self.steps = difference_steps(env.scene, physics.actuators)
         self.found: list[Values] = []
 
     def add(self) -> None:
         """Add the slopes at the present step's end."""
-        env, own = self.env, self.env.scene.own_reward
-        assert own is not None  # noqa: S101 - else there are no such slopes
-        values: Values = env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
-        count, changed = values.shape[1], len(self.rows)
-        lanes = np.tile(values, 2 * changed)
-        for k, (row, step) in enumerate(zip(self.rows, self.steps, strict=True)):
-            lanes[row, 2 * k * count : (2 * k + 1) * count] += step
-            lanes[row, (2 * k + 1) * count : (2 * k + 2) * count] -= step
-        env.plant.entries.derive(env.plant.task, env.plant.model, lanes, 0, lanes.shape[1])
-        costs = own.costs(lanes).reshape(changed, 2, count)
-        self.found.append((costs[:, 0] - costs[:, 1]) / (2.0 * self.steps[:, None]))
+        values: Values = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
+        self.found.append(central_differences(self._costs, values, self.rows, self.steps))
+
+    def _costs(self, lanes: Values) -> Values:
+        plant, own = self.env.plant, self.env.scene.own_reward
+        if own is None:
+            return (plant.scored_reactions(lanes) ** 2).sum(axis=0)
+        plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
+        return own.costs(lanes)
 
 
 def _bounded(sizes: Values) -> Values:

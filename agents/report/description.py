@@ -78,6 +78,18 @@ def _reward(scene: Scene) -> str:
         (objective.velocity_weight, f"(v1 / {objective.velocity_scale:g} m/s)^2"),
         (objective.stroke_weight, f"((x2 - x1) / {objective.stroke_scale:g} m)^2"),
         (objective.effort_weight, "(sum of squared actions)"),
+        (
+            objective.carriage_acceleration_weight,
+            f"(a1 / {objective.carriage_acceleration_scale:g} m/s^2)^2",
+        ),
+        (
+            objective.sphere_acceleration_weight,
+            f"(a2 / {objective.sphere_acceleration_scale:g} m/s^2)^2",
+        ),
+        (
+            objective.coupling_force_weight,
+            f"(force between the masses / {objective.coupling_force_scale:g} N)^2",
+        ),
     ]
     weighted = " + ".join(
         text if weight == 1.0 else f"{weight:g} {text}" for weight, text in terms if weight

@@ -93,7 +93,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     Rewards
     -------
     From the state at the step's end, with `a` the clipped action:
-    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``.
+    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``, and with
+    their weights the squares of the absolute accelerations of both masses and of the force between.
     With ``reward=``, minus a cost of your own, a function of channels.
 
     Starting State
@@ -119,7 +120,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of
     `objective` is exceeded and else 0, as safe reinforcement learning has it; and `constraint`, the
     larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1, so negative
-    within the limits, and -1 without any. An own reward is one term, `reward_own`. With
+    within the limits, and -1 without any. Accelerations and the force between the
+    masses add terms where they have weights. An own reward is one term, `reward_own`. With
     ``info="none"`` nothing, for programs that copy each entry.
 
     Continuation
@@ -282,7 +284,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         info: dict[str, Any] = {"state": state(), "applied": applied()}
         if self._level == "light":
             return info
-        lane = self._lanes.values[:4]
+        lane = self._lanes.values
         terms = dict.fromkeys(self._terms.names, 0.0)
         if action is not None:
             found = self._terms.rewards(lane, action, self._lanes.rewards)

@@ -22,6 +22,13 @@ InfoLevel: TypeAlias = Literal["none", "light", "full"]
 TERMS = ("reward_displacement", "reward_velocity", "reward_effort", "reward_stroke")
 """Terms of the reward, which is their sum."""
 
+REACTIONS = {
+    "reward_carriage_acceleration": at.WEIGHT_CARRIAGE_ACCELERATION,
+    "reward_sphere_acceleration": at.WEIGHT_SPHERE_ACCELERATION,
+    "reward_coupling_force": at.WEIGHT_COUPLING_FORCE,
+}
+"""Further terms, each of a scene that has its weight, and the weight's slot."""
+
 OWN = "reward_own"
 """The only term of a caller's own reward."""
 
@@ -54,7 +61,8 @@ class Terms:
 
     def __init__(self, plant: Plant, *, own: bool = False) -> None:
         task = plant.task
-        self.names = (OWN,) if own else TERMS
+        self._reactions = {name: task[slot] for name, slot in REACTIONS.items() if task[slot] > 0.0}
+        self.names = (OWN,) if own else (*TERMS, *self._reactions)
         self._weights = task[
             [at.WEIGHT_DISPLACEMENT, at.WEIGHT_VELOCITY, at.WEIGHT_EFFORT, at.WEIGHT_STROKE]
         ].tolist()
@@ -62,7 +70,7 @@ class Terms:
         self._actuators = len(plant.actuators)
 
     def rewards(
-        self, state: Array, actions: NDArray[np.floating], rewards: Array
+        self, lanes: Array, actions: NDArray[np.floating], rewards: Array
     ) -> dict[str, Array]:
         """Return the reward's terms (lanes,) of a control step [-].
 
@@ -70,8 +78,8 @@ class Terms:
 
         Parameters
         ----------
-        state
-            (4, lanes): x1, x2 [m], v1, v2 [m/s] at the step's end.
+        lanes
+            (rows, lanes) at the step's end.
         actions
             (actuators * lanes,) as the kernels take them.
         rewards
@@ -80,13 +88,14 @@ class Terms:
         if self.names == (OWN,):
             return {OWN: rewards.copy()}
         displacement, velocity, effort, stroke = self._weights
-        x1, x2, v1, _ = state
+        x1, x2, v1 = lanes[at.X1], lanes[at.X2], lanes[at.V1]
         clipped = np.clip(actions.astype(np.float64), -1.0, 1.0).reshape(self._actuators, -1)
         values = (
             displacement * x1 * x1,
             velocity * v1 * v1,
             effort * (clipped * clipped).sum(axis=0),
             stroke * (x2 - x1) * (x2 - x1),
+            *(weight * _reaction(lanes, name) ** 2 for name, weight in self._reactions.items()),
         )
         return {name: 0.0 - value for name, value in zip(self.names, values, strict=True)}
 
@@ -105,3 +114,11 @@ class Terms:
         used = np.maximum(x1 / self._furthest, offset / self._rail)
         exceeded = (x1 > self._furthest) | (offset > self._rail)
         return {"cost": exceeded.astype(np.float64), "constraint": used - 1.0}
+
+
+def _reaction(lanes: Array, name: str) -> Array:
+    """Return what a further term squares (lanes,) [m/s^2 or N]."""
+    if name == "reward_carriage_acceleration":
+        return lanes[at.CARRIAGE_ACCELERATION]
+    mass = lanes[at.M2] if name == "reward_coupling_force" else 1.0
+    return mass * lanes[at.SPHERE_ACCELERATION]

@@ -243,7 +243,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         else:
             status = self._lanes.advance(actions)
         if self._level == "full" and status <= at.ENDED:
-            self._rewards = self._terms.rewards(self._lanes.values[:4], actions, rewards)
+            self._rewards = self._terms.rewards(self._lanes.values, actions, rewards)
         final = None
         if status or any_over:
             final = self._end_and_restart_episodes(status)

@@ -119,8 +119,11 @@ IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
 # Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
 # not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.
 RESERVED, HAS_RESERVED_NOISE = 21, 22
-CHANNEL_COUNT = 23
-CHANNELS = 24  # then, per channel, CHANNEL_SIZE slots
+# Of the squares of what follows from the state, and whether one of them is not 0.
+WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 23, 24, 25
+HAS_DERIVED_COST = 26
+CHANNEL_COUNT = 27
+CHANNELS = 28  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

@@ -88,7 +88,8 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
         for k, part in enumerate(scene.excitation)
         if part.kind == "impulse" and part.target == "force"
     ]
-    read = {"sensors.channels": scene.sensors.channels, "reward": rewarded_channels(scene)}
+    source = "objective" if scene.own_reward is None else "reward"
+    read = {"sensors.channels": scene.sensors.channels, source: rewarded_channels(scene)}
     shown = [name for name, channels in read.items() if "carriage_acceleration" in channels]
     for name in (*impulses, *shown):
         if is_whole([name], wrong):

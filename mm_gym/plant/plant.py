@@ -253,6 +253,42 @@ class Plant:
         constants = self.model, self.task
         return jacobian_of(self.support, constants, (state, action), at, parameters)
 
+    def scored_reactions(
+        self, lanes: NDArray[np.float64], model: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Return what the objective squares of what follows from the motion, at a step's end.
+
+        Parameters
+        ----------
+        lanes
+            (rows, n) as of ``env.unwrapped.get_state()["values"]``, read.
+        model
+            (m,) of other excitation, as `mm_gym.sensitivity.expected` has it; by default its own.
+
+        Returns
+        -------
+        (2, n)
+            Accelerations of carriage and sphere, each times the root of its weight [-]; that of the
+            sphere stands for the force between the masses, too. The sum of squares is their cost.
+        """
+        derived = lanes.copy()
+        given = self.model if model is None else model
+        self.entries.derive(self.task, given, derived, 0, lanes.shape[1])
+        slots = at.WEIGHT_CARRIAGE_ACCELERATION, at.WEIGHT_SPHERE_ACCELERATION
+        carriage, sphere = self.task[list(slots)]
+        sphere = sphere + self.task[at.WEIGHT_COUPLING_FORCE] * derived[at.M2] ** 2
+        return np.stack(
+            [
+                np.sqrt(carriage) * derived[at.CARRIAGE_ACCELERATION],
+                np.sqrt(sphere) * derived[at.SPHERE_ACCELERATION],
+            ]
+        )
+
+    @property
+    def scores_reactions(self) -> bool:
+        """Whether the objective weighs accelerations or the force between the masses."""
+        return bool(self.task[at.HAS_DERIVED_COST])
+
     def _control_loop(self) -> ControlLoop:
         force, stretch = self.task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR]]
         return ControlLoop(

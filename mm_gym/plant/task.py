@@ -90,8 +90,14 @@ def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def rewarded_channels(scene: Scene) -> tuple[str, ...]:
-    """Return the channels that an own reward of a scene reads."""
-    return () if scene.own_reward is None else scene.own_reward.arguments
+    """Return the channels that the reward of a scene reads, but for those of the motion."""
+    if scene.own_reward is not None:
+        return scene.own_reward.arguments
+    objective = scene.objective
+    on_carriage = objective.carriage_acceleration_weight
+    on_sphere = objective.sphere_acceleration_weight + objective.coupling_force_weight
+    found = {"carriage_acceleration": on_carriage, "sphere_acceleration": on_sphere}
+    return tuple(name for name, weight in found.items() if weight > 0.0)
 
 
 def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
@@ -140,6 +146,15 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
     task[at.WEIGHT_VELOCITY] = objective.velocity_weight / objective.velocity_scale**2
     task[at.WEIGHT_STROKE] = objective.stroke_weight / objective.stroke_scale**2
     task[at.WEIGHT_EFFORT] = objective.effort_weight
+    derived = {
+        at.WEIGHT_CARRIAGE_ACCELERATION: "carriage_acceleration",
+        at.WEIGHT_SPHERE_ACCELERATION: "sphere_acceleration",
+        at.WEIGHT_COUPLING_FORCE: "coupling_force",
+    }
+    for slot, name in derived.items():
+        weight, scale = (getattr(objective, f"{name}_{what}") for what in ("weight", "scale"))
+        task[slot] = weight / scale**2
+    task[at.HAS_DERIVED_COST] = scene.own_reward is None and bool(rewarded_channels(scene))
     task[at.DISPLACEMENT_LIMIT] = (
         np.inf if objective.displacement_limit is None else objective.displacement_limit
     )

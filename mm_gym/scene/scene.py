@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Annotated, ClassVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
@@ -53,7 +53,10 @@ class Initial(Part):
 class Objective(Part):
     """The reward, from the state at the end of a control step and the clipped action `a` [-].
 
-    reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)
+    reward = -(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2
+               + w_a (a1/a_ref)^2 + w_b (a2/b_ref)^2 + w_f (F/F_ref)^2)
+
+    a1 and a2 are the absolute accelerations of carriage and sphere, F the force between them.
     """
 
     displacement_weight: Weight = 1.0
@@ -70,6 +73,19 @@ class Objective(Part):
     """w_s [-]"""
     stroke_scale: Scale = 0.02
     """s_ref [m]; also the scale of the observed offset"""
+    carriage_acceleration_weight: Weight = 0.0
+    """w_a [-]"""
+    carriage_acceleration_scale: Scale = 25.0
+    """a_ref [m/s^2]"""
+    sphere_acceleration_weight: Weight = 0.0
+    """w_b [-]"""
+    sphere_acceleration_scale: Scale = 25.0
+    """b_ref [m/s^2]"""
+    coupling_force_weight: Weight = 0.0
+    """w_f [-]"""
+    coupling_force_scale: Scale = 1.0
+    """F_ref [N]; of interface, springs and an actuator between the masses together, which the
+    device's connection has to withstand"""
     displacement_limit: Positive | None = None
     """[m]: an episode terminates when |x1| exceeds it"""
     rail_half_length: Positive | None = None
@@ -179,6 +195,17 @@ def _stretch_within_limits(
     return None if text is None else text.replace("initial", "springs", 1)
 
 
+LATER = (
+    "actuation.force.between",
+    *(
+        f"objective.{name}_{what}"
+        for name in ("carriage_acceleration", "sphere_acceleration", "coupling_force")
+        for what in ("weight", "scale")
+    ),
+)
+"""Fields that scenes did not have when digests were first written into files."""
+
+
 def bounds(value: NumberOrRange) -> tuple[float, float]:
     """Return (low, high) of a number or a range."""
     return value if isinstance(value, tuple) else (value, value)
@@ -239,7 +266,20 @@ class Scene(Part):
     @property
     def digest(self) -> str:
         """Sixteen hexadecimal digits that identify the content of the scene."""
-        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+        content = self.model_dump_json(exclude=self._without_effect())
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+    def _without_effect(self) -> dict[str, Any]:
+        """Return the fields of `LATER` that have their default, as pydantic excludes fields."""
+        found: dict[str, Any] = {}
+        for name in LATER:
+            *path, field = name.split(".")
+            part, inner = self.value_of(".".join(path)), found
+            if part is not None and getattr(part, field) == type(part).model_fields[field].default:
+                for word in path:
+                    inner = inner.setdefault(word, {})
+                inner[field] = True
+        return found
 
     def replace(self, /, **values: object) -> Scene:
         """Return a validated copy with fields replaced by dotted name.

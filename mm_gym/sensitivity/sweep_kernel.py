@@ -25,9 +25,11 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
     Parameters
     ----------
     trajectory
-        Three arrays, read: derivatives (steps, 4, 4 + k, lanes) of x1, x2, v1, v2 after a step with
+        Four arrays, read: derivatives (steps, 4, 4 + k, lanes) of x1, x2, v1, v2 after a step with
         respect to them before it, and to what is applied; states (steps + 1, 4 + k, lanes), x1, x2
-        [m], v1, v2 [m/s] and what is applied [N, -]; controls (steps, k, lanes) [-].
+        [m], v1, v2 [m/s] and what is applied [N, -]; controls (steps, k, lanes) [-]; what else the
+        cost squares after each step, (steps, m, 1 + 4 + k, lanes): values, and their derivatives
+        with respect to the state then.
     actuators
         (4, k) read: the least and the most that is applied, kept [-] and step [N, -]. Controls are
         within -1 and 1 besides.
@@ -39,7 +41,7 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
         (steps, k, lanes) and (steps, k, 4 + k, lanes), written: changes of the controls, and more
         per change of the states.
     """
-    motion, states, controls = trajectory
+    motion, states, controls, squared = trajectory
     k = controls.shape[1]
     n = STATES + k
     matrices, vectors = np.zeros((4, n, n)), np.zeros((2, n))
@@ -49,6 +51,7 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
         vectors[:] = 0.0
         for m in range(controls.shape[0] - 1, -1, -1):
             _add_cost(matrices[0], vectors[0], states, weights, m + 1, lane)
+            _add_squares(matrices[0], vectors[0], squared, m, lane)
             _linearise(motion, actuators, matrices[1], by_control[0], m, lane)
             _expand(matrices, vectors[0], by_control, of_control)
             for j in range(k):
@@ -77,6 +80,19 @@ def _add_cost(p, q, states, weights, m, lane):
     q[0] += wx * x1 - ws * offset
     q[1] += ws * offset
     q[2] += wv * v1
+
+
+@borrowing_kernel
+def _add_squares(p, q, squared, m, lane):
+    """Add what else is squared after a step, which is linear about the trajectory."""
+    n = p.shape[0]
+    for j in range(squared.shape[1]):
+        value = squared[m, j, 0, lane]
+        for row in range(n):
+            slope = 2.0 * squared[m, j, 1 + row, lane]
+            q[row] += slope * value
+            for column in range(n):
+                p[row, column] += slope * squared[m, j, 1 + column, lane]
 
 
 @borrowing_kernel

@@ -14,7 +14,15 @@ from mm_gym.law.interface import LINE, Interface
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.episodes import show_first_with
 from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
-from mm_gym.step.task import approach, check_termination, command, finite, score, task_and_model
+from mm_gym.step.task import (
+    approach,
+    check_termination,
+    command,
+    finite,
+    score,
+    score_derived,
+    task_and_model,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -299,6 +307,8 @@ def in_turn(
                 outcome = at.OK
             status = max(status, outcome, ended)
             derive(task, model, lanes, start, stop)
+            if task[at.HAS_DERIVED_COST] > 0.0:
+                status = max(status, score_derived(task, lanes, rewards, start, stop))
             observe(task, lanes, frames, streams, start, stop)
         return status
 

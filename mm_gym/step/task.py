@@ -193,6 +193,25 @@ def score(task, lanes, rewards, first, last):
 
 
 @borrowing_kernel
+def score_derived(task, lanes, rewards, first, last):
+    """Subtract the cost of accelerations and of the force between the masses; return the status.
+
+    They are those at the control step's end, which `mm_gym.step.outputs` has derived.
+    """
+    prefer_widest_vectors()
+    carriage, sphere = task[at.WEIGHT_CARRIAGE_ACCELERATION], task[at.WEIGHT_SPHERE_ACCELERATION]
+    coupling, lost = task[at.WEIGHT_COUPLING_FORCE], False
+    for i in span(first, last):
+        a1, a2 = lanes[at.CARRIAGE_ACCELERATION, i], lanes[at.SPHERE_ACCELERATION, i]
+        force = lanes[at.M2, i] * a2  # (2) of docs/model.md: nothing else accelerates the sphere
+        cost = fma(carriage * a1, a1, fma(sphere * a2, a2, coupling * force * force))
+        reward = rewards[i] - cost
+        rewards[i] = reward
+        lost |= is_lost(reward)
+    return at.DIVERGED if lost else at.OK
+
+
+@borrowing_kernel
 def state_weights(task):
     """Return the weights of x1^2, v1^2 and (x2 - x1)^2."""
     return task[at.WEIGHT_DISPLACEMENT], task[at.WEIGHT_VELOCITY], task[at.WEIGHT_STROKE]

@@ -43,6 +43,14 @@ SCENES = {
     ),
     "velocity and effort": ("CarriageForceDuffing", {}),
     "stroke": ("CarriageForce", {"objective.stroke_weight": 1.0}),
+    "accelerations": (
+        "CarriageForceDuffing",
+        {
+            "objective.carriage_acceleration_weight": 1.0,
+            "objective.sphere_acceleration_weight": 0.5,
+            "objective.coupling_force_weight": 0.2,
+        },
+    ),
 }
 
 
