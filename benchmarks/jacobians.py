@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,11 @@ from mm_gym.sensitivity import Sensitivities
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from benchmarks.timing import Timing
 
 LANES = 512
 STEPS = 64
@@ -29,51 +34,102 @@ before the first step is included, in each case shared by {steps} steps. The rat
 environment's step.
 """
 
+WAYS = ("by hand, ns a lane", "by tangents, ns a lane")
+HAND_WRITTEN = {
+    "linear_kernel": "mm_gym/PreStretch-v0",
+    "cubic_kernel": "mm_gym/CarriageForceDuffing-v0",
+}
+"""The kernels in `mm_gym.sensitivity`, each with a task that it serves."""
+
+COMPARISON = """A derivative is a tangent unless a hand-written one is 1.5 times as fast. With
+friction or springs of finite stretch the motion is expanded over numbers with tangents. That serves
+all plants; where a kernel written by hand serves them too, both were measured in turns. The
+difference is that of the first step's derivatives, relative to the largest in each column.
+"""
+
 
 def jacobians() -> str:
     """Return the section on derivatives: by state and actuators, and by some parameters too."""
-    rows = [_row(name) for name in ids()]
     header = (
         *("task", "environment's step, ns a lane"),
         *("motion and Jacobians alone, ns a lane", "ratio"),
         *(f"and those of {len(PARAMETERS)} parameters, ns a lane", "ratio"),
     )
-    introduction = INTRODUCTION.format(steps=STEPS)
-    title = f"## Jacobians of a control step, {LANES} lanes"
-    return f"{title}\n\n{introduction}\n{table(header, rows)}\n"
+    header_of_kernels = ("kernel", "task", "parameters", *WAYS, "ratio", "difference")
+    kernels = [
+        _compared(kernel, _Case(task), count)
+        for kernel, task in HAND_WRITTEN.items()
+        for count in (0, 1, len(PARAMETERS))
+    ]
+    return (
+        f"## Jacobians of a control step, {LANES} lanes\n\n{INTRODUCTION.format(steps=STEPS)}\n"
+        f"{table(header, [_row(_Case(name)) for name in ids()])}\n\n"
+        f"{COMPARISON}\n{table(header_of_kernels, kernels)}\n"
+    )
 
 
-def _row(name: str) -> tuple[str, ...]:
-    env = MovingMassVectorEnv(load_scene(name), LANES, autoreset_mode="Disabled", copy=False)
-    env.reset(seed=0)
-    rng = np.random.default_rng(0)
-    actions = rng.uniform(-1.0, 1.0, (STEPS, *env.action_space.shape))
-    start = env.get_state()
-    columns = [np.ascontiguousarray(action.T) for action in actions]
+class _Case:
+    """A task's lanes, where their episodes begin, and random actions."""
 
-    def step() -> None:
-        env.set_state(start)
-        for action in actions:
-            env.step(action)
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.env = MovingMassVectorEnv(
+            load_scene(name), LANES, autoreset_mode="Disabled", copy=False
+        )
+        self.env.reset(seed=0)
+        rng = np.random.default_rng(0)
+        self.actions = rng.uniform(-1.0, 1.0, (STEPS, LANES, len(self.env.plant.actuators)))
+        self.start = self.env.get_state()
+        self._columns = [np.ascontiguousarray(action.T) for action in self.actions]
 
-    def differentiate(parameters: tuple[str, ...] = ()) -> None:
-        constants = env.plant.model, env.plant.task
-        rows = {name: env.plant.support.row_of(name) for name in parameters}
-        begin = start["values"], start["streams"]
-        lanes = Sensitivities(env.plant.support, constants, begin, rows)
-        for column in columns:
-            lanes.step(column)
+    def step(self) -> None:
+        """Make the environment's steps."""
+        self.env.set_state(self.start)
+        for action in self.actions:
+            self.env.step(action)
 
+    def differentiate(
+        self, parameters: tuple[str, ...] = (), *, by_tangents: bool = False, steps: int = STEPS
+    ) -> NDArray[np.float64]:
+        """Make steps with derivatives; return those of the last."""
+        plant, values = self.env.plant, np.asarray(self.start["values"], np.float64)
+        begin = values, np.asarray(self.start["streams"], np.uint64)
+        rows = {name: plant.support.row_of(name) for name in parameters}
+        constants = plant.model, plant.task
+        lanes = Sensitivities(plant.support, constants, begin, rows, by_tangents=by_tangents)
+        found = [lanes.step(column)[1] for column in self._columns[:steps]]
+        return found[-1].copy()
+
+
+def _row(case: _Case) -> tuple[str, ...]:
     candidates: dict[str, Callable[[], object]] = {
-        "step": step,
-        "with": differentiate,
-        "with parameters": lambda: differentiate(PARAMETERS),
+        "step": case.step,
+        "with": case.differentiate,
+        "with parameters": lambda: case.differentiate(PARAMETERS),
     }
-    work = dict.fromkeys(candidates, LANES * STEPS)
-    timings = side_by_side(candidates, work=work, clock=time.process_time)
+    timings = _timed(candidates)
     plain = timings["step"]
-    cells = [name, f"{plain.median * 1e9:.0f}"]
+    cells = [case.name, f"{plain.median * 1e9:.0f}"]
     for label in ("with", "with parameters"):
         cells.append(f"{timings[label].median * 1e9:.0f}")
         cells.append(f"{1.0 / timings[label].times_faster_than(plain):.1f}")
     return tuple(cells)
+
+
+def _compared(kernel: str, case: _Case, count: int) -> tuple[str, ...]:
+    """Return the row of a hand-written kernel with so many parameters."""
+    by_hand, by_tangents = (
+        partial(case.differentiate, PARAMETERS[:count], by_tangents=way == WAYS[1]) for way in WAYS
+    )
+    one, other = by_hand(steps=1), by_tangents(steps=1)
+    largest = np.maximum(np.abs(other).max(axis=0), np.finfo(float).tiny)
+    difference = float((np.abs(one - other).max(axis=0) / largest).max())
+    timings = _timed(dict(zip(WAYS, (by_hand, by_tangents), strict=True)))
+    cells = [f"{timings[way].median * 1e9:.0f}" for way in WAYS]
+    ratio = timings[WAYS[0]].times_faster_than(timings[WAYS[1]])
+    return (f"`{kernel}`", case.name, str(count), *cells, f"{ratio:.1f}", f"{difference:.0e}")
+
+
+def _timed(candidates: Mapping[str, Callable[[], object]]) -> dict[str, Timing]:
+    work = dict.fromkeys(candidates, LANES * STEPS)
+    return side_by_side(candidates, work=work, clock=time.process_time)

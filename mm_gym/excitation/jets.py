@@ -6,7 +6,7 @@ jet of the force [N] stands that of the ground's acceleration [m/s^2]. Harmonics
 
 from __future__ import annotations
 
-from mm_gym.compiler.jit import borrowing_kernel, kernel
+from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.elementary import cosine_and_sine
 
@@ -21,17 +21,16 @@ def jet_value(lanes, jet, terms, fraction, i):
 
 
 @borrowing_kernel
-def add_jets(c, force_row, ground_row, model, lanes, i, elapsed, duration, degree):
+def add_jets(force, ground, model, lanes, i, elapsed, duration, degree):
     """Add the jets to series of force and ground acceleration over a part of the sample interval.
 
     Term k of a series is the k-th derivative times duration**k / k!.
 
     Parameters
     ----------
-    c
-        Scratch, float64: the two series are written.
-    force_row, ground_row
-        Where the series of the force [N] and of the ground's acceleration [m/s^2] begin in c.
+    force, ground
+        The series of the force [N] and of the ground's acceleration [m/s^2], of any kind of number;
+        written.
     model
         (m,) float64, read.
     lanes
@@ -47,7 +46,7 @@ def add_jets(c, force_row, ground_row, model, lanes, i, elapsed, duration, degre
     start, ratio = elapsed / model[at.SAMPLE_INTERVAL], duration / model[at.SAMPLE_INTERVAL]
     for target in range(2):
         jet = jets + target * terms
-        row = ground_row if target > 0 else force_row
+        series = ground if target > 0 else force
         scale = 1.0
         for k in range(min(terms, degree + 1)):
             # The binomial theorem: ((s + r t)^n)_k = C(n, k) s^(n - k) r^k.
@@ -55,7 +54,7 @@ def add_jets(c, force_row, ground_row, model, lanes, i, elapsed, duration, degre
             for n in range(k, terms):
                 total += weight * lanes[jet + n, i]
                 weight *= start * (n + 1.0) / (n + 1.0 - k)
-            c[row + k] += scale * total
+            series[k] = series[k] + scale * total
             scale *= ratio
 
 
@@ -84,21 +83,38 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
         return
     for n in range(degree + 1):
         c[6 * width + n] = c[7 * width + n] = 0.0
-    add_jets(c, 6 * width, 7 * width, model, lanes, i, elapsed, duration, degree)
+    of_force, of_ground = c[6 * width :], c[7 * width :]
+    add_jets(of_force, of_ground, model, lanes, i, elapsed, duration, degree)
     for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        frequency, scale = lanes[harmonic + at.FREQUENCY, i], lanes[harmonic + at.AMPLITUDE, i]
-        cosine, sine = cosine_and_sine(frequency * elapsed)
-        value = scale * (
-            lanes[harmonic + at.SINE, i] * cosine + lanes[harmonic + at.COSINE, i] * sine
-        )
-        slope = scale * (
-            lanes[harmonic + at.COSINE, i] * cosine - lanes[harmonic + at.SINE, i] * sine
-        )
-        turn = frequency * duration
-        slope *= turn
-        row = 7 * width if (ground >> j) & 1 else 6 * width
-        for n in range(degree + 1):
-            c[row + n] += value
-            # From p'' = -frequency**2 p: the next term follows from the last but one.
-            value, slope = slope, -value * turn * turn / ((n + 1.0) * (n + 2.0))
+        amplitude, frequency = lanes[harmonic + at.AMPLITUDE, i], lanes[harmonic + at.FREQUENCY, i]
+        phase = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
+        wave = amplitude, frequency, phase[0], phase[1]
+        series = of_ground if (ground >> j) & 1 else of_force
+        add_harmonic(series, wave, elapsed, duration, degree)
+
+
+@inlined_kernel
+def add_harmonic(terms, wave, elapsed, duration, degree):
+    """Add a harmonic to a series, of any kind of number.
+
+    Parameters
+    ----------
+    terms
+        The series, written.
+    wave
+        Amplitude, frequency [rad/s], and cosine and sine of the phase at the sample interval's
+        start.
+    elapsed, duration, degree
+        As for `write_series`.
+    """
+    scale, frequency, from_cosine, from_sine = wave
+    cosine, sine = cosine_and_sine(frequency * elapsed)
+    value = scale * (from_sine * cosine + from_cosine * sine)
+    slope = scale * (from_cosine * cosine - from_sine * sine)
+    turn = frequency * duration
+    slope = slope * turn
+    for n in range(degree + 1):
+        terms[n] = terms[n] + value
+        # From p'' = -frequency**2 p: the next term follows from the last but one.
+        value, slope = slope, -value * turn * turn / ((n + 1.0) * (n + 2.0))

@@ -9,6 +9,7 @@ Choices are made by the value.
 
 from __future__ import annotations
 
+import math
 import operator
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from numba.extending import intrinsic, models, overload, register_model
 
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import exp_of, log_of, power
-from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, alike, everywhere, root, spread
+from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, alike, everywhere, root
 from mm_gym.lanes.simd_masks import where
 from mm_gym.lanes.simd_memory import ROWS, from_row
 
@@ -114,19 +115,42 @@ def _define(function: Callable[..., Any], implementation: Callable[..., Any]) ->
         return implementation if TANGENT in (x, y) else None
 
 
+def _plus(slopes: Any, x: Any, weight: float) -> Any:
+    """Return slopes, or None, plus those of a number times a weight."""
+    raise NotImplementedError
+
+
+@overload(_plus)
+def _compiled_plus(slopes, x, weight):
+    if x != TANGENT:
+        return lambda slopes, x, weight: slopes
+    if slopes == types.none:
+        return lambda slopes, x, weight: slopes_of(x) * weight
+    return lambda slopes, x, weight: fma(slopes_of(x), weight, slopes)
+
+
+def _own(x: Any) -> Any:
+    """Return a number's slopes, or None."""
+    raise NotImplementedError
+
+
+@overload(_own)
+def _compiled_own(x):
+    return (lambda x: slopes_of(x)) if x == TANGENT else (lambda x: None)
+
+
 _define(
     operator.add,
-    lambda x, y: tangent(value_of(x) + value_of(y), slopes_of(x) + slopes_of(y)),
+    lambda x, y: tangent(value_of(x) + value_of(y), _plus(_own(x), y, 1.0)),
 )
 _define(
     operator.sub,
-    lambda x, y: tangent(value_of(x) - value_of(y), slopes_of(x) - slopes_of(y)),
+    lambda x, y: tangent(value_of(x) - value_of(y), _plus(_own(x), y, -1.0)),
 )
 _define(
     operator.mul,
     lambda x, y: tangent(
-        value_of(x) * value_of(y),
-        fma(slopes_of(x), value_of(y), slopes_of(y) * value_of(x)),
+        value_of(x) * value_of(y), _plus(_plus(None, y, value_of(x)), x, value_of(y))
     ),
 )
 _define(operator.lt, lambda x, y: value_of(x) < value_of(y))
@@ -140,7 +164,7 @@ _define(operator.eq, lambda x, y: value_of(x) == value_of(y))
 def _quotient(x, y):
     def divide(x, y):
         quotient, by = value_of(x) / value_of(y), 1.0 / value_of(y)
-        return tangent(quotient, fma(slopes_of(y), -quotient, slopes_of(x)) * by)
+        return tangent(quotient, _plus(_own(x), y, -quotient) * by)
 
     return divide if TANGENT in (x, y) else None
 
@@ -158,10 +182,8 @@ def _absolute(x):
 @overload(fma)
 def _fused(x, y, z):
     def multiply_and_add(x, y, z):
-        slopes = fma(slopes_of(y), value_of(x), slopes_of(z))
-        return tangent(
-            fma(value_of(x), value_of(y), value_of(z)), fma(slopes_of(x), value_of(y), slopes)
-        )
+        slopes = _plus(_plus(_own(z), y, value_of(x)), x, value_of(y))
+        return tangent(fma(value_of(x), value_of(y), value_of(z)), slopes)
 
     return multiply_and_add if TANGENT in (x, y, z) else None
 
@@ -178,6 +200,24 @@ def _chosen(condition, x, y):
 @overload(alike)
 def _constant(x, value):
     return (lambda x, value: tangent(value, everywhere(0.0))) if x == TANGENT else None
+
+
+@overload(math.cos)
+def _cosine(x):
+    def project(x):
+        turn = value_of(x)
+        return tangent(math.cos(turn), slopes_of(x) * -math.sin(turn))
+
+    return project if x == TANGENT else None
+
+
+@overload(math.sin)
+def _sine(x):
+    def project(x):
+        turn = value_of(x)
+        return tangent(math.sin(turn), slopes_of(x) * math.cos(turn))
+
+    return project if x == TANGENT else None
 
 
 @overload(root)
@@ -217,7 +257,8 @@ def _tangents_of(_context, rows):
 def tangents_of(rows: NDArray[np.float64]) -> Any:
     """Return rows of vectors as half as many numbers with tangents, lent as they are.
 
-    The value of number k is in each lane of row 2 k, its slopes are in row 2 k + 1.
+    The value of number k is the first of row 2 k, its slopes are in row 2 k + 1. The index k, j
+    is that of its slope along direction j alone.
     """
     raise NotImplementedError
 
@@ -264,8 +305,8 @@ def _get(_context, rows, k):
 def _set(_context, rows, k, x):
     def build(context, builder, _signature, arguments):
         rows, k, x = arguments
-        value = spread(builder, types.float64, builder.extract_value(x, 0))
-        builder.store(value, _place(builder, rows, k, 0), align=64)
+        first = builder.bitcast(_place(builder, rows, k, 0), ir.DoubleType().as_pointer())
+        builder.store(builder.extract_value(x, 0), first)
         builder.store(builder.extract_value(x, 1), _place(builder, rows, k, 1), align=64)
         return context.get_dummy_value()
 
@@ -279,6 +320,8 @@ def _from(_context, rows, k):
 
 @overload(operator.getitem)
 def _getitem(rows, k):
+    if rows == TANGENTS and isinstance(k, types.BaseTuple):
+        return lambda rows, k: vectors_of(rows)[2 * k[0] + 1, k[1]]
     return (lambda rows, k: _get(rows, np.int64(k))) if rows == TANGENTS else None
 
 
@@ -286,6 +329,12 @@ def _getitem(rows, k):
 def _setitem(rows, k, x):
     if rows != TANGENTS:
         return None
+
+    def set_slope(rows, k, x):
+        vectors_of(rows)[2 * k[0] + 1, k[1]] = x
+
+    if isinstance(k, types.BaseTuple):
+        return set_slope
     return lambda rows, k, x: _set(rows, np.int64(k), tangent(value_of(x), slopes_of(x)))
 
 

@@ -1,7 +1,7 @@
 """Sensitivities: the exact derivatives of control steps, and what a plan's search makes of them."""
 
 from mm_gym.sensitivity.actuators import Actuator as Actuator
-from mm_gym.sensitivity.expectation import expected as expected
 from mm_gym.sensitivity.jacobian import Jacobian as Jacobian
 from mm_gym.sensitivity.jacobian import Sensitivities as Sensitivities
+from mm_gym.sensitivity.model import expected as expected
 from mm_gym.sensitivity.sweep_kernel import sweep as sweep

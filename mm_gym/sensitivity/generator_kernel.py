@@ -16,6 +16,15 @@ from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import alike, everywhere
 from mm_gym.lanes.simd_masks import where
 from mm_gym.law.springs import stiffness
+from mm_gym.sensitivity.layout import (
+    CAUSES,
+    FIRST_ROW,
+    LAST_V1,
+    LAST_V2,
+    STATES,
+    TANGENTS,
+    WIDTH,
+)
 
 ORDERS = 32
 """More than the terms of any series: with a phase of 2, 25 are enough."""
@@ -108,6 +117,22 @@ def deviate(b, g, weights, row, to_v1, to_w, degree, z):
         z = z[0], z[1], fma(to_v1, b[row + n], z[2]), fma(to_w, b[row + n], z[3])
         total = add(total, weights[n + 1], z)
     return total
+
+
+@borrowing_kernel
+def take_impulses(model, lanes, by_m1, i, count):
+    """Let the carriage's mass deviate in impulses on it since the last propagation.
+
+    They changed v1 by size / m1; those of the ground change both velocities alike.
+    """
+    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+    for j in range(STATES, width):
+        if model[CAUSES + j] == at.M1:
+            change = read(lanes, at.V1, i, count) - read(lanes, own + LAST_V1, i, count)
+            change2 = read(lanes, at.V2, i, count) - read(lanes, own + LAST_V2, i, count)
+            impulse = change - change2
+            row = own + TANGENTS + j + 2 * width
+            write(lanes, row, i, count, fma(-by_m1, impulse, read(lanes, row, i, count)))
 
 
 @inlined_kernel

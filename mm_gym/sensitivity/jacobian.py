@@ -15,13 +15,7 @@ from mm_gym.methods.support import LINEAR, MASSLESS
 from mm_gym.sensitivity import layout as own
 from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.actuators import actuators_of, slopes
-from mm_gym.sensitivity.model import (
-    control_step,
-    is_linear,
-    model_of,
-    parameter_maps,
-    tangent_model_of,
-)
+from mm_gym.sensitivity.model import control_step, model_of, parameter_maps
 from mm_gym.sensitivity.step_kernel import by_cubic_series, by_linear_series, by_series, step_by
 
 if TYPE_CHECKING:
@@ -82,6 +76,8 @@ class Sensitivities:
         clock counts from its episode's start.
     parameters
         Dotted name -> row of the parameters whose derivatives are wanted too.
+    by_tangents
+        Whether tangents do all of it, also where a hand-written kernel is quicker: to compare them.
     """
 
     def __init__(
@@ -90,24 +86,25 @@ class Sensitivities:
         constants: tuple[Array, Array],
         lanes: tuple[Array, Numbers],
         parameters: dict[str, int] | None = None,
+        *,
+        by_tangents: bool = False,
     ) -> None:
         (model, task), (values, streams) = constants, lanes
         self.task, self.count, self.rows = task, values.shape[1], len(values)
         self.actuators = actuators_of(task)
         self.parameters = parameters or {}
         causes = self._causes = [a.row for a in self.actuators] + list(self.parameters.values())
-        self._is_constant = _is_constant(support, self.parameters.values())
+        self._is_constant = not by_tangents and _is_constant(support, self.parameters.values())
         width = 0
         self._state_rows = support.state_rows
         states = self._states = len(self._state_rows)
         if self._is_constant:
             self._models, self._advance, tail = [model], by_transition, 1
         else:
-            self._advance, width = _kernel(support, causes)
+            self._advance, width = _kernel(support, causes, by_tangents=by_tangents)
             beside = self._beside = max(width - states, 1)
-            write = tangent_model_of if support.is_general else model_of
             self._models = [
-                write(support, causes[first : first + beside], self.rows, width)
+                model_of(support, causes[first : first + beside], self.rows, width)
                 for first in range(0, max(len(causes), 1), beside)
             ]
             tail = own.TANGENTS + states * width
@@ -233,22 +230,24 @@ def _is_constant(support: Support, parameters: Iterable[int]) -> bool:
     return not parameters or not (excited or at.BETA in parameters)
 
 
-def _kernel(support: Support, causes: Sequence[int]) -> tuple[Callable[..., int], int]:
+def _kernel(
+    support: Support, causes: Sequence[int], *, by_tangents: bool
+) -> tuple[Callable[..., int], int]:
     """Return the quickest kernel that follows deviations by these causes, and its columns.
 
     These are those of the state and of the causes. Where there are more causes, it takes several
     turns.
     """
+    columns = len(support.state_rows) + len(causes)
     if support.is_general:
-        columns = len(support.state_rows) + len(causes)
         return step_with(support.interface), min(columns, LANES)
-    columns, linear = own.STATES + len(causes), is_linear(support, causes)
-    if linear and not support.slips:
+    is_smooth = not (support.slips or support.high[at.L0] > 0.0)
+    if is_smooth and not (by_tangents or support.is_cubic or at.BETA in causes):
         return by_linear_series, columns
-    plain = not (support.slips or support.ground or support.terms or support.high[at.L0] > 0.0)
-    if support.is_cubic and plain and support.low[at.BETA] >= 0.0:
+    excited = support.ground or support.terms
+    if is_smooth and support.is_cubic and not (by_tangents or excited or support.low[at.BETA] < 0):
         return by_cubic_series, columns
-    return by_series, min(columns, LANES) if linear else own.COLUMNS
+    return by_series, min(columns, LANES)
 
 
 def _names(actuators: Sequence[Actuator], states: int) -> tuple[str, ...]:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from mm_gym.lanes import layout as at
+from mm_gym.methods.runge_kutta import layout as runge_kutta
 
-# Slots of the model: which forces there are, the first row behind the plant's own, how many series
-# of which degree cover a sample interval of a linear plant, and how many a control step, whether
-# the deviations obey the same linear equations all along a regime, how many columns of deviations
-# there are, and what causes the deviation in each.
-HAS_FRICTION, IS_CUBIC, IS_FINITE, FIRST_ROW, PIECES, DEGREE = (at.MODEL_OWN + i for i in range(6))
-STEP_PIECES, STEP_DEGREE, IS_LINEAR, WIDTH, CAUSES = (at.MODEL_OWN + i for i in range(6, 11))
+# Slots of the model behind those of `mm_gym.methods.runge_kutta`, which begin with those of
+# `mm_gym.methods.taylor`: how many series of which degree cover a sample interval of a linear
+# plant, and how many a control step; the first row behind the plant's own; how many columns of
+# deviations there are, and what causes the deviation in each.
+PIECES, DEGREE, STEP_PIECES, STEP_DEGREE, FIRST_ROW, WIDTH, CAUSES = (
+    runge_kutta.TIMES + runge_kutta.MOST_STAGES - 1 + k for k in range(7)
+)
 
-COLUMNS, STATES = 8, 4
-"""Columns of deviations that a lane by itself has, a vector of doubles, and those of the states."""
+STATES = 4
+"""Columns of deviations by the states of the two masses."""
 
 MOST_SERIES = 1_000_000
 """Series in a sample interval before giving up."""

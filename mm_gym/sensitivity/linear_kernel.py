@@ -31,6 +31,7 @@ from mm_gym.sensitivity.generator_kernel import (
     derivative,
     deviate,
     slope,
+    take_impulses,
     weights_of,
     write_column,
 )
@@ -93,11 +94,11 @@ def _propagate(model, lanes, weights, b, i, count):
     own = int(model[FIRST_ROW])
     piece = model[at.SAMPLE_INTERVAL] / pieces
     g, by_m1 = coefficients(lanes, piece, i, count)
-    _take_impulses(model, lanes, by_m1, i, count)
+    take_impulses(model, lanes, by_m1, i, count)
     _load_drive(model, lanes, b, i, count)
     z = _state(lanes, piece, i, count)
     for k in range(pieces):
-        terms = _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count)
+        terms = _write_drive(model, lanes, b, weights, by_m1, piece, i, count)
         z = _move(b, g, weights, z, degree, terms)
         for j in range(STATES, width):
             if model[CAUSES + j] != at.FORCE:
@@ -132,22 +133,6 @@ def _column(lanes, row, width, piece, i, count):
     x1, x2 = read(lanes, row, i, count), read(lanes, row + width, i, count)
     v1, v2 = read(lanes, row + 2 * width, i, count), read(lanes, row + 3 * width, i, count)
     return x1, x2 - x1, piece * v1, piece * (v2 - v1)
-
-
-@borrowing_kernel
-def _take_impulses(model, lanes, by_m1, i, count):
-    """Let the carriage's mass deviate in impulses on it since the last propagation.
-
-    They changed v1 by size / m1; those of the ground change both velocities alike.
-    """
-    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
-    for j in range(STATES, width):
-        if model[CAUSES + j] == at.M1:
-            change = read(lanes, at.V1, i, count) - read(lanes, own + LAST_V1, i, count)
-            change2 = read(lanes, at.V2, i, count) - read(lanes, own + LAST_V2, i, count)
-            impulse = change - change2
-            row = own + TANGENTS + j + 2 * width
-            write(lanes, row, i, count, fma(-by_m1, impulse, read(lanes, row, i, count)))
 
 
 @borrowing_kernel
@@ -284,7 +269,7 @@ def _continue_drive(model, lanes, b, piece, i, count):
 
 
 @borrowing_kernel
-def _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count):
+def _write_drive(model, lanes, b, weights, by_m1, piece, i, count):
     """Write the drive's series over a piece; return how many terms they have.
 
     Parameters
@@ -297,12 +282,13 @@ def _write_drive(model, lanes, b, weights, by_m1, piece, degree, i, count):
         (ORDERS,) read: 1 / n!.
     by_m1
         1 / m1 [1/kg].
-    piece, degree
-        Length [s] and degree of the series.
+    piece
+        Length of the series [s].
     i, count
         The lanes: count from i on.
     """
     harmonics, terms, square = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS]), piece * piece
+    degree = int(model[DEGREE])
     scale, zero = square * by_m1, everywhere(0.0)
     jet = _HARMONIC + 2 * harmonics
     written = degree if harmonics > 0 else max(min(terms, degree), 1)

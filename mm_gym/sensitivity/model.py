@@ -1,19 +1,24 @@
-"""The models of the sensitivities' kernels."""
+"""The models of the sensitivities' kernels, and the excitation that they may expect."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.excitation import filters as shaping
+from mm_gym.excitation import impulse_process as process
+from mm_gym.excitation import kinds as kernels
+from mm_gym.excitation import noise
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Settings, degree, header
 from mm_gym.methods.exponential_action.method import LONGEST_PIECE
 from mm_gym.methods.linear.kernel import TRANSITION
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import fastest_rate
+from mm_gym.methods.taylor import layout as series
 from mm_gym.sensitivity import layout as own
-from mm_gym.sensitivity import tangent_kernel
 from mm_gym.sensitivity.linear_kernel import propagate
 
 if TYPE_CHECKING:
@@ -31,18 +36,6 @@ TOLERANCE = 1e-12
 _RUNGE_KUTTA = RungeKutta()
 
 
-def tangent_model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
-    """Return the model of `tangent_kernel`; arguments as of `model_of`."""
-    steps = _RUNGE_KUTTA.model(support, Settings(TOLERANCE, 1))
-    model = np.zeros(tangent_kernel.CAUSES + width)
-    model[: len(steps)] = steps
-    model[tangent_kernel.FIRST_ROW], model[tangent_kernel.WIDTH] = rows, width
-    model[tangent_kernel.CAUSES :] = own.NONE
-    model[tangent_kernel.CAUSES + len(support.state_rows) :][: len(causes)] = causes
-    model[at.EXCITATION] = len(model)
-    return np.concatenate([model, support.excitation])
-
-
 def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
     """Return the model that follows the state and some causes.
 
@@ -58,24 +51,21 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
         Columns of deviations that the kernel has, at least those of the state and the causes.
     """
     model = header(support, own.CAUSES - at.MODEL_OWN + width)
-    model[own.HAS_FRICTION] = support.slips
-    model[own.IS_CUBIC] = support.is_cubic or at.BETA in causes
-    model[own.IS_FINITE] = support.high[at.L0] > 0.0
+    if support.is_general:
+        steps = _RUNGE_KUTTA.model(support, Settings(TOLERANCE, 1))
+        model[: len(steps)] = steps
+    model[series.HAS_FRICTION] = support.slips
+    model[series.IS_CUBIC] = support.is_cubic or at.BETA in causes
+    model[series.IS_FINITE] = support.high[at.L0] > 0.0
     model[own.FIRST_ROW], model[own.WIDTH] = rows, width
     phase = fastest_rate(support) * support.sample_interval
     model[own.PIECES], model[own.DEGREE] = _pieces(phase)
     phase *= support.intervals_per_step
     model[own.STEP_PIECES], model[own.STEP_DEGREE] = _pieces(phase)
-    model[own.IS_LINEAR] = is_linear(support, causes)
     model[own.CAUSES :] = own.NONE
-    model[own.CAUSES + own.STATES :][: len(causes)] = causes
+    model[own.CAUSES + len(support.state_rows) :][: len(causes)] = causes
     model[at.EXCITATION] = len(model)
     return np.concatenate([model, support.excitation])
-
-
-def is_linear(support: Support, causes: Sequence[int]) -> bool:
-    """Tell whether deviations by these causes obey linear equations, in each regime of friction."""
-    return not support.is_nonlinear and at.BETA not in causes
 
 
 def _pieces(phase: float) -> tuple[float, int]:
@@ -132,3 +122,27 @@ def parameter_maps(support: Support, causes: Sequence[int], lane: Array) -> tupl
     lanes[rows + own.LAST_V1 : rows + own.TANGENTS - 1] = lanes[at.V1 : at.V2 + 1]
     status = propagate(model_of(support, causes, rows, width), lanes, 0, 5)
     return status, lanes[rows + own.TANGENTS :].reshape(4, width, 5)[:, own.STATES :].copy()
+
+
+def expected(support: Support, model: Array, values: Array) -> tuple[Support, Array, Array]:
+    """Return support, model and lanes (rows, count) with nothing random to come.
+
+    That is the excitation to be expected by one who knows its present state, but not what is drawn.
+    Noise decays as the filters do that shape it: the conditional mean. Impulses whose time is given
+    come as they do; random ones are taken to have a mean size of 0.
+    """
+    described, model, values = support.excitation.copy(), model.copy(), values.copy()
+    spread = slice(shaping.SPREAD, shaping.START_SPREAD)
+    for k in range(int(described[0])):
+        slots = described[kernels.FIRST + kernels.SIZE * k :][: kernels.SIZE]
+        row, place = int(slots[kernels.ROW]), int(slots[kernels.OWN + noise.PLACE])
+        if slots[kernels.KIND] == kernels.IMPULSE:
+            time, following = values[row + process.TIME], values[row + process.NEXT]
+            values[row + process.NEXT] = np.where(following <= time, time, process.NEVER)
+            values[row + process.RANDOM] = process.NEVER
+            values[row + process.RATE] = 0.0
+        elif slots[kernels.KIND] == kernels.FILTER:
+            matrices = described[place:] if place else values[row + noise.ROWS :]
+            matrices[spread] = 0.0
+    model[int(model[at.EXCITATION]) :] = described
+    return replace(support, excitation=described), model, values

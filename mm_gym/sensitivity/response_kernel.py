@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.arithmetic import fma
+from mm_gym.lanes.simd import LANES, alike
+from mm_gym.lanes.simd_masks import where
+from mm_gym.lanes.simd_memory import rows_on_stack
+from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
 from mm_gym.law.springs import stiffness
-from mm_gym.sensitivity.generator_kernel import (
-    COUPLING,
-    OFFSET,
-    V1,
-    X1,
-    W,
-    add,
-    derivative,
-    slope,
-)
+from mm_gym.sensitivity.columns_kernel import read_rows
+from mm_gym.sensitivity.generator_kernel import add, derivative
 from mm_gym.sensitivity.layout import (
-    CAUSES,
     DEGREE,
     FIRST_ROW,
     LAST_V1,
@@ -27,6 +21,8 @@ from mm_gym.sensitivity.layout import (
     TANGENTS,
     WIDTH,
 )
+
+_lane = rows_on_stack(2 * (at.HARMONICS + STATES))
 
 
 @borrowing_kernel
@@ -46,77 +42,52 @@ def respond(model, lanes, time, v1, v2, i):
     i
         The lane.
     """
-    pieces, own, width = int(model[PIECES]), int(model[FIRST_ROW]), int(model[WIDTH])
-    piece = time / pieces
-    z, _ = _respond(model, lanes, piece, (v1, v2), at.FORCE, i)  # the force drives nothing here
-    _add(lanes, at.X1, 1, piece, z, i)
-    lanes[own + LAST_V1, i] += z[2] / piece
-    lanes[own + LAST_V2, i] += (z[2] + z[3]) / piece
-    for j in range(STATES, width):
-        cause = int(model[CAUSES + j])
-        if cause < at.HARMONICS and cause != at.FORCE:
-            _, y = _respond(model, lanes, piece, (v1, v2), cause, i)
-            _add(lanes, own + TANGENTS + j, width, piece, y, i)
+    own, width, c = int(model[FIRST_ROW]), int(model[WIDTH]), tangents_of(_lane())
+    for first in range(0, width, LANES):
+        read_rows(model, lanes, i, 0, at.HARMONICS, c, first)
+        end = _response(model, c, time, v1, v2)
+        for part in range(STATES):
+            c[at.HARMONICS + part] = end[part]
+            for j in range(min(width - first, LANES)):
+                row = own + TANGENTS + part * width + first + j
+                lanes[row, i] += c[at.HARMONICS + part, j]
+    for part in range(STATES):
+        lanes[part, i] += value_of(c[at.HARMONICS + part])
+    lanes[own + LAST_V1, i] += value_of(c[at.HARMONICS + at.V1])
+    lanes[own + LAST_V2, i] += value_of(c[at.HARMONICS + at.V2])
 
 
 @borrowing_kernel
-def _add(lanes, row, width, piece, z, i):
-    """Add a state in units of a piece to rows of x1, x2, v1 and v2."""
-    lanes[row, i] += z[0]
-    lanes[row + width, i] += z[0] + z[1]
-    lanes[row + 2 * width, i] += z[2] / piece
-    lanes[row + 3 * width, i] += (z[2] + z[3]) / piece
-
-
-@borrowing_kernel
-def _respond(model, lanes, piece, velocities, cause, i):
-    """Return motion and deviation, in units of a piece.
+def _response(model, lane, time, v1, v2):
+    """Return x1, x2, v1 and v2 as numbers with tangents.
 
     Parameters
     ----------
-    model, lanes, i
-        As for `respond`; read.
-    piece
-        Length of a piece [s].
-    velocities
-        v1 and v2 at the start [m/s].
-    cause
-        Row of the parameter that deviates.
+    model
+        (m,) read.
+    lane
+        A lane's rows as numbers with tangents; read.
+    time, v1, v2
+        As for `respond`.
     """
-    m1, m2, k0, stretch = lanes[at.M1, i], lanes[at.M2, i], lanes[at.K0, i], lanes[at.STRETCH, i]
-    k1, alpha, rate = lanes[at.K1, i], lanes[at.ALPHA, i], piece / m1
-    k2 = stiffness(k0, stretch) if k0 > 0.0 else 0.0
+    piece = time / model[PIECES]
+    m1, k0, rate = lane[at.M1], lane[at.K0], piece / lane[at.M1]
+    k2 = where(k0 > 0.0, stiffness(k0, lane[at.STRETCH]), k0)
     generator = (
-        piece * rate * k1 * alpha,
-        rate * lanes[at.D, i],
-        rate * lanes[at.C, i],
+        piece * rate * lane[at.K1] * lane[at.ALPHA],
+        rate * lane[at.D],
+        rate * lane[at.C],
         piece * rate * k2,
-        m1 / m2,
+        m1 / lane[at.M2],
     )
-    row, to_v1, to_w = slope(cause, (m1, m2, k1, alpha, k0, stretch), piece)
-    v1, v2 = velocities
-    total, deviation = (0.0, 0.0, piece * v1, piece * (v2 - v1)), (0.0, 0.0, 0.0, 0.0)
-    if cause == at.M1:  # the impulse changed v1 by its size over the mass
-        late = rate * (v1 - v2)
-        deviation = 0.0, 0.0, -late, late
+    # The impulse on the carriage changed v1 by its size over the mass.
+    late, rest = slopes_of((v1 - v2) * value_of(m1) * rate), alike(m1, 0.0)
+    total = rest, rest, tangent(piece * v1, late), tangent(piece * (v2 - v1), -late)
     for _ in range(int(model[PIECES])):
-        term, turn, weight = total, deviation, 1.0
+        term, weight = total, 1.0
         for n in range(int(model[DEGREE])):
-            before = term
             weight /= n + 1.0
-            term, coupling = derivative(generator, before, 0.0)
-            signal = term[2]
-            if row == COUPLING:
-                signal = coupling
-            elif row == X1:
-                signal = before[0]
-            elif row == OFFSET:
-                signal = before[1]
-            elif row == V1:
-                signal = before[2]
-            elif row == W:
-                signal = before[3]
-            turn, _ = derivative(generator, turn, 0.0)
-            turn = turn[0], turn[1], fma(to_v1, signal, turn[2]), fma(to_w, signal, turn[3])
-            total, deviation = add(total, weight, term), add(deviation, weight, turn)
-    return total, deviation
+            term, _coupling = derivative(generator, term, 0.0)
+            total = add(total, weight, term)
+    x1, offset, way, slip = total
+    return x1, x1 + offset, way * (1.0 / piece), (way + slip) * (1.0 / piece)

@@ -1,13 +1,12 @@
-"""Variational equations of every plant with two masses, beside its motion, as Taylor series.
+"""Motion and deviations of plants with friction or nonlinear springs: Taylor series with tangents.
 
-The motion's deviation from a change of the start or of a parameter obeys a linear equation along
-the motion; both are expanded together. Where the friction's regime changes, a deviation moves the
-time of the change, and with it the velocities: the saltation of Aizerman and Gantmakher (1958); see
-Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems* (2004), section
-7.1.
+The equations of motion are expanded over numbers with tangents (`mm_gym.lanes.tangents`), so that
+the deviations of all columns come with the motion. Where friction changes its regime, so do they:
+a deviation moves the time of the change, and until then the other regime's force acts. That is the
+saltation of Aizerman and Gantmakher (1958); see Leine and Nijmeijer, *Dynamics and Bifurcations of
+Non-Smooth Mechanical Systems* (2004), section 7.1.
 
-States are x1, the offset, v1 and the slip velocity w. The deviations of all columns stand side by
-side, so that one vector holds a term of them.
+States are x1, the offset, v1 and the slip velocity w.
 """
 
 from __future__ import annotations
@@ -15,383 +14,391 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
-from mm_gym.excitation.jets import write_series
+from mm_gym.excitation.jets import add_harmonic, add_jets
+from mm_gym.excitation.sources import ROWS_OF_HARMONIC, is_excited
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
-from mm_gym.lanes.memory import on_cache_line
-from mm_gym.lanes.simd import LANES
-from mm_gym.lanes.simd_memory import rows_of
-from mm_gym.law.bounds import fastest_harmonic, fastest_rate
-from mm_gym.law.dry_friction import interface_line, slip_intercept
+from mm_gym.lanes.extended import total
+from mm_gym.lanes.simd import alike, element
+from mm_gym.lanes.simd_masks import larger, none
+from mm_gym.lanes.simd_memory import from_row, rows_on_stack
+from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
+from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
-from mm_gym.sensitivity import regime_kernel as regime
-from mm_gym.sensitivity import series_layout as of
-from mm_gym.sensitivity.causes_kernel import cause
-from mm_gym.sensitivity.columns_kernel import read_columns, take_impulses, write_columns
-from mm_gym.sensitivity.generator_kernel import weights_of
-from mm_gym.sensitivity.layout import (
-    CAUSES,
-    COLUMNS,
-    FIRST_ROW,
-    HAS_FRICTION,
-    IS_CUBIC,
-    IS_FINITE,
-    IS_LINEAR,
-    LAST_V1,
-    LAST_V2,
-    MOST_SERIES,
-    TIME,
-    WIDTH,
+from mm_gym.methods.taylor.layout import HAS_FRICTION, IS_CUBIC, IS_FINITE
+from mm_gym.sensitivity.columns_kernel import read_harmonic, read_rows, read_state, write_state
+from mm_gym.sensitivity.layout import MOST_SERIES, WIDTH
+
+ORDER, FEWEST = 28, 8
+"""Highest and lowest order of a series."""
+
+CUT_OFF = 2.0**-44
+"""Size of the last terms, relative to the largest of the others."""
+
+_LAST = 4
+"""Terms that are looked at: in a series of alternating or rare terms some are small by chance."""
+
+_LEADING, _ROUNDS = 5, 3
+
+LONGER, SHORTER = 1.5, 2.0**-20
+"""Factors of the next series' unit of time: where fewer terms were enough, and the least one."""
+
+# Rows of c: series of the state, of x1**2, of what excites carriage and ground as
+# `excitation.jets` writes it, of the offset over l0, and of both sides' stretch**-2.
+_LENGTH = ORDER + 4
+_X1, _OFFSET, _V1, _W, _SQUARE, _FORCE, _GROUND, _SHIFT, _LONG, _SHORT = (
+    _LENGTH * k for k in range(10)
 )
-from mm_gym.sensitivity.sizes_kernel import is_enough, part_of_unit, write_size
+# Behind them a lane's rows up to the harmonics, a harmonic, and what the equations read of them:
+# forces per m1.
+_LANE = 10 * _LENGTH
+_HARMONIC = _LANE + at.HARMONICS
+_BY_M1, _RATIO, _K1, _BETA, _D, _PAIR, _HELD, _K2, _TWICE_K0, _PULL, _BY_L0 = (
+    _HARMONIC + ROWS_OF_HARMONIC + k for k in range(11)
+)
+# Of the interface: slope in stick, slope and force at w = 0 in slip, slope and force now.
+_STICK, _CHI, _INTERCEPT, _SLOPE, _SLIP = (_BY_L0 + 1 + k for k in range(5))
+# Of both sides of a finite pair, 1 / stretch; what rounding leaves of the offset [m].
+_BY_LONG, _BY_SHORT, _REST, _END = (_SLIP + 1 + k for k in range(4))
 
-LONGEST = 2.0
-"""Length of the longest series, in units of the shortest time constant at its start."""
-
-FEWEST = 8
-"""Lowest order of a series."""
+_numbers = rows_on_stack(2 * _END)
 
 
 @kernel
 def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval, or a part of it."""
-    status, c, p = at.OK, np.zeros(of.SIZE), np.zeros(of.COEFFICIENTS)
-    if model[IS_LINEAR] > 0.0:
-        t, work = on_cache_line(regime.ROWS * LANES).reshape(regime.ROWS, LANES), np.zeros((1, 1))
-        t[:] = 0.0
-    else:
-        t, work = np.zeros((of.ROWS, COLUMNS)), np.zeros((4, COLUMNS))
-    weights = weights_of(of.ORDER + 1)
+    return _propagate(model, lanes, np.empty(2 * _LENGTH), first, last)
+
+
+@borrowing_kernel
+def _propagate(model, lanes, slip, first, last):
+    c, status = tangents_of(_numbers()), at.OK
     for i in range(first, last):
-        _load(model, lanes, i, p)
-        status = max(status, _propagate_lane(model, lanes, i, c, p, t, work, weights))
+        _load(model, lanes, i, c)
+        status = max(status, _propagate_lane(model, lanes, i, c, slip))
     return status
 
 
 @borrowing_kernel
-def _load(model, lanes, i, p):
-    """Write the coefficients of lane i."""
-    p[of.M1], p[of.M2], p[of.K1], p[of.D] = (
-        lanes[at.M1, i],
-        lanes[at.M2, i],
-        lanes[at.K1, i],
-        lanes[at.D, i],
-    )
-    p[of.ALPHA], p[of.BETA] = lanes[at.ALPHA, i], lanes[at.BETA, i]
-    p[of.BETWEEN], p[of.HELD] = control_forces(model, lanes[at.FORCE, i])
-    p[of.K0], p[of.L0], p[of.STRETCH] = lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i]
-    p[of.K2] = stiffness(p[of.K0], p[of.STRETCH]) if p[of.K0] > 0.0 else 0.0
-    p[of.STICK], p[of.VR], p[of.CHI] = lanes[at.C, i], lanes[at.VR, i], lanes[at.CHI, i]
-    p[of.FN], p[of.MU1], p[of.MU2] = lanes[at.FN, i], lanes[at.MU1, i], lanes[at.MU2, i]
-    p[of.INTERCEPT] = slip_intercept(lanes[at.KINETIC_FORCE, i], p[of.CHI], p[of.VR])
+def _load(model, lanes, i, c):
+    """Load a lane's state and parameters, and what the equations read of these."""
+    prefer_widest_vectors()
+    lane = from_row(c, _LANE)
+    read_rows(model, lanes, i, 0, at.HARMONICS, lane, 0)
+    read_state(model, lanes, i, 4, lane)
+    x1, v1 = lane[at.X1], lane[at.V1]
+    c[_X1], c[_V1], c[_W] = x1, v1, lane[at.V2] - v1
+    c[_OFFSET] = lane[at.X2] - x1
+    _, c[_REST] = total(value_of(lane[at.X2]), -value_of(x1))
+    by_m1 = 1.0 / lane[at.M1]
+    c[_BY_M1], c[_RATIO] = by_m1, 1.0 + lane[at.M1] / lane[at.M2]
+    k1 = lane[at.K1] * by_m1
+    c[_K1], c[_BETA], c[_D] = k1 * lane[at.ALPHA], k1 * lane[at.BETA], lane[at.D] * by_m1
+    pair, held = control_forces(model, lane[at.FORCE])
+    c[_PAIR], c[_HELD] = pair * by_m1, held * by_m1
+    k0, stretch = lane[at.K0] * by_m1, lane[at.STRETCH]
+    c[_K2] = 0.0
+    if model[IS_FINITE] > 0.0:
+        c[_TWICE_K0], c[_PULL], c[_BY_L0] = k0 + k0, k0 * lane[at.L0], 1.0 / lane[at.L0]
+    elif value_of(k0) > 0.0:
+        c[_K2] = stiffness(k0, stretch)
+    c[_STICK] = lane[at.C] * by_m1
+    if model[HAS_FRICTION] > 0.0:
+        vr, normal = lane[at.VR], lane[at.FN]
+        c[_STICK], c[_CHI] = stick_slope(lane[at.MU1], normal, vr) * by_m1, lane[at.CHI] * by_m1
+        kinetic = kinetic_force(lane[at.MU2], normal)
+        c[_INTERCEPT] = slip_intercept(kinetic, lane[at.CHI], vr) * by_m1
+
+
+@inlined_kernel
+def _enter(c, regime):
+    """Write slope and force at w = 0 of the interface in a regime: (3), (4)."""
+    c[_SLOPE], c[_SLIP] = c[_STICK], 0.0
+    if regime != 0.0:
+        c[_SLOPE], c[_SLIP] = c[_CHI], c[_INTERCEPT] * regime
+
+
+@inlined_kernel
+def _link(c):
+    """Return the force of the interface per m1 [m/s^2]."""
+    return value_of(c[_SLOPE]) * value_of(c[_W]) + value_of(c[_SLIP])
 
 
 @borrowing_kernel
-def _propagate_lane(model, lanes, i, c, p, t, work, weights):
-    """Advance one lane, series by series.
+def _propagate_lane(model, lanes, i, c, slip):
+    """Advance one lane, series by series; return its status.
 
     Parameters
     ----------
     model, lanes, i
         (m,) read; (rows, count) read, and state and deviations written; the lane.
-    c, p
-        (of.SIZE,) written; (of.COEFFICIENTS,) read, but for the regime, written.
-    t, work
-        (of.ROWS, COLUMNS) and (4, COLUMNS), written: the deviations' series, and room. Where each
-        regime is linear, t is (regime.ROWS, LANES).
-    weights
-        (of.ORDER + 1,) read: 1 / n!.
-
-    Returns
-    -------
-    int
-        Status.
+    c
+        Numbers with tangents: what `_load` wrote is read, the series are written.
+    slip
+        (2 * _LENGTH,) room for the series of the slip velocity.
     """
-    own, duration = int(model[FIRST_ROW]), model[at.SAMPLE_INTERVAL]
-    friction, linear, vr = model[HAS_FRICTION] > 0.0, model[IS_LINEAR] > 0.0, p[of.VR]
-    part = 1 if linear else of.PART
-    take_impulses(model, lanes, i, p)
-    read_columns(model, lanes, i, t, part)
-    x1, v1 = lanes[at.X1, i], lanes[at.V1, i]
-    c[of.X1], c[of.V1], c[of.W] = x1, v1, lanes[at.V2, i] - v1
-    c[of.OFFSET], p[of.REST] = _sum(lanes[at.X2, i], -x1)
-    sign = sign_of(vr, c[of.W]) if friction else 0.0
-    upper, lower = gaps_of(vr, c[of.W])
-    elapsed = 0.0
+    friction, lane = model[HAS_FRICTION] > 0.0, from_row(c, _LANE)
+    vr = value_of(lane[at.VR]) if friction else np.inf
+    regime = sign_of(vr, value_of(c[_W]))
+    upper, lower = gaps_of(vr, value_of(c[_W]))
+    elapsed, unit, duration = 0.0, model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL]
+    _enter(c, regime)
     for _ in range(MOST_SERIES):
-        p[of.REGIME] = sign
-        p[of.DAMPING], p[of.SLIP] = interface_line(sign, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
-        rest = duration - elapsed
-        rate = _rate(model, lanes, i, c, p)
-        unit = min(rest, LONGEST / rate)
-        is_last = unit == rest
-        write_series(c, of.WIDTH, model, lanes, i, elapsed, unit, of.ORDER)
-        if linear:
-            order, theta = regime.expand_motion(model, c, p, unit, rate * unit), 1.0
-        else:
-            order, theta = _expand(model, lanes, i, c, p, t, work, elapsed, unit)
+        unit = min(unit, duration - elapsed)
+        is_last = unit == duration - elapsed
+        if is_excited(model):
+            _write_excitation(model, lanes, i, c, elapsed, unit)
+        order = _expand(model, c, unit)
         if order == 0:
             return at.COLLAPSED
-        direction = 0.0
+        theta, direction = 1.0, 0.0
+        if order == ORDER:
+            theta = _part_of_unit(model, c, unit)
         if friction:
+            for n in range(order + 1):
+                slip[n] = value_of(c[_W + n])
             exit_at, direction = regime_exit_within(
-                c, of.W, of.SCALED, order, theta, sign, upper, lower
+                slip, 0, _LENGTH, order, theta, regime, upper, lower
             )
             theta = theta if exit_at == NONE else theta * exit_at
-        if linear:
-            regime.write_signals(model, lanes, i, c, p, t, elapsed, unit, theta, order)
-            regime.advance(p, rows_of(t), weights, theta * unit, order)
-        else:
-            _evaluate_columns(t, theta, order)
-        _evaluate(c, p, theta, order)
-        if not abs(c[of.X1]) + abs(c[of.OFFSET]) + abs(c[of.V1]) + abs(c[of.W]) < np.inf:
+        _evaluate(c, theta, order)
+        size = abs(value_of(c[_X1])) + abs(value_of(c[_OFFSET]))
+        if not size + abs(value_of(c[_V1])) + abs(value_of(c[_W])) < np.inf:
             return at.DIVERGED
         elapsed += theta * unit
         if direction != 0.0:
-            c[of.W] = direction * vr
-            _jump(model, lanes, i, c, p, t[2 * part :: part], elapsed, sign, direction)
-            sign = direction - sign
+            _jump(c, lane[at.VR] * direction, _slope(slip, theta, order) / unit, direction - regime)
+            regime = direction - regime
             upper, lower = gaps_on(vr, direction)
         else:
-            upper, lower = gaps_of(vr, c[of.W])
-        if (is_last and theta == 1.0 and direction == 0.0) or elapsed >= duration:
+            upper, lower = gaps_of(vr, value_of(c[_W]))
+            if is_last and theta == 1.0:
+                break
+        if elapsed >= duration:
             break
+        if order < ORDER:
+            unit *= LONGER
+        elif direction == 0.0:
+            unit *= max(theta, SHORTER)
     else:
         return at.TOO_MANY_SERIES
-    lanes[at.X1, i], lanes[at.X2, i] = c[of.X1], c[of.X1] + c[of.OFFSET]
-    lanes[at.V1, i], lanes[at.V2, i] = c[of.V1], c[of.V1] + c[of.W]
-    lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
-    lanes[own + TIME, i] += duration
-    write_columns(model, lanes, i, t, part)
+    lane[at.X1], lane[at.X2] = c[_X1], c[_X1] + c[_OFFSET]
+    lane[at.V1], lane[at.V2] = c[_V1], c[_V1] + c[_W]
+    write_state(model, lanes, i, 4, lane)
     return at.OK
 
 
 @borrowing_kernel
-def _rate(model, lanes, i, c, p):
-    """Return a bound of the rates [1/s] of the deviations at the start of a series.
-
-    Parameters
-    ----------
-    model, lanes, i, c, p
-        As for `_propagate_lane`; read.
-    """
-    k1, k2 = p[of.K1] * (p[of.ALPHA] + 3.0 * p[of.BETA] * c[of.X1] * c[of.X1]), p[of.K2]
-    if model[IS_FINITE] > 0.0:
-        short = c[of.OFFSET] / p[of.L0]
-        k2 = p[of.K0] * (
-            2.0 + 2.0 * (p[of.STRETCH] + short) ** -3 + 2.0 * (p[of.STRETCH] - short) ** -3
-        )
-    rate = fastest_rate(p[of.M1], p[of.M2], k1, abs(k2), p[of.DAMPING], p[of.D])
-    return max(rate, fastest_harmonic(lanes[:, i], int(model[at.HARMONIC_COUNT])), 1e-300)
+def _write_excitation(model, lanes, i, c, elapsed, unit):
+    """Write the series of the force on the carriage and of the ground's acceleration."""
+    for n in range(ORDER + 1):
+        c[_FORCE + n] = c[_GROUND + n] = 0.0
+    force, ground, harmonic = from_row(c, _FORCE), from_row(c, _GROUND), from_row(c, _HARMONIC)
+    add_jets(force, ground, model, lanes, i, elapsed, unit, ORDER)
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        read_harmonic(model, lanes, i, j, harmonic)
+        shakes = (int(model[at.GROUND]) >> j) & 1
+        wave = harmonic[0], harmonic[1], harmonic[2], harmonic[3]
+        add_harmonic(ground if shakes else force, wave, elapsed, unit, ORDER)
 
 
 @borrowing_kernel
-def _expand(model, lanes, i, c, p, t, work, elapsed, unit):
-    """Write the series of motion and deviations; return their order, 0 if a spring collapsed.
-
-    Also return the part of the unit within which the last terms are small enough.
-
-    Parameters
-    ----------
-    model, lanes, i, c, p, t, work
-        As for `_propagate_lane`.
-    elapsed, unit
-        Start of the series since that of the sample interval, and its unit of time [s].
-    """
+def _expand(model, c, unit):
+    """Write the series in powers of time over a unit [s]; return their order, 0 if collapsed."""
     prefer_widest_vectors()
-    cubic, finite = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0
-    by_m1, by_both = 1.0 / p[of.M1], 1.0 / p[of.M1] + 1.0 / p[of.M2]
-    k1, beta, d, damping = p[of.K1] * p[of.ALPHA], p[of.K1] * p[of.BETA], p[of.D], p[of.DAMPING]
-    excited = model[at.HARMONIC_COUNT] > 0.0 or model[at.TERMS] > 0.0
-    inner, outer, kick, slide = work[0], work[1], work[2], work[3]
-    held, slip = p[of.HELD], p[of.SLIP] + p[of.BETWEEN]
-    write_size(c, t, unit, 0)
-    for n in range(of.ORDER):
+    cubic, finite, excited = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0, is_excited(model)
+    k1, beta, d, k2, ratio = c[_K1], c[_BETA], c[_D], c[_K2], c[_RATIO]
+    damping, slip, held, by_m1 = c[_SLOPE], c[_SLIP], c[_HELD], c[_BY_M1]
+    x1, offset, v1, w = c[_X1], c[_OFFSET], c[_V1], c[_W]
+    most = _first_size(c, unit)
+    for n in range(ORDER):
         step = unit / (n + 1.0)
-        # The motion.
-        if cubic:
-            c[of.SQUARE + n] = _product(c, of.X1, of.X1, n)
-            c[of.CUBE + n] = _product(c, of.SQUARE, of.X1, n)
         if finite:
-            if not _write_pair(c, p, n):
-                return 0, 0.0
+            if not _stretch(c, offset, n):
+                return 0
+            inner = fma(c[_TWICE_K0], offset, c[_PULL] * (c[_SHORT + n] - c[_LONG + n]))  # (6)
         else:
-            c[of.PAIR + n] = p[of.K2] * c[of.OFFSET + n]
-        c[of.INNER + n] = fma(damping, c[of.W + n], c[of.PAIR + n]) + slip
-        c[of.OUTER + n] = fma(k1, c[of.X1 + n], fma(d, c[of.V1 + n], -held))
+            inner = k2 * offset  # (5)
+        inner, outer = fma(damping, w, inner), fma(k1, x1, d * v1)
+        if n == 0:
+            inner, outer = inner + slip + c[_PAIR], outer - held
         if cubic:
-            c[of.OUTER + n] += beta * c[of.CUBE + n]
-        ground = 0.0
+            outer = fma(beta, _cube(c, n), outer)
         if excited:
-            c[of.OUTER + n] -= c[of.FORCE + n]
-            ground = c[of.GROUND + n]
-        held = slip = 0.0
-        c[of.X1 + n + 1], c[of.OFFSET + n + 1] = step * c[of.V1 + n], step * c[of.W + n]
-        c[of.V1 + n + 1] = step * ((c[of.INNER + n] - c[of.OUTER + n]) * by_m1 - ground)  # (1)
-        c[of.W + n + 1] = step * (
-            c[of.OUTER + n] * by_m1 - c[of.INNER + n] * by_both
-        )  # (2) less (1)
-        # The deviations.
-        for j in range(COLUMNS):
-            inner[j] = damping * t[3 * of.PART + n, j]
-            outer[j] = fma(k1, t[n, j], d * t[2 * of.PART + n, j])
-            kick[j] = slide[j] = 0.0
-        if finite:
-            for m in range(n + 1):
-                slope = c[of.OVER_OFFSET + m]
-                for j in range(COLUMNS):
-                    inner[j] = fma(slope, t[of.PART + n - m, j], inner[j])
-        else:
-            for j in range(COLUMNS):
-                inner[j] = fma(p[of.K2], t[of.PART + n, j], inner[j])
-        if cubic:
-            for m in range(n + 1):
-                slope = 3.0 * beta * c[of.SQUARE + m]
-                for j in range(COLUMNS):
-                    outer[j] = fma(slope, t[n - m, j], outer[j])
-        for j in range(4, COLUMNS):
-            if model[CAUSES + j] >= 0.0:
-                push = cause(model, lanes, i, c, p, elapsed, unit, n, int(model[CAUSES + j]))
-                inner[j] += push[0]
-                outer[j] += push[1]
-                kick[j], slide[j] = push[2], push[3]
-        for j in range(COLUMNS):
-            t[n + 1, j] = step * t[2 * of.PART + n, j]
-            t[of.PART + n + 1, j] = step * t[3 * of.PART + n, j]
-            t[2 * of.PART + n + 1, j] = step * fma(inner[j] - outer[j], by_m1, kick[j])
-            t[3 * of.PART + n + 1, j] = step * (
-                fma(outer[j], by_m1, -inner[j] * by_both) + slide[j]
-            )
-        write_size(c, t, unit, n + 1)
-        if n + 1 >= FEWEST and is_enough(c, t, n + 1):
-            return n + 1, 1.0
-    return of.ORDER, part_of_unit(c, t)
+            outer = outer - c[_FORCE + n] * by_m1
+        x1, offset = v1 * step, w * step
+        v1, w = (inner - outer) * step, (outer - ratio * inner) * step  # (1), (2) less (1)
+        if excited:
+            v1 = v1 - c[_GROUND + n] * step
+        c[_X1 + n + 1], c[_OFFSET + n + 1], c[_V1 + n + 1], c[_W + n + 1] = x1, offset, v1, w
+        if n >= _LAST:
+            most = _larger(most, _size(c, n + 1 - _LAST))
+        if n + 1 >= FEWEST and _is_enough(c, n + 1, most):
+            return n + 1
+    return ORDER
 
 
-@borrowing_kernel
-def _product(c, a, b, n):
-    """Return term n of the product of two series in c."""
-    total = 0.0
-    for m in range(n + 1):
-        total = fma(c[a + m], c[b + n - m], total)
-    return total
+@inlined_kernel
+def _stretch(c, offset, n):
+    """Write term n of both sides' stretch**-2, given that of the offset; False if collapsed.
 
-
-@borrowing_kernel
-def _write_pair(c, p, n):
-    """Write term n of the finite pair's force and of its slopes; False if a side collapsed.
-
-    (6) of docs/model.md: k0 (2 offset + l0 (S**-2 - L**-2)), with the sides' stretches L and S.
+    From q u' = -2 q' u with u = q**-2: n q_0 u_n = -sum (n + j) q_j u_(n - j).
     """
-    k0, l0 = p[of.K0], p[of.L0]
-    c[of.LONG + n], c[of.SHORT + n] = c[of.OFFSET + n] / l0, -c[of.OFFSET + n] / l0
+    c[_SHIFT + n] = offset * c[_BY_L0]
     if n == 0:
+        lane = from_row(c, _LANE)
+        stretch, l0, rest = lane[at.STRETCH], lane[at.L0], value_of(c[_REST])
         # Rounded once: of a side that is nearly gone no digits cancel.
-        c[of.LONG] = (fma(p[of.STRETCH], l0, c[of.OFFSET]) + p[of.REST]) / l0
-        c[of.SHORT] = (fma(p[of.STRETCH], l0, -c[of.OFFSET]) - p[of.REST]) / l0
-        if not (c[of.LONG] > 0.0 and c[of.SHORT] > 0.0):
+        long = (fma(stretch, l0, offset) + rest) * c[_BY_L0]
+        short = (fma(stretch, l0, -offset) - rest) * c[_BY_L0]
+        if not (long > 0.0 and short > 0.0):
             return False
-    for side in range(2):
-        base = of.LONG + side * of.WIDTH
-        _write_power(c, base, of.LONG2 + side * of.WIDTH, -2.0, n)
-        _write_power(c, base, of.LONG3 + side * of.WIDTH, -3.0, n)
-    c[of.PAIR + n] = k0 * fma(2.0, c[of.OFFSET + n], l0 * (c[of.SHORT2 + n] - c[of.LONG2 + n]))
-    c[of.OVER_OFFSET + n] = (
-        2.0 * k0 * ((1.0 if n == 0 else 0.0) + c[of.SHORT3 + n] + c[of.LONG3 + n])
-    )
-    c[of.OVER_STRETCH + n] = 2.0 * k0 * l0 * (c[of.LONG3 + n] - c[of.SHORT3 + n])
+        c[_BY_LONG], c[_BY_SHORT] = 1.0 / long, 1.0 / short
+        c[_LONG], c[_SHORT] = c[_BY_LONG] * c[_BY_LONG], c[_BY_SHORT] * c[_BY_SHORT]
+        return True
+    of_long = of_short = alike(offset, 0.0)
+    for j in range(1, n + 1):
+        shift = c[_SHIFT + j] * float(n + j)
+        of_long = fma(shift, c[_LONG + n - j], of_long)
+        of_short = fma(shift, c[_SHORT + n - j], of_short)
+    c[_LONG + n] = of_long * c[_BY_LONG] * (-1.0 / n)
+    c[_SHORT + n] = of_short * c[_BY_SHORT] * (1.0 / n)
     return True
 
 
-@borrowing_kernel
-def _write_power(c, base, power, exponent, n):
-    """Write term n of a power of a series: n q_0 u_n = sum (m a - (n - m)) q_m u_(n - m)."""
-    if n == 0:
-        c[power] = c[base] ** exponent
-        return
-    total = 0.0
-    for m in range(1, n + 1):
-        total += (m * exponent - (n - m)) * c[base + m] * c[power + n - m]
-    c[power + n] = total / (n * c[base])
+@inlined_kernel
+def _cube(c, n):
+    """Return term n of x1**3, and write that of x1**2, of which terms come in equal pairs."""
+    square = cube = alike(c[_X1], 0.0)
+    for m in range((n + 1) // 2):
+        square = fma(c[_X1 + m], c[_X1 + n - m], square)
+    square = square * 2.0
+    if n % 2 == 0:
+        square = fma(c[_X1 + n // 2], c[_X1 + n // 2], square)
+    c[_SQUARE + n] = square
+    for m in range(n + 1):
+        cube = fma(c[_SQUARE + m], c[_X1 + n - m], cube)
+    return cube
+
+
+@inlined_kernel
+def _magnitude(x):
+    """Return the magnitudes of value and slopes, as a number of the same kind."""
+    return tangent(abs(value_of(x)), abs(slopes_of(x)))
+
+
+@inlined_kernel
+def _larger(x, y):
+    """Return the larger ones of two numbers' values and slopes."""
+    return tangent(max(value_of(x), value_of(y)), larger(slopes_of(x), slopes_of(y)))
+
+
+@inlined_kernel
+def _size(c, n):
+    """Return the size of terms n [m/s]: those of positions follow from those of velocities."""
+    return _larger(_magnitude(c[_V1 + n]), _magnitude(c[_W + n]))
+
+
+@inlined_kernel
+def _first_size(c, unit):
+    """Return the size of the first terms, positions over the unit of time [m/s]."""
+    positions = _larger(_magnitude(c[_X1]), _magnitude(c[_OFFSET]))
+    return _larger(_size(c, 0), positions * (1.0 / unit))
+
+
+@inlined_kernel
+def _last(c, order):
+    """Return the size of the largest of the last terms [m/s]."""
+    one, other = _larger(_size(c, order), _size(c, order - 1)), _size(c, order - 2)
+    return _larger(one, _larger(other, _size(c, order - 3)))
+
+
+@inlined_kernel
+def _is_enough(c, order, most):
+    """Tell whether the last terms of the motion and of every column are below the cut-off."""
+    if not value_of(_last(c, order)) <= CUT_OFF * value_of(most):
+        return False
+    return none(slopes_of(_last(c, order)) > CUT_OFF * slopes_of(most))
 
 
 @borrowing_kernel
-def _evaluate(c, p, theta, order):
-    """Advance the motion by a part of the unit.
+def _part_of_unit(model, c, unit):
+    """Return the part of the unit within which the last terms are below the cut-off.
+
+    Relative to the leading terms there: beyond the radius of convergence the others grow.
+    """
+    part, last, first = 1.0, _last(c, ORDER), _first_size(c, unit)
+    most = first
+    for n in range(1, ORDER - _LAST + 1):
+        most = _larger(most, _size(c, n))
+    for _ in range(_ROUNDS):
+        lead, power = first, part
+        for n in range(1, _LEADING):
+            lead, power = _larger(lead, _size(c, n) * power), power * part
+        part = _part_of(value_of(last), value_of(lead), value_of(most))
+        for j in range(int(model[WIDTH])):
+            sizes = element(slopes_of(last), j), element(slopes_of(lead), j)
+            part = min(part, _part_of(sizes[0], sizes[1], element(slopes_of(most), j)))
+    return part
+
+
+@inlined_kernel
+def _part_of(last, lead, most):
+    """Return the same of one column, given its last terms, leading ones and largest [m/s]."""
+    scale = CUT_OFF * (lead if lead > 0.0 else most)
+    if last <= scale:
+        return 1.0
+    return 0.9 * (scale / last) ** (1.0 / (ORDER - _LAST + 1.0))
+
+
+@borrowing_kernel
+def _evaluate(c, theta, order):
+    """Advance the state by a part of the unit.
 
     What rounding leaves of the offset is kept: a spring that is shortened to a part e of its length
     pushes the sphere back with a stiffness that rounded offsets would make wrong by 1e-16 / e, and
     the deviations after that by 1e-16 / e**2.
     """
-    for row in (of.X1, of.OFFSET, of.V1, of.W):
-        total = 0.0
-        for n in range(order, 0, -1):
-            total = fma(total, theta, c[row + n])
-        change = theta * total
-        if row == of.OFFSET:
-            c[row], p[of.REST] = _sum(c[row], change + p[of.REST])
-        else:
-            c[row] = fma(theta, total, c[row])
-
-
-@borrowing_kernel
-def _evaluate_columns(t, theta, order):
-    """Advance the deviations by a part of the unit."""
     prefer_widest_vectors()
-    for n in range(order - 1, -1, -1):
-        for part in range(4):  # side by side: one hides the other's latency
-            row = part * of.PART + n
-            for j in range(COLUMNS):
-                t[row, j] = fma(t[row + 1, j], theta, t[row, j])
+    x1, offset, v1, w = c[_X1 + order], c[_OFFSET + order], c[_V1 + order], c[_W + order]
+    for n in range(order - 1, 0, -1):  # side by side: one hides the other's latency
+        x1, offset = fma(x1, theta, c[_X1 + n]), fma(offset, theta, c[_OFFSET + n])
+        v1, w = fma(v1, theta, c[_V1 + n]), fma(w, theta, c[_W + n])
+    c[_X1], c[_V1], c[_W] = fma(x1, theta, c[_X1]), fma(v1, theta, c[_V1]), fma(w, theta, c[_W])
+    change = offset * theta
+    value, c[_REST] = total(value_of(c[_OFFSET]), value_of(change) + value_of(c[_REST]))
+    c[_OFFSET] = tangent(value, slopes_of(c[_OFFSET]) + slopes_of(change))
 
 
 @inlined_kernel
-def _sum(a, b):
-    """Return a + b, and what its rounding leaves (Knuth's TwoSum)."""
-    total = a + b
-    added = total - a
-    return total, (a - (total - added)) + (b - added)
+def _slope(terms, theta, order):
+    """Return the derivative of a series over time in its unit."""
+    slope = 0.0
+    for n in range(order, 0, -1):
+        slope = slope * theta + n * terms[n]
+    return slope
 
 
 @borrowing_kernel
-def _jump(model, lanes, i, c, p, velocities, elapsed, regime, direction):
-    """Let the deviations jump where the regime changes: the saltation.
-
-    A deviation of the slip velocity moves the change by minus itself over w'; until then the other
-    regime's force acts.
+def _jump(c, boundary, rate, regime):
+    """Enter a regime, and let the deviations of the velocities jump: the saltation.
 
     Parameters
     ----------
-    model, lanes, i, c, p
-        As for `_propagate_lane`: c has the motion at the change.
-    velocities
-        Deviations of v1 and of the slip velocity, the first two rows, written.
-    elapsed
-        Time of the change since the start of the sample interval [s].
-    regime, direction
-        The regime that ends, and the boundary.
+    c
+        The motion at the change, read and written.
+    boundary
+        The slip velocity there [m/s].
+    rate
+        Rate of the slip velocity before the change [m/s^2].
+    regime
+        The regime that begins.
     """
-    write_series(c, of.WIDTH, model, lanes, i, elapsed, 1.0, 0)
-    excited = model[at.HARMONIC_COUNT] > 0.0 or model[at.TERMS] > 0.0
-    pair = p[of.K2] * c[of.OFFSET]
-    if model[IS_FINITE] > 0.0:
-        _write_pair(c, p, 0)
-        pair = c[of.PAIR]
-    x1 = c[of.X1]
-    outer = p[of.K1] * (p[of.ALPHA] + p[of.BETA] * x1 * x1) * x1 + p[of.D] * c[of.V1] - p[of.HELD]
-    if excited:
-        outer -= c[of.FORCE]
-    inner = p[of.DAMPING] * c[of.W] + p[of.SLIP] + pair + p[of.BETWEEN]
-    by_m1, by_both = 1.0 / p[of.M1], 1.0 / p[of.M1] + 1.0 / p[of.M2]
-    rate = outer * by_m1 - inner * by_both
-    damping, slip = interface_line(direction - regime, p[of.STICK], p[of.CHI], p[of.INTERCEPT])
-    step = p[of.DAMPING] * c[of.W] + p[of.SLIP] - (damping * c[of.W] + slip)
-    for j in range(int(model[WIDTH])):
-        late = -velocities[1, j]
-        if model[CAUSES + j] == at.VR:
-            late += direction
-        late /= rate
-        velocities[0, j] += step * by_m1 * late
-        velocities[1, j] -= step * by_both * late
+    late = (boundary - c[_W]) / rate
+    before = _link(c)
+    _enter(c, regime)
+    step = late * (before - _link(c))
+    c[_V1] = c[_V1] + step
+    c[_W] = tangent(value_of(boundary), slopes_of(c[_W] - c[_RATIO] * step))

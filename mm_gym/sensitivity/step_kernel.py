@@ -9,7 +9,7 @@ from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.kinds import excite, excited, has_corners
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import copy_row, fill, span
-from mm_gym.sensitivity import cubic_kernel, linear_kernel
+from mm_gym.sensitivity import cubic_kernel, linear_kernel, series_kernel
 from mm_gym.sensitivity.held_kernel import write_held
 from mm_gym.sensitivity.layout import (
     FIRST_ROW,
@@ -21,7 +21,6 @@ from mm_gym.sensitivity.layout import (
     WIDTH,
 )
 from mm_gym.sensitivity.response_kernel import respond
-from mm_gym.sensitivity.series_kernel import propagate
 from mm_gym.step.crossing import by_pieces, by_superposition
 from mm_gym.step.outputs import pass_frame
 from mm_gym.step.task import command
@@ -93,27 +92,44 @@ def begin_motion(model, lanes, own, first, last):
         lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
 
 
+def beginning_with(states: int) -> Callable[..., None]:
+    """Return a kernel that begins with deviations of so many states, and of nothing else."""
+
+    @borrowing_kernel
+    def begin(model, lanes, first, last):
+        own, width = int(model[FIRST_ROW]), int(model[WIDTH])
+        _begin_motion(model, lanes, first, last)
+        for part in range(states):
+            for j in range(width):
+                value = 1.0 if part == j else 0.0
+                fill(lanes, own + TANGENTS + part * width + j, value, first, last)
+
+    return begin
+
+
 @borrowing_kernel
-def _begin(model, lanes, first, last):
-    """Begin with no deviations in the columns that have causes."""
+def _begin_motion(model, lanes, first, last):
+    """Write the time since an episode's start, and the velocities before impulses."""
+    own, length = int(model[FIRST_ROW]), model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
+    copy_row(lanes, at.V1, own + LAST_V1, first, last)
+    copy_row(lanes, at.V2, own + LAST_V2, first, last)
+    for i in span(first, last):
+        lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
+
+
+@borrowing_kernel
+def _begin_causes(model, lanes, first, last):
+    """Begin with no deviations in the columns that have causes; `write_held` writes the others."""
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
-    begin_motion(model, lanes, own, first, last)
-    for part in range(4):
+    _begin_motion(model, lanes, first, last)
+    for part in range(STATES):
         for j in range(STATES, width):
             fill(lanes, own + TANGENTS + part * width + j, 0.0, first, last)
 
 
-@borrowing_kernel
-def _begin_all(model, lanes, first, last):
-    """Begin with deviations of x1, x2, v1 and v2 too."""
-    _begin(model, lanes, first, last)
-    own, width = int(model[FIRST_ROW]), int(model[WIDTH])
-    for part in range(4):
-        for j in range(STATES):
-            value = 1.0 if part == j else 0.0
-            fill(lanes, own + TANGENTS + part * width + j, value, first, last)
-
-
-by_series = step_by(by_pieces(propagate, has_corners), _begin_all)
-by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin_all)
-by_linear_series = step_by(by_superposition(linear_kernel.propagate, respond), _begin, write_held)
+_begin = beginning_with(STATES)
+by_series = step_by(by_pieces(series_kernel.propagate, has_corners), _begin)
+by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin)
+by_linear_series = step_by(
+    by_superposition(linear_kernel.propagate, respond), _begin_causes, write_held
+)

@@ -14,7 +14,6 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.excitation.kinds import has_corners
 from mm_gym.excitation.sources import ROWS_OF_HARMONIC
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.memory import fill
 from mm_gym.lanes.simd import element, everywhere, inverse_root, with_element
 from mm_gym.lanes.simd_masks import larger, smaller
 from mm_gym.lanes.simd_memory import from_row, rows_on_stack
@@ -23,7 +22,6 @@ from mm_gym.law.interface import (
     Interface,
     force_of,
     has_state,
-    own_row,
     parameters_of,
     rate_of,
     resolves,
@@ -34,17 +32,13 @@ from mm_gym.law.springs import stiffness
 from mm_gym.methods.runge_kutta import kernel as runge_kutta
 from mm_gym.methods.runge_kutta import layout as of
 from mm_gym.methods.runge_kutta.tableau_kernel import summed
-from mm_gym.sensitivity.layout import LAST_V1, LAST_V2, TANGENTS, TIME
-from mm_gym.sensitivity.step_kernel import begin_motion, step_by
+from mm_gym.sensitivity.columns_kernel import read_harmonic, read_rows, read_state, write_state
+from mm_gym.sensitivity.layout import WIDTH
+from mm_gym.sensitivity.step_kernel import beginning_with, step_by
 from mm_gym.step.crossing import by_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-# Slots of the model behind those of the method: the first row behind the plant's own, how many
-# columns of deviations there are, and what causes the deviation in each that the state does not.
-FIRST_ROW = of.TIMES + of.MOST_STAGES - 1
-WIDTH, CAUSES = FIRST_ROW + 1, FIRST_ROW + 2
 
 MOST_STEPS = 100_000
 
@@ -56,7 +50,8 @@ UNRESOLVED = 256.0
 """What a step's error over its limit is taken for where it may miss something: half the step is
 next."""
 
-_numbers = rows_on_stack(2 * of.SIZE)
+# Behind the rows of a step, those of a lane up to the harmonics.
+_numbers = rows_on_stack(2 * (of.SIZE + at.HARMONICS))
 
 
 def step_with(interface: Interface) -> Callable[..., int]:
@@ -69,16 +64,7 @@ def step_with(interface: Interface) -> Callable[..., int]:
             status = max(status, _propagate_lane(interface, model, lanes, i, b))
         return status
 
-    @borrowing_kernel
-    def begin(model, lanes, first, last):
-        """Begin with deviations of the state only."""
-        own, width = int(model[FIRST_ROW]), int(model[WIDTH])
-        begin_motion(model, lanes, own, first, last)
-        for part in range(states_of(interface)):
-            for j in range(width):
-                value = 1.0 if part == j else 0.0
-                fill(lanes, own + TANGENTS + part * width + j, value, first, last)
-
+    begin = beginning_with(states_of(interface))
     return step_by(by_pieces(propagate, has_corners, runge_kutta.shorten), begin)
 
 
@@ -142,7 +128,7 @@ def _propagate_lane(interface, model, lanes, i, b):
             for row in range(states_of(interface)):
                 b[row] = b[of.END + row]
             if h >= interval - elapsed:
-                _store(interface, model, lanes, i, b)
+                write_state(model, lanes, i, states_of(interface), b)
                 return at.OK
             elapsed += h
             b[of.ELAPSED] = elapsed
@@ -159,82 +145,32 @@ def _propagate_lane(interface, model, lanes, i, b):
     return at.TOO_MANY_STEPS
 
 
-@inlined_kernel
-def _parameter(model, lanes, row, i):
-    """Return a parameter of a lane, which deviates in the columns that it is the cause of."""
-    slopes = everywhere(0.0)
-    for j in range(int(model[WIDTH])):
-        if int(model[CAUSES + j]) == row:
-            slopes = with_element(slopes, j, 1.0)
-    return tangent(lanes[row, i], slopes)
-
-
 @borrowing_kernel
 def _load(interface, model, lanes, i, b):
     """Load a lane's motion, its deviations, and its parameters."""
-    first, width = int(model[FIRST_ROW]), int(model[WIDTH])
-    mass, impulse = lanes[at.M1, i], lanes[at.V1, i] - lanes[first + LAST_V1, i]
-    impulse -= lanes[at.V2, i] - lanes[first + LAST_V2, i]
-    for part in range(states_of(interface)):
-        slopes = everywhere(0.0)
-        for j in range(width):
-            slope = lanes[first + TANGENTS + part * width + j, i]
-            if part == at.V1 and int(model[CAUSES + j]) == at.M1:
-                slope -= impulse / mass  # impulses on the carriage changed v1 by size / m1
-            slopes = with_element(slopes, j, slope)
-        row = part if part < 4 else own_row(model)  # noqa: PLR2004 - of the masses
-        b[part] = tangent(lanes[row, i], slopes)
-    k0 = _parameter(model, lanes, at.K0, i)
-    stretch = _parameter(model, lanes, at.STRETCH, i)
+    lane = from_row(b, of.SIZE)
+    read_rows(model, lanes, i, 0, at.HARMONICS, lane, 0)
+    read_state(model, lanes, i, states_of(interface), b)
     p = coefficients(
-        _parameter(model, lanes, at.M1, i),
-        _parameter(model, lanes, at.M2, i),
-        _parameter(model, lanes, at.K1, i),
-        _parameter(model, lanes, at.ALPHA, i),
-        _parameter(model, lanes, at.BETA, i),
-        _parameter(model, lanes, at.D, i),
-        stiffness(k0, stretch),
-        k0,
-        _parameter(model, lanes, at.L0, i),
-        stretch,
+        lane[at.M1],
+        lane[at.M2],
+        lane[at.K1],
+        lane[at.ALPHA],
+        lane[at.BETA],
+        lane[at.D],
+        stiffness(lane[at.K0], lane[at.STRETCH]),
+        lane[at.K0],
+        lane[at.L0],
+        lane[at.STRETCH],
     )
     runge_kutta.write_coefficients(b, p)
-    b[of.PAIR], b[of.FORCE] = control_forces(model, _parameter(model, lanes, at.FORCE, i))
-    for k in range(parameters_of(interface)):
-        b[of.PARAMETERS + k] = _parameter(model, lanes, int(model[at.INTERFACE]) + k, i)
-    _load_sources(model, lanes, i, b)
-
-
-@borrowing_kernel
-def _load_sources(model, lanes, i, b):
-    """Load what excites a lane, as `excitation.sources.load_sources` does."""
-    terms = 2 * int(model[at.TERMS])
-    since = lanes[int(model[FIRST_ROW]) + TIME, i]
-    for n in range(terms):
-        b[of.SOURCES + n] = lanes[int(model[at.JETS]) + n, i]
+    b[of.PAIR], b[of.FORCE] = control_forces(model, lane[at.FORCE])
+    own, terms = parameters_of(interface), 2 * int(model[at.TERMS])
+    read_rows(model, lanes, i, int(model[at.INTERFACE]), own, from_row(b, of.PARAMETERS), 0)
+    read_rows(model, lanes, i, int(model[at.JETS]), terms, from_row(b, of.SOURCES), 0)
     for j in range(int(model[at.HARMONIC_COUNT])):
-        row = of.SOURCES + terms + ROWS_OF_HARMONIC * j
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        frequency = _parameter(model, lanes, harmonic + at.FREQUENCY, i)
-        phase = _parameter(model, lanes, harmonic + at.PHASE, i)
-        turn = slopes_of(phase) + slopes_of(frequency) * since
-        cosine, sine = lanes[harmonic + at.COSINE, i], lanes[harmonic + at.SINE, i]
-        b[row] = _parameter(model, lanes, harmonic + at.AMPLITUDE, i)
-        b[row + 1] = frequency
-        b[row + 2], b[row + 3] = tangent(cosine, turn * -sine), tangent(sine, turn * cosine)
-
-
-@borrowing_kernel
-def _store(interface, model, lanes, i, b):
-    """Write a lane's motion and deviations at the end of the interval."""
-    first, width = int(model[FIRST_ROW]), int(model[WIDTH])
-    for part in range(states_of(interface)):
-        row = part if part < 4 else own_row(model)  # noqa: PLR2004 - of the masses
-        lanes[row, i] = value_of(b[part])
-        for j in range(width):
-            lanes[first + TANGENTS + part * width + j, i] = element(slopes_of(b[part]), j)
-    lanes[first + LAST_V1, i], lanes[first + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]
-    lanes[first + TIME, i] += model[at.SAMPLE_INTERVAL]
+        place = of.SOURCES + terms + ROWS_OF_HARMONIC * j
+        read_harmonic(model, lanes, i, j, from_row(b, place))
 
 
 @borrowing_kernel

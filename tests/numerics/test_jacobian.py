@@ -19,6 +19,7 @@ from mm_gym import (
     load_scene,
 )
 from mm_gym.lanes import layout as at
+from mm_gym.sensitivity import Sensitivities
 from mm_gym.tasks import ids, path_of
 
 from .decimal_series import DIGITS, ControlStep
@@ -301,9 +302,10 @@ def test_impulses_within_a_step_change_the_stretch_derivative() -> None:
     assert np.abs(found.state[:4, 4]).max() > 1e-6
 
 
-def test_mass_derivative_includes_impulses_on_the_carriage() -> None:
+@pytest.mark.parametrize("cubic", [0.0, 1e3])
+def test_mass_derivative_includes_impulses_on_the_carriage(cubic: float) -> None:
     changes = {"excitation": [{"kind": "impulse", "size": 0.04, "time": t} for t in (0.0, 0.004)]}
-    scene = scene_with(FORCE, **changes)
+    scene = scene_with(FORCE, **changes).replace(**{"carriage.cubic_coefficient": cubic})
     found = compile_scene(scene).jacobian([0.0] * 4, [0.1], parameters=["carriage.mass"])
     ends = [
         compile_scene(scene.replace(**{"carriage.mass": 0.1 + h})).jacobian([0.0] * 4, [0.1]).end
@@ -353,6 +355,33 @@ def test_many_parameters_have_the_derivatives_that_each_has_alone(task: str) -> 
         # Round-off, and with a cubic spring the cut-off of the series, 1.5e-11.
         scale = np.abs(want).max()
         np.testing.assert_allclose(together.parameters[name], want, atol=1e-10 * scale, rtol=0)
+
+
+@pytest.mark.parametrize("task", ["mm_gym/PreStretch-v0", "mm_gym/CarriageForceDuffing-v0"])
+def test_kernels_written_by_hand_have_the_derivatives_of_tangents(task: str) -> None:
+    scene = load_scene(path_of(task))
+    env = MovingMassVectorEnv(scene, 20)
+    env.reset(seed=1)
+    plant, start, actions = env.plant, env.get_state(), np.full((1, 20), 0.3)
+    known = [n for n in PARAMETERS if n in plant.support.names and n != "springs.rest_length"]
+    names = [n for n in known if _value(scene, n) != 0.0]  # else there is no kernel by hand
+    rows = {name: plant.support.row_of(name) for name in names}
+    both = [
+        Sensitivities(
+            plant.support,
+            (plant.model, plant.task),
+            (np.asarray(start["values"]), np.asarray(start["streams"])),
+            rows,
+            by_tangents=by_tangents,
+        ).step(actions)
+        for by_tangents in (False, True)
+    ]
+    assert [status for status, _ in both] == [0, 0]
+    by_hand, by_tangents = (found for _, found in both)
+    # Cut-offs of 1.5e-11 with a cubic spring, else round-off.
+    scale = np.abs(by_tangents).max(axis=0)
+    assert (np.abs(by_hand - by_tangents).max(axis=0) <= 1e-10 * scale).all()
+    assert (scale > 0.0).all()
 
 
 def test_a_linear_plant_has_a_derivative_over_the_cubic_coefficient() -> None:

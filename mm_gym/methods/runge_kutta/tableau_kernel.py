@@ -20,7 +20,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, overload
 
-from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, call, element, everywhere
+from mm_gym.lanes.simd import LANES, NUMBERS, call
 from mm_gym.lanes.tangents import TANGENTS, slopes_of, tangent, value_of, vectors_of
 from mm_gym.methods.runge_kutta import layout as of
 
@@ -170,9 +170,13 @@ def summed(rows: Any, number: int, v1: Any, v2: Any) -> tuple[Any, Any, Any, Any
 
 @intrinsic(prefer_literal=True)
 def _summed(_context, rows, stride, first, number, v1, v2):
-    """Sum vectors that are `stride` rows apart, the first of them at row `first`: literals."""
+    """Sum vectors that are `stride` rows apart, the first of them at row `first`: literals.
+
+    With numbers as velocities, only the first number of each vector counts.
+    """
 
     def build(context, builder, signature, arguments):
+        kind = context.get_value_type(signature.args[-1])  # of a vector, or a number
         rows, _, _, number, *starts = arguments
         apart, offset = (kind.literal_value for kind in signature.args[1:3])
         end, nowhere = (builder.append_basic_block() for _ in range(2))
@@ -184,9 +188,10 @@ def _summed(_context, rows, stride, first, number, v1, v2):
             sums = [
                 _sum(
                     builder,
+                    kind,
                     [
                         (factor, starts[side]),
-                        *_kicks(builder, rows, (apart, offset), side, weights),
+                        *_kicks(builder, rows, kind, (apart, offset), side, weights),
                     ],
                 )
                 for factor, weights in ((float(time > 0.0), velocities), (time, places))
@@ -197,45 +202,43 @@ def _summed(_context, rows, stride, first, number, v1, v2):
         builder.position_at_end(nowhere)
         builder.unreachable()
         builder.position_at_end(end)
-        results = [builder.phi(NUMBERS) for _ in range(4)]
+        results = [builder.phi(kind) for _ in range(4)]
         for block, sums in found:
             for result, value in zip(results, sums, strict=True):
                 result.add_incoming(value, block)
         return context.make_tuple(builder, signature.return_type, results)
 
     literals = isinstance(stride, types.Literal) and isinstance(first, types.Literal)
-    kind = types.UniTuple(VECTOR, 4)
+    kind = types.UniTuple(v1, 4)
     return (kind(rows, stride, first, number, v1, v2), build) if literals else None
 
 
 def _kicks(
-    builder: Any, rows: Any, spacing: tuple[int, int], side: int, weights: Any
+    builder: Any, rows: Any, kind: Any, spacing: tuple[int, int], side: int, weights: Any
 ) -> list[tuple[float, Any]]:
     """Return the weights that are not 0, each with the acceleration that it is for."""
     stride, first = spacing
-    places = [
-        (j, ir.Constant(ir.IntType(64), stride * (of.KICKS + 2 * j + side) + first))
-        for j in range(len(weights))
-    ]
-    return [
-        (float(weights[j]), builder.load(builder.gep(rows, [place]), align=64))
-        for j, place in places
-        if weights[j] != 0.0
-    ]
+    found = []
+    for j in np.flatnonzero(weights):
+        row = ir.Constant(ir.IntType(64), stride * (of.KICKS + 2 * int(j) + side) + first)
+        place = builder.bitcast(builder.gep(rows, [row]), kind.as_pointer())
+        found.append((float(weights[j]), builder.load(place, align=64)))
+    return found
 
 
-def _sum(builder: Any, terms: list[tuple[float, Any]]) -> Any:
-    """Return the sum of weights times vectors, in order."""
-    total = None
+def _sum(builder: Any, kind: Any, terms: list[tuple[float, Any]]) -> Any:
+    """Return the sum of weights times vectors or numbers, in order."""
+    total, is_wide = None, kind == NUMBERS
     for weight, value in terms:
         if weight != 0.0:
-            factor = ir.Constant(NUMBERS, [weight] * LANES)
-            total = (
-                call(builder, "fma", factor, value, total)
-                if total
-                else (builder.fmul(factor, value))
-            )
-    return total or ir.Constant(NUMBERS, [0.0] * LANES)
+            factor = ir.Constant(kind, [weight] * LANES if is_wide else weight)
+            if total is None:
+                total = builder.fmul(factor, value)
+            elif is_wide:
+                total = call(builder, "fma", factor, value, total)
+            else:
+                total = builder.fma(factor, value, total)
+    return total or ir.Constant(kind, [0.0] * LANES if is_wide else 0.0)
 
 
 @overload(summed)
@@ -247,12 +250,7 @@ def _compiled_summed(rows, number, v1, v2):
 
 def _summed_tangents(rows, number, v1, v2):
     """Return the same of numbers with tangents: of their values, and of their slopes."""
-    first, second = everywhere(value_of(v1)), everywhere(value_of(v2))
+    first, second = value_of(v1), value_of(v2)
     a, b, c, d = _summed(vectors_of(rows), 2, 0, number, first, second)
     p, q, r, s = _summed(vectors_of(rows), 2, 1, number, slopes_of(v1), slopes_of(v2))
-    return (
-        tangent(element(a, 0), p),
-        tangent(element(b, 0), q),
-        tangent(element(c, 0), r),
-        tangent(element(d, 0), s),
-    )
+    return tangent(a, p), tangent(b, q), tangent(c, r), tangent(d, s)
