@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -211,6 +212,8 @@ def _simulate(options: argparse.Namespace) -> None:
         *((name, getattr(work, name)[-1], "J") for name in ("disturbance", "dissipated")),
     ]
     print("\n".join(f"{name:12}{value: .9e} {unit}" for name, value, unit in rows))
+    for name, file in trajectory.records.items():
+        print(f"{name}: {file}")
     if options.csv is not None:
         trajectory.to_csv(options.csv)
     if options.plot is not None:
@@ -321,8 +324,8 @@ def _paper(options: argparse.Namespace) -> None:
 
 def _inputs(path: str, scene: Scene) -> list[str | Path]:
     """Return the files that a command reads: a scene's own, and its records'."""
-    records = [source.file for source in scene.excitation if isinstance(source, Recorded)]
-    return [path_of(path) if is_id(path) else path, *records]
+    records = [source.paths for source in scene.excitation if isinstance(source, Recorded)]
+    return [path_of(path) if is_id(path) else path, *chain.from_iterable(records)]
 
 
 def _checked_outputs(options: argparse.Namespace, scene: Scene, names: Sequence[str]) -> list[Path]:

@@ -99,6 +99,7 @@ def begin_excitation(model, lanes, streams, which, first, last):
                 if kind == SWEEP:
                     _begin_sweep(lanes, row, jet, i)
                 else:  # its own start is its jet over no time
+                    record.begin(model, slot + OWN, lanes, row, i)
                     add_record(model, slot, lanes, 0.0, 0.0, i)
     return at.OK
 
@@ -276,7 +277,7 @@ def add_records(model, lanes, clock, first, last):
         if not is_record(model, slot):
             continue
         row, jet = _row_and_jet(model, slot)
-        if not has_corners(model) and model[slot + OWN + record.SPACING] > 0.0:
+        if not has_corners(model) and model[slot + OWN + record.IS_EVEN] > 0.0:
             record.add_lines(model, slot + OWN, lanes, row, jet, clock, first, last)
             continue
         for i in range(first, last):

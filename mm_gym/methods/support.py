@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from mm_gym.compiler.jit import plain
@@ -64,6 +64,8 @@ class Support:
         Rows that stay between `low` and `high`: all but the state and what follows from other rows.
     products
         (row, row of the ratio, row of the other field) of each field that follows from a ratio.
+    records
+        Dotted name of each set of records -> its files, in the order of their numbers.
     idle_velocity
         Reference velocity [m/s] of dry friction that is left out because no motion of the scene
         slips; infinite without it.
@@ -94,6 +96,7 @@ class Support:
     interface: Interface = LINE
     interface_row: int = 0
     is_between: bool = False
+    records: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -149,6 +152,11 @@ class Support:
     def own_rows(self) -> list[int]:
         """Row of the interface's own state, if it has one."""
         return [self.interface_row - 1] if self.interface.has_state else []
+
+    @property
+    def number_rows(self) -> dict[str, int]:
+        """Dotted name of each set of records -> the row of the number of an episode's record."""
+        return {name: self.names[f"{name}.record"] for name in self.records}
 
     @property
     def state_rows(self) -> list[int]:

@@ -9,24 +9,34 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from mm_gym.errors import SceneError
 from mm_gym.excitation import filters as shaping
 from mm_gym.excitation import impulse_process, interpolation, noise, record
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout as at
 from mm_gym.plant.filters import filter_matrices
 from mm_gym.records import read_record
+from mm_gym.records.spectrum import peak_responses
+from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Recorded, Sweep
+    from mm_gym.records import Record
+    from mm_gym.scene.excitation import FilteredNoise, Impulse, NumberOrRange, Sweep
     from mm_gym.scene.part import Part
 
     Array = NDArray[np.float64]
     Slots = tuple[float, float, float, float]
+
+NUMBER = "record"
+"""Field of the number of an episode's record in a set, which nobody states."""
+
+MOST_SAMPLES = 10_000_000
+"""Samples of the records of a part, at most, of 16 bytes each."""
 
 HARMONIC = -1
 """Code of a harmonic, which has no branch in the kernels: the methods know its rows."""
@@ -91,6 +101,10 @@ class Kind(Generic[P]):
     drawn_rows: Callable[[Placed[P]], int] = lambda _: 0
     prepare: Callable[[Placed[P], Array, float], None] = lambda _, __, ___: None
 
+    def fields_of(self, part: P) -> dict[str, int]:
+        """Return numeric field of a part -> its row, in which a record has other fields too."""
+        return _record_fields(part) if isinstance(part, Recorded) else self.fields
+
 
 @dataclass(frozen=True)
 class Placed(Generic[P]):
@@ -128,14 +142,15 @@ class Placed(Generic[P]):
     def names(self) -> dict[str, int]:
         """Return the dotted name of each field that can be set -> its row of a lane."""
         return {
-            f"{self.name}.{name}": self.first + self.kind.fields[name]
+            f"{self.name}.{name}": self.first + self.kind.fields_of(self.part)[name]
             for name in self.values
-            if getattr(self.part, name) is not None
+            if name == NUMBER or self.part.value_of(name) is not None
         }
 
     def rows(self) -> dict[int, NumberOrRange]:
         """Return row of a lane -> value or range, also of the rows that no field sets."""
-        own = {self.kind.fields[name]: value for name, value in self.values.items()}
+        rows = self.kind.fields_of(self.part)
+        own = {rows[name]: value for name, value in self.values.items()}
         return {self.first + row: value for row, value in (own | self.kind.constants).items()}
 
 
@@ -186,20 +201,59 @@ def _impulse_slots(placed: Placed[Impulse]) -> Slots:
     return float(isinstance(size, tuple)), *bounds(size), 0.0
 
 
+def _record_fields(part: Recorded) -> dict[str, int]:
+    """Return field -> row: of what a record is scaled to, and of the number in a set."""
+    fields = {"time_scale": record.TIME_SCALE, "start": record.START}
+    if part.scale_to is None:
+        fields["scale"] = record.SCALE
+    elif part.scale_to.peak is not None:
+        fields["scale_to.peak"] = record.SCALE
+    else:
+        fields["scale_to.spectral_acceleration"] = record.SCALE
+    return fields | ({NUMBER: record.NUMBER} if part.files is not None else {})
+
+
 def _record_samples(part: Recorded) -> tuple[Array, float]:
     is_force = part.target == "force" and part.inertial_mass is None
-    peer = part.file.lower().endswith(".at2") and not is_force
-    unit = part.unit or ("g" if peer else "N" if is_force else "m/s^2")
-    motion = read_record(
-        part.file,
-        unit=unit,
-        time_step=part.time_step,
-        column=part.column,
-        skip=part.skip,
-        variable=part.variable,
-    )
-    factor = 1.0 if part.inertial_mass is None else -part.inertial_mass
-    return np.vstack([motion.times, factor * motion.values]), motion.time_step
+    usual = "N" if is_force else "m/s^2"
+    mass = 1.0 if part.inertial_mass is None else -part.inertial_mass
+    motions: list[Array] = []
+    factors: list[float] = []
+    shortest, total = inf, 0
+    for file in part.paths:
+        peer = file.lower().endswith(".at2") and not is_force
+        motion = read_record(
+            file,
+            unit=part.unit or ("g" if peer else usual),
+            time_step=part.time_step,
+            column=part.column,
+            skip=part.skip,
+            variable=part.variable,
+        )
+        total += len(motion.times)
+        if total > MOST_SAMPLES:
+            msg = f"{file}: got {total} samples in the files up to it; allowed: {MOST_SAMPLES}"
+            raise SceneError(msg)
+        motions.append(np.vstack([motion.times, mass * motion.values]))
+        factors.append(_factor(part, file, motion))
+        shortest = min(shortest, motion.time_step)
+    return record.block_of(motions, factors, interpolation.ROUND_OFF), shortest
+
+
+def _factor(part: Recorded, file: str, motion: Record) -> float:
+    """Return the factor that makes a record's measure 1, if it is scaled to a value of that."""
+    scale_to = part.scale_to
+    if scale_to is None:
+        return 1.0
+    if scale_to.period is None:
+        measure = float(np.max(np.abs(motion.values)))
+    else:  # an oscillator of period T under a record slowed by s is one of period T / s under it
+        period = scale_to.period / part.time_scale
+        measure = peak_responses(motion.times, motion.values, period, scale_to.damping)[0].item()
+    if not measure > 0.0:
+        msg = f"{file}: all samples are 0; allowed: a record that can be scaled to something"
+        raise SceneError(msg)
+    return 1.0 / measure
 
 
 def _record_interval(placed: Placed[Recorded]) -> float:
@@ -207,11 +261,20 @@ def _record_interval(placed: Placed[Recorded]) -> float:
 
 
 def _record_slots(placed: Placed[Recorded]) -> Slots:
-    times = placed.samples[0]
-    spacing = float(times[-1]) / (len(times) - 1)  # the shortest one is rounded
-    even = spacing * np.arange(len(times))
-    is_even = np.all(np.abs(times - even) <= interpolation.ROUND_OFF * even)
-    return placed.data, len(times), spacing if is_even else 0.0, 0.0
+    count = record_count(placed)
+    table = placed.samples[: record.LINE * count].reshape(count, record.LINE)
+    return placed.data, count, float(np.all(table[:, record.SPACING] > 0.0)), 0.0
+
+
+def record_count(placed: Placed[Recorded]) -> int:
+    """Return the number of records in a set: its first one begins behind the table."""
+    return int(placed.samples[record.DATA]) // record.LINE
+
+
+def motions_of(placed: Placed[Recorded]) -> Iterator[Array]:
+    """Yield times [s] and values (2, n) of each record in a set."""
+    for number in range(record_count(placed)):
+        yield record.points_in(placed.samples, number)[0]
 
 
 def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> float:
@@ -351,11 +414,7 @@ KINDS: dict[str, Kind[Any]] = {
         slots=_impulse_slots,
     ),
     "record": Kind(
-        fields={
-            "scale": record.SCALE,
-            "time_scale": record.TIME_SCALE,
-            "start": record.START,
-        },
+        fields={},  # see `_record_fields`
         rows=record.ROWS,
         code=kernels.RECORD,
         terms=2,

@@ -13,15 +13,15 @@ from mm_gym.errors import CompileError
 from mm_gym.excitation import interpolation
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout as at
-from mm_gym.plant.excitation import HARMONIC, KINDS, Placed
-from mm_gym.scene.excitation import Sampled
+from mm_gym.plant.excitation import HARMONIC, KINDS, NUMBER, Placed, motions_of
+from mm_gym.scene.excitation import Recorded, Sampled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from mm_gym.scene.excitation import NumberOrRange, Recorded
+    from mm_gym.scene.excitation import NumberOrRange
     from mm_gym.scene.scene import Scene
 
     Parts = Sequence[Placed[Any]]
@@ -62,6 +62,8 @@ class Layout:
         Row of the first jet, its terms, and the number of a lane's rows.
     intervals_per_step
         Sample intervals of a control step.
+    records
+        Dotted name of each set of records -> its files, in the order of their numbers.
     """
 
     parts: tuple[Placed[Any], ...]
@@ -73,6 +75,7 @@ class Layout:
     terms: int
     size: int
     intervals_per_step: int
+    records: dict[str, tuple[str, ...]]
 
 
 def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
@@ -129,6 +132,11 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
         terms=terms,
         size=free[False],
         intervals_per_step=intervals,
+        records={
+            placed.name: placed.part.paths
+            for placed in parts
+            if isinstance(placed.part, Recorded) and placed.part.files is not None
+        },
     )
 
 
@@ -139,24 +147,29 @@ def _parts(scene: Scene) -> list[Placed[Any]]:
     parts: list[Placed[Any]] = []
     for k, kind in enumerate(kinds):
         part = scene.excitation[k]
+        if isinstance(part, Recorded) and part.files is not None:  # a pattern is looked for once
+            part = part.model_copy(update={"files": part.paths})
         samples, step = kind.samples(part)
-        name, values = f"excitation.{k}", _values(scene, k)
+        name, values = f"excitation.{k}", _values(scene, k, part)
         parts.append(Placed(kind, part, name, 0, values, samples, step, data))
         data += samples.size
     return parts
 
 
-def _values(scene: Scene, k: int) -> dict[str, NumberOrRange]:
+def _values(scene: Scene, k: int, part: Any) -> dict[str, NumberOrRange]:  # noqa: ANN401 - of any kind
     """Return value or range of each numeric field.
 
     A range that the part itself states is left out: the kernels draw from it as often as they need.
     """
-    part = scene.excitation[k]
     values: dict[str, NumberOrRange] = {}
-    for name in KINDS[part.kind].fields:
-        value: NumberOrRange | None = getattr(part, name)
-        if value is None:
+    for name in KINDS[part.kind].fields_of(part):
+        value: NumberOrRange | None = part.value_of(name)
+        if name == NUMBER:
+            values[name] = 0.0, float(len(part.files))
+        elif value is None:
             values[name] = NEVER[name]
+        elif name.startswith("scale_to"):
+            values[name] = value
         elif not isinstance(value, tuple):
             values[name] = scene.range_of(f"excitation.{k}.{name}", value)
     return values
@@ -197,29 +210,37 @@ def _fastest_turn(scene: Scene, parts: Parts) -> float:
 
 
 def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:
-    """Tell whether a record's corners are sample instants in all episodes."""
+    """Tell whether the corners of all records of a set are sample instants in all episodes."""
     scale, start = placed.lowest("time_scale"), placed.lowest("start")
     if scale != placed.highest("time_scale") or start != placed.highest("start"):
         return False
     with np.errstate(over="ignore", invalid="ignore"):
-        places: NDArray[np.float64] = (placed.samples[0] - start) * scale / interval
-        off = np.abs(places - np.round(places)) > ON_GRID + interpolation.ROUND_OFF * np.abs(places)
-    return not np.any(off & (places > 0.0))
+        for times, _ in motions_of(placed):
+            places: NDArray[np.float64] = (times - start) * scale / interval
+            close = ON_GRID + interpolation.ROUND_OFF * np.abs(places)
+            if np.any((np.abs(places - np.round(places)) > close) & (places > 0.0)):
+                return False
+    return True
 
 
 def _warn_of_rest(scene: Scene, placed: Placed[Recorded]) -> None:
-    """Warn of a record that no episode reaches the end of."""
-    times, values = placed.samples
-    shaken = np.flatnonzero(values)
-    if not shaken.size:
-        return
-    end = times[min(shaken[-1] + 1, len(times) - 1)]
+    """Warn of records that no episode reaches the end of."""
+    ends: list[float] = []
+    for times, values in motions_of(placed):
+        shaken = np.flatnonzero(values)
+        ends.append(float(times[min(shaken[-1] + 1, len(times) - 1)]) if shaken.size else 0.0)
     lasts = scene.control.steps * scene.control.time_step
     with np.errstate(over="ignore", divide="ignore"):
         reached = placed.highest("start") + np.divide(lasts, placed.lowest("time_scale"))
-    if end > reached * (1.0 + 1e-9):
+    late = [end for end in ends if end > reached * (1.0 + 1e-9)]
+    if late:
+        which = (
+            "the record lasts"
+            if len(ends) == 1
+            else f"{len(late)} of {len(ends)} records last up to"
+        )
         warnings.warn(
-            f"{placed.name}: the record lasts {end:g} s, of which an episode of {lasts:g} s "
+            f"{placed.name}: {which} {max(late):g} s, of which an episode of {lasts:g} s "
             f"reaches {reached:g} s; set control.steps, start or time_scale if the rest matters",
             stacklevel=6,  # where `compile_scene` was called
         )

@@ -65,7 +65,8 @@ def _record_findings(scene: Scene, wrong: frozenset[str]) -> Iterator[str]:
             try:
                 KINDS[part.kind].samples(part)
             except SceneError as error:
-                yield f"excitation.{k}.file: {error}"
+                field = "files" if part.kind == "record" and part.files is not None else "file"
+                yield f"excitation.{k}.{field}: {error}"
 
 
 def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterator[str]:
@@ -80,6 +81,15 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
             "interface.normal_force: missing; by default it is the sphere's weight, but "
             "sphere.mass is randomised. State a number, or randomise it too"
         )
+    for k, part in enumerate(scene.excitation):
+        if part.kind != "record" or part.scale_to is None or part.scale_to.period is None:
+            continue
+        name = f"excitation.{k}.time_scale"
+        if name in drawn and is_whole([f"excitation.{k}", f"randomization.{name}"], wrong):
+            yield (
+                f"randomization.{name}: allowed: no range, because a spectral acceleration depends "
+                f"on it; draw excitation.{k}.scale in place of scale_to"
+            )
     mass = bounds(scene.range_of("carriage.mass", scene.carriage.mass))
     if mass[0] > 0.0 or not is_whole(["carriage.mass", "randomization.carriage.mass"], wrong):
         return

@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from mm_gym.step.control_step import Entries
 
 
+SCALED = ("peak", "spectral_acceleration")
+"""What records are scaled to."""
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """The simplest model that covers a scene's support, ready to be propagated.
@@ -96,6 +100,19 @@ class Plant:
     def channels(self) -> tuple[str, ...]:
         """Names of the channels."""
         return tuple(channel.name for channel in self.observed)
+
+    @property
+    def records(self) -> dict[str, tuple[str, ...]]:
+        """Name of each set of records, as "excitation.0" -> its files, by their numbers.
+
+        ``env.unwrapped.drawn("excitation.0.record")`` is the number of an episode's record.
+        """
+        return dict(self.support.records)
+
+    def records_of(self, lane: NDArray[np.float64]) -> dict[str, str]:
+        """Return name of each set of records -> the file that a lane (rows,) has."""
+        rows = self.support.number_rows
+        return {name: files[int(lane[rows[name]])] for name, files in self.records.items()}
 
     def linear(
         self, stretch: float | None = None
@@ -328,7 +345,19 @@ class Plant:
             ("cost", cost),
             ("error", method.bound(self.settings)),
         ]
+        lines += [("records", self._set_of_records(name)) for name in self.support.records]
         return "\n".join(f"{title:8} {text}" for title, text in lines)
+
+    def _set_of_records(self, name: str) -> str:
+        support = self.support
+        text = f"{name}: one of {len(support.records[name])} in each episode"
+        for measure in SCALED:
+            row = support.names.get(f"{name}.scale_to.{measure}")
+            if row is not None:
+                low, high = support.low[row], support.high[row]
+                span = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+                text += f", scaled to a {measure.replace('_', ' ')} of {span} in SI units"
+        return text
 
 
 def _equations(support: Support, row: NDArray[np.float64]) -> StateSpace:

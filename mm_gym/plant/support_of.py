@@ -12,6 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.law import INTERFACES
 from mm_gym.law.interface import LINE
 from mm_gym.methods.support import Support, fastest_rate
+from mm_gym.plant.excitation import NUMBER
 from mm_gym.plant.excitation_layout import lay_out
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
@@ -82,6 +83,8 @@ def support_of(scene: Scene) -> Support:
     for placed in layout.parts:
         placed.kind.prepare(placed, layout.description, sample_interval)
     start_low, start_high = low.copy(), high.copy()
+    for name in layout.records:  # drawn from [0, count), and rounded down
+        high[rows[f"{name}.{NUMBER}"]] -= 1.0
     if scene.actuation.force is not None:
         high[at.FORCE] = scene.actuation.force.limit
         low[at.FORCE] = -high[at.FORCE]
@@ -110,6 +113,7 @@ def support_of(scene: Scene) -> Support:
         interface=interface,
         interface_row=first if own else 0,
         is_between=scene.actuation.is_between,
+        records=layout.records,
     )
 
 

@@ -305,6 +305,10 @@ def _drawn(scene: Scene, plant: Plant, episode: Episode) -> Scene:
     values: dict[str, object] = {
         name: float(episode.recording.parameters[row])
         for name, row in support.names.items()
-        if support.start_low[row] != support.start_high[row] and not name.startswith("initial.")
+        if support.start_low[row] != support.start_high[row]
+        and not name.startswith("initial.")
+        and row not in support.number_rows.values()
     }
+    for name, file in plant.records_of(episode.recording.parameters).items():
+        values |= {f"{name}.file": file, f"{name}.files": None}
     return scene.replace(randomization={}, **values)

@@ -20,6 +20,12 @@ MOST_LIMIT = 3.0
 NOISE_PEAKS = 3.0
 """Largest force that is expected of a noise, in its root mean square."""
 
+NAMES_OF_SIZES = (
+    *(("size", 1.0), ("amplitude", 1.0), ("scale_to.peak", 1.0)),
+    ("rms", NOISE_PEAKS),
+)
+"""Fields that tell how large an excitation is, and the largest value expected over theirs."""
+
 CAMERA = 0.3
 """Frequency below which the camera follows the ground, in the carriage's natural frequency."""
 
@@ -146,8 +152,8 @@ def _parts(scene: Scene, target: str, *, impulses: bool) -> list[int]:
 def _size(scene: Scene, k: int) -> float:
     """Return the largest value expected of a part of the excitation; of a record, 1."""
     part = scene.excitation[k]
-    for name, factor in (("size", 1.0), ("amplitude", 1.0), ("rms", NOISE_PEAKS)):
-        value = getattr(part, name, None)
+    for name, factor in NAMES_OF_SIZES:
+        value = part.value_of(name)
         if value is not None:
             ends = bounds(scene.range_of(f"excitation.{k}.{name}", value))
             return max(abs(ends[0]), abs(ends[1])) * factor or 1.0

@@ -20,7 +20,7 @@ ROUNDS = 10
 DEEPEST = 5
 """Levels of data that are copied; a scene has fewer."""
 
-STANDS_IN = {"file": "record.csv", "kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
+STANDS_IN = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
 """Values in place of wrong ones without a default; all others are 1."""
 
 

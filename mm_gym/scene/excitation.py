@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import glob
+from itertools import islice
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
+from mm_gym.errors import SceneError
 from mm_gym.scene.part import Part, listed
 from mm_gym.scene.rules import Ratio, Rule, ordered
 
@@ -14,6 +17,11 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Range = Annotated[tuple[float, float], BeforeValidator(listed), AfterValidator(ordered)]
 NumberOrRange = float | Range
+PositiveOrRange = (
+    Positive
+    | Annotated[tuple[Positive, Positive], BeforeValidator(listed), AfterValidator(ordered)]
+)
+Name = Annotated[str, Field(min_length=1)]
 Target = Literal["force", "ground"]
 ForceUnit = Literal["N", "kN", "lbf"]
 AccelerationUnit = Literal["m/s^2", "cm/s^2", "mm/s^2", "gal", "g", "ft/s^2", "in/s^2"]
@@ -196,16 +204,87 @@ def _inertial_force(mass: float | None, target: str) -> str | None:
     return "inertial_mass: has no effect on the ground; set target = 'force'"
 
 
+def _one_measure(peak: object, spectral: object) -> str | None:
+    if (peak is None) != (spectral is None):
+        return None
+    if peak is None:
+        return "peak: missing; allowed: peak or spectral_acceleration"
+    return "peak: got spectral_acceleration too; allowed: one of them"
+
+
+def _with_period(spectral: object, period: float | None) -> str | None:
+    if (spectral is None) == (period is None):
+        return None
+    if period is None:
+        return "period: missing; spectral_acceleration is that of an oscillator of this period"
+    return "period: has no effect without spectral_acceleration"
+
+
+class ScaleTo(Part):
+    """What records are scaled to: a number, or [low, high] for a uniform draw in each episode."""
+
+    peak: PositiveOrRange | None = None
+    """largest magnitude of the samples [m/s^2], or [N] of a record of a force"""
+    spectral_acceleration: PositiveOrRange | None = None
+    """pseudo-acceleration of an oscillator [m/s^2], see docs/excitation.md, section 5"""
+    period: Positive | None = None
+    """natural period of this oscillator [s]"""
+    damping: Annotated[float, Field(ge=0, le=10)] = 0.05
+    """its damping ratio [-]"""
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("peak", "spectral_acceleration"), _one_measure),
+        Rule(("spectral_acceleration", "period"), _with_period),
+    )
+
+
+MOST_FILES = 1000
+"""Records of a set, at most."""
+
+
+def _one_source(file: str | None, files: object) -> str | None:
+    if (file is None) != (files is None):
+        return None
+    if file is None:
+        return "file: missing; allowed: file, or files for a set of records"
+    return "files: got file too; allowed: one of them"
+
+
+def _one_scale(scale: float, scale_to: ScaleTo | None) -> str | None:
+    if scale == 1.0 or scale_to is None:
+        return None
+    return "scale: has no effect with scale_to"
+
+
+def _shakes(target: str, mass: float | None, scale_to: ScaleTo | None) -> str | None:
+    if target == "ground" or scale_to is None or scale_to.spectral_acceleration is None:
+        return None
+    if mass is not None:
+        return None
+    return "scale_to: spectral_acceleration is of the ground's motion; got target = 'force'"
+
+
 class Recorded(Sampled):
     """A record from a file, applied from `start` on: its piecewise-linear interpolant.
 
-    It is zero before its first sample and after its last.
+    It is zero before its first sample and after its last. Of several files each episode draws one.
     """
 
     kind: Literal["record"] = "record"
-    file: Annotated[str, Field(min_length=1)]
+    file: Name | None = None
     """a PEER AT2 file, text in columns, or a .mat or .npz file of arrays; a path in a scene file is
     relative to that file's folder"""
+    files: (
+        Annotated[
+            tuple[Name, ...],
+            BeforeValidator(listed),
+            Field(min_length=1, max_length=MOST_FILES),
+        ]
+        | Name
+        | None
+    ) = None
+    """in place of file a list of files, or a pattern such as "motions/*.at2", whose files are in
+    alphabetical order; each episode has one of them, with equal chances"""
     inertial_mass: float | None = None
     """[kg]: with target "force", the record is an acceleration a of the ground, and the force is
     -inertial_mass * a; negative where a mode moves less than its device, see `mm_gym.structure`"""
@@ -224,12 +303,39 @@ class Recorded(Sampled):
     """name of the array in a .mat or .npz file; by default the only one"""
     scale: float = 1.0
     """factor of the values [-]"""
+    scale_to: ScaleTo | None = None
+    """scales the whole record, before `start` too, in place of scale"""
     time_scale: Positive = 1.0
     """factor of the times [-]; below 1 the record runs faster"""
     start: NonNegative = 0.0
     """time of the record [s] at which an episode begins"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (Rule(("inertial_mass", "target"), _inertial_force),)
+    rules: ClassVar[tuple[Rule, ...]] = (
+        Rule(("file", "files"), _one_source),
+        Rule(("scale", "scale_to"), _one_scale),
+        Rule(("target", "inertial_mass", "scale_to"), _shakes),
+        Rule(("inertial_mass", "target"), _inertial_force),
+    )
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The files, in order; those of a pattern are looked for.
+
+        Raises
+        ------
+        SceneError
+            If no file matches the pattern, or too many do.
+        """
+        if isinstance(self.files, tuple):
+            return self.files
+        if self.files is None:
+            return () if self.file is None else (self.file,)
+        found = tuple(islice(glob.iglob(self.files), MOST_FILES + 1))  # noqa: PTH207 - Path has no absolute patterns
+        if not 1 <= len(found) <= MOST_FILES:
+            got = f"{len(found)} files" if not found else f"more than {MOST_FILES} files"
+            msg = f"{self.files}: got {got}; allowed: 1 to {MOST_FILES} that match the pattern"
+            raise SceneError(msg)
+        return tuple(sorted(found))
 
 
 Excitation = Annotated[

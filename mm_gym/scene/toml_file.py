@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -78,6 +79,14 @@ def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
             entry = cast("dict[str, object]", source)
             if isinstance(entry.get("file"), str) and entry["file"]:
                 entry["file"] = str(folder / cast("str", entry["file"]))
+            files = entry.get("files")
+            if isinstance(files, str) and files:
+                entry["files"] = str(Path(glob.escape(str(folder))) / files)
+            elif isinstance(files, list):
+                entry["files"] = [
+                    str(folder / one) if isinstance(one, str) and one else one
+                    for one in cast("list[object]", files)
+                ]
     return data
 
 

@@ -85,6 +85,9 @@ def _value(value: object) -> str:
     """Return a value: texts as JSON, whose escapes TOML reads too, numbers with all digits."""
     if isinstance(value, list):
         return f"[{', '.join(_value(entry) for entry in cast('list[object]', value))}]"
+    if isinstance(value, dict):
+        entries = (f"{_key(key)} = {_value(entry)}" for key, entry in cast("Table", value).items())
+        return f"{{ {', '.join(entries)} }}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value).lower() if isinstance(value, bool) else repr(value)

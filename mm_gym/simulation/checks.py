@@ -37,6 +37,10 @@ def checked_fields(
             raise SceneError(msg)
     checked = {row: _checked(name, given[name], row, support, count) for name, row in rows.items()}
     _check_offset(checked, support)
+    for row in support.number_rows.values():
+        if row in checked and np.any(checked[row] % 1.0):
+            msg = f"{names[row]}: got {checked[row]}; allowed: whole numbers, those of records"
+            raise SceneError(msg)
     return checked
 
 
@@ -127,6 +131,10 @@ def check_values(
     if np.any(age < 0.0) or np.any(age % 1.0 > 0.0):
         msg = f"state.values: rows {at.BEGAN} and {at.NOW}: allowed: whole numbers, in order"
         raise SceneError(msg)
+    for name, row in support.number_rows.items():
+        if np.any(values[row] % 1.0):
+            msg = f"state.values: row {row} ({name}.record): allowed: whole numbers"
+            raise SceneError(msg)
     for row, ratio, other in support.products:
         if np.any(values[row] != values[ratio] * values[other]):
             msg = f"state.values: row {row}: allowed: the product of rows {ratio} and {other}"

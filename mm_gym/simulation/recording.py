@@ -313,10 +313,12 @@ def _records(recording: Recording, time: Array) -> Iterator[tuple[int, Array]]:
     for part in described[FIRST : FIRST + SIZE * int(described[0])].reshape(-1, SIZE):
         if part[KIND] != RECORD:
             continue
-        row, first = int(part[ROW]), int(part[OWN + record.DATA])
-        count = int(part[OWN + record.LENGTH])
-        times, values = described[first : first + 2 * count].reshape(2, count)
+        row, block = int(part[ROW]), described[int(part[OWN + record.TABLE]) :]
+        (times, values), factor = record.points_in(block, int(p[row + record.NUMBER]))
         own: Array = p[row + record.START] + time / p[row + record.TIME_SCALE]
         for end in (float(times[0]), float(times[-1])):  # rounding must not carry an instant over
             own = np.where(np.abs(own - end) <= ROUND_OFF * end, end, own)
-        yield int(part[TARGET]), p[row + record.SCALE] * np.interp(own, times, values, 0.0, 0.0)
+        yield (
+            int(part[TARGET]),
+            p[row + record.SCALE] * factor * np.interp(own, times, values, 0.0, 0.0),
+        )

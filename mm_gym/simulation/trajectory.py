@@ -74,6 +74,11 @@ class Trajectory:
     recording: Recording
     place: Place
 
+    @property
+    def records(self) -> dict[str, str]:
+        """Name of each set of records, as "excitation.0" -> the file that this episode has."""
+        return self.recording.plant.records_of(self.parameters)
+
     @cached_property
     def excitation(self) -> NDArray[np.float64]:
         """Disturbing force [N] and acceleration of the ground [m/s^2], (n, 2)."""

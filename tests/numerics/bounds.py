@@ -318,9 +318,8 @@ class _Lane:
         return ends
 
     def _points(self, own: Array) -> tuple[Array, Array]:
-        first, count = int(own[record.DATA]), int(own[record.LENGTH])
-        times, values = self.plant.support.excitation[first : first + 2 * count].reshape(2, count)
-        return times, values
+        block = self.plant.support.excitation[int(own[record.TABLE]) :]
+        return tuple(record.points_in(block, 0)[0])
 
     def _clock(self, row: int) -> tuple[Fraction, Fraction]:
         """Return start and time scale of a record."""
