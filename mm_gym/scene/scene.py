@@ -274,7 +274,8 @@ class Scene(Part):
         found: dict[str, Any] = {}
         for name in LATER:
             *path, field = name.split(".")
-            part, inner = self.value_of(".".join(path)), found
+            part: Part | None = self.value_of(".".join(path))
+            inner = found
             if part is not None and getattr(part, field) == type(part).model_fields[field].default:
                 for word in path:
                     inner = inner.setdefault(word, {})
