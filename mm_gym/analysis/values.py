@@ -43,8 +43,8 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
         raise SceneError(msg)
     if support.is_general:
         msg = (
-            f"interface.kind: got {support.interface.kind!r}; allowed: 'none', 'viscous', "
-            f"'dry_friction', for which {what} is known"
+            f"{support.general_because}; allowed: interface.kind 'none', 'viscous', "
+            f"'dry_friction' and springs without cubic_coefficient, for which {what} is known"
         )
         raise SceneError(msg)
     row = support.start_low.copy()
@@ -59,13 +59,13 @@ def linear_values(scene: Scene) -> Linear:
     p = 0.5 * (support.start_low + support.start_high)
     p[at.X1 : at.V2 + 1] = 0.0
     plain(dry_friction.write_regimes)(p[:, None], 0, 1)
-    _, damping, stiffness = interface_slopes(support, p)
+    link = interface_slopes(support, p)
     return Linear(
         m1=float(p[at.M1]),
         m2=float(p[at.M2]),
         k1=float(p[at.K1] * p[at.ALPHA]),
-        k2=float(plain(springs.stiffness)(p[at.K0], p[at.STRETCH])) + stiffness,
-        c=float(p[at.C]) + damping,
+        k2=float(plain(springs.stiffness)(p[at.K0], p[at.STRETCH])) + link.stiffness,
+        c=float(p[at.C]) + link.damping,
         d=float(p[at.D]),
     )
 

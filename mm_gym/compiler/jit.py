@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from functools import cache
-from types import FunctionType
+from types import CellType, FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -64,7 +64,7 @@ def inlined_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
     """Return a kernel as plain Python, its helpers too: for decimals, arrays, or a few numbers.
 
-    Helpers are the kernels of its own module that it calls by name.
+    Helpers are the kernels of its own module that it calls by name, and those that it closes over.
     """
     function: Any = getattr(kernel, "py_func", kernel)
     known = function.__globals__
@@ -73,7 +73,11 @@ def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
         for name in function.__code__.co_names
         if hasattr(known.get(name), "py_func")
     }
-    return FunctionType(function.__code__, known | helpers, function.__name__)
+    closure = tuple(
+        CellType(plain(cell.cell_contents)) if hasattr(cell.cell_contents, "py_func") else cell
+        for cell in function.__closure__ or ()
+    )
+    return FunctionType(function.__code__, known | helpers, function.__name__, None, closure)
 
 
 def sharing_kernel(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 
 
 @inlined_kernel
-def _nothing(p, offset, slip, own):
+def zero(p, offset, slip, own):
+    """Return 0, of the kind of the slip velocity."""
     return alike(slip, 0.0)
 
 
-def _zero(p: Sequence[float]) -> float:
+def _none(p: Sequence[float]) -> float:
     return 0.0
 
 
@@ -51,21 +52,23 @@ class Interface:
     kind
         What ``interface.kind`` calls it.
     parameters
-        Names of its fields in a scene, in the order of p.
+        Names of its fields in a scene, in the order of p; those of other parts with their part.
     force
         Kernel (p, offset [m], slip [m/s], own) -> force on the carriage [N].
     rate
         Kernel of the same arguments -> rate of its own state [1/s], if it has one.
     energy
         Kernel of the same arguments -> energy that it stores and can give back [J].
+    springs
+        Kernel of the same arguments -> the share of springs in its force [N].
     resolves
         Kernel (p, slip before, slip after, way) -> whether a step between these sees all that the
         force does in between: error estimates miss what happens between two stages. It may be as
         long as `way`, in units of the slip over which the force bends.
     damping, stiffness
-        Of parameters p -> bound of the force's slope over the slip velocity [N s/m], and over the
-        offset, the own state's share included [N/m]. Both rise with each parameter in `rising`,
-        and fall with the others.
+        Of parameters p -> bound of the force's slope over the slip velocity [N s/m], and over
+        offsets near 0, the own state's share included [N/m]. Both rise with each parameter in
+        `rising`, and fall with the others.
     rising
         Names of those parameters.
     """
@@ -74,10 +77,11 @@ class Interface:
     parameters: tuple[str, ...]
     force: Callable[..., Any]
     rate: Callable[..., Any] | None = None
-    energy: Callable[..., Any] = _nothing
+    energy: Callable[..., Any] = zero
+    springs: Callable[..., Any] = zero
     resolves: Callable[..., Any] | None = None
-    damping: Bound = _zero
-    stiffness: Bound = _zero
+    damping: Bound = _none
+    stiffness: Bound = _none
     rising: frozenset[str] = frozenset()
 
     @property
@@ -88,6 +92,11 @@ class Interface:
     def __repr__(self) -> str:
         """Return what tells it from others, also of another process and of another text."""
         return self._name
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Dotted names of the parameters."""
+        return tuple(name if "." in name else f"interface.{name}" for name in self.parameters)
 
     @cached_property
     def _name(self) -> str:
@@ -133,13 +142,24 @@ def _force_of(interface, p, offset, slip, own):
 
 def rate_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
     """Return the rate [1/s] of the own state, 0 without one."""
-    return (interface.rate or _nothing)(p, offset, slip, own)
+    return (interface.rate or zero)(p, offset, slip, own)
 
 
 @overload(rate_of)
 def _rate_of(interface, p, offset, slip, own):
-    rate = _known[interface.name].rate or _nothing
+    rate = _known[interface.name].rate or zero
     return lambda interface, p, offset, slip, own: rate(p, offset, slip, own)
+
+
+def springs_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
+    """Return the share of springs in that force [N]."""
+    return interface.springs(p, offset, slip, own)
+
+
+@overload(springs_of)
+def _springs_of(interface, p, offset, slip, own):
+    springs = _known[interface.name].springs
+    return lambda interface, p, offset, slip, own: springs(p, offset, slip, own)
 
 
 def resolves(interface: Interface, p: Any, before: Any, after: Any, way: float) -> Any:  # noqa: ANN401

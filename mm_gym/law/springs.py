@@ -1,4 +1,4 @@
-"""The springs between sphere and carriage, small on large or of finite stretch.
+"""The springs between sphere and carriage: linear, small on large or of finite stretch.
 
 They are (5), (6) and (10) of docs/model.md, over every kind of number.
 """
@@ -10,6 +10,9 @@ import math
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.simd_masks import larger, where
+
+LINEAR = -1.5874010519681994
+"""Stretch of linear springs, minus the cube root of 4: with it, (5) is k2 = k0 to one rounding."""
 
 LONGEST_WAY = 2.0
 """Of a step, in units of what is left of the way to a spring's collapse."""

@@ -149,6 +149,14 @@ class Support:
         return self.interface is not LINE
 
     @property
+    def general_because(self) -> str:
+        """What makes the interface known by its value only."""
+        cubic = self.names.get("springs.cubic_coefficient")
+        if cubic is None:
+            return f"interface.kind: got {self.interface.kind!r}"
+        return f"springs.cubic_coefficient: got up to {self.high[cubic]:g} 1/m^2"
+
+    @property
     def own_rows(self) -> list[int]:
         """Row of the interface's own state, if it has one."""
         return [self.interface_row - 1] if self.interface.has_state else []

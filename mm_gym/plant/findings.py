@@ -9,6 +9,7 @@ import numpy as np
 from mm_gym import methods
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout as at
+from mm_gym.law.hardening_springs import CUBIC
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.excitation import KINDS
 from mm_gym.plant.idle_friction import without_idle_friction
@@ -90,6 +91,7 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
                 f"randomization.{name}: allowed: no range, because a spectral acceleration depends "
                 f"on it; draw excitation.{k}.scale in place of scale_to"
             )
+    yield from _cubic_findings(scene, wrong)
     mass = bounds(scene.range_of("carriage.mass", scene.carriage.mass))
     if mass[0] > 0.0 or not is_whole(["carriage.mass", "randomization.carriage.mass"], wrong):
         return
@@ -104,6 +106,18 @@ def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterato
     for name in (*impulses, *shown):
         if is_whole([name], wrong):
             yield f"{name}: a carriage of mass 0 has no finite acceleration; give it some mass"
+
+
+def _cubic_findings(scene: Scene, wrong: frozenset[str]) -> Iterator[str]:
+    """Yield that springs with a cubic term meet dry friction."""
+    cubic = scene.range_of(CUBIC, getattr(scene.springs, "cubic_coefficient", 0.0))
+    read = [CUBIC, f"randomization.{CUBIC}", "interface.kind", "springs.kind"]
+    if scene.interface.kind == "dry_friction" and bounds(cubic)[1] > 0.0 and is_whole(read, wrong):
+        yield (
+            f"{CUBIC}: got up to {bounds(cubic)[1]:g} 1/m^2; allowed: 0 with interface.kind = "
+            "'dry_friction', whose changes of regime no method follows between such springs; "
+            "'stribeck' has none"
+        )
 
 
 def support_findings(scene: Scene, support: Support) -> Iterator[str]:

@@ -66,11 +66,30 @@ def _slopes_with(interface: Interface) -> Callable[..., None]:
     return slopes_with(interface)
 
 
-def interface_slopes(support: Support, row: Array) -> tuple[float, float, float]:
-    """Return force [N] and slopes of an interface in value form, at the state of a lane (rows,).
+class InterfaceSlopes(NamedTuple):
+    """An interface in value form at a point; 0 of any other.
 
-    The slopes are those over the slip velocity [N s/m] and over the offset [N/m]. A state of its
-    own follows small motions as the offset does, and is 0 at the point.
+    Attributes
+    ----------
+    force
+        On the carriage [N].
+    damping, stiffness
+        Slopes of the force over the slip velocity [N s/m], and over the offset [N/m].
+    spring_force, spring_stiffness
+        What of force and stiffness is that of springs.
+    """
+
+    force: float = 0.0
+    damping: float = 0.0
+    stiffness: float = 0.0
+    spring_force: float = 0.0
+    spring_stiffness: float = 0.0
+
+
+def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:
+    """Return the slopes of an interface in value form, at the state of a lane (rows,).
+
+    A state of its own follows small motions as the offset does, and is 0 at the point.
 
     Raises
     ------
@@ -78,26 +97,26 @@ def interface_slopes(support: Support, row: Array) -> tuple[float, float, float]
         If its own state would leave 0 by itself.
     """
     if not support.is_general:
-        return 0.0, 0.0, 0.0
-    found, interface = np.zeros((2, 4)), support.interface
+        return InterfaceSlopes()
+    found, interface = np.zeros((3, 4)), support.interface
     point = np.array([row[at.X2] - row[at.X1], row[at.V2] - row[at.V1], 0.0])
     _slopes_with(interface)(row[list(support.interface_rows)], point, found)
-    (force, stiffness, damping, over_own), (_, _, own_by_slip, own_by_own) = found.tolist()
+    (force, stiffness, damping, over_own), (_, _, own_by_slip, own_by_own), springs = found.tolist()
     if abs(own_by_own) > ROUND_OFF * abs(own_by_slip * point[1]):
         msg = (
             f"about: got a slip velocity of {point[1]:g} m/s, at which the state of "
             f"interface.kind = {interface.kind!r} relaxes; allowed: 0"
         )
         raise SceneError(msg)
-    return force, damping, stiffness + over_own * own_by_slip
+    return InterfaceSlopes(force, damping, stiffness + over_own * own_by_slip, *springs[:2])
 
 
 def values_about(support: Support, row: Array) -> dict[str, Decimal]:
     """Return `values_of` a lane, an interface in value form by its slopes."""
     values = values_of(row)
-    _, damping, stiffness = interface_slopes(support, row)
-    values["c"] += Decimal(damping)
-    values["k2"] += Decimal(stiffness)
+    link = interface_slopes(support, row)
+    values["c"] += Decimal(link.damping)
+    values["k2"] += Decimal(link.stiffness)
     return values
 
 
@@ -115,7 +134,7 @@ def tangent(support: Support, row: Array) -> Tangent:
     x1, x2, v1, v2 = (float(value) for value in row[:4])
     offset, w = x2 - x1, v2 - v1
     values = values_of(row)
-    link, damping, stiffness = interface_slopes(support, row)
+    link = interface_slopes(support, row)
     beta, vr = float(row[at.BETA]), float(row[at.VR])
     over_offset, over_stretch = _spring_slopes(row, offset)
     if row[at.L0] > 0.0:
@@ -123,8 +142,8 @@ def tangent(support: Support, row: Array) -> Tangent:
     if vr > 0.0 and abs(w) > vr:
         values["c"] = Decimal(float(row[at.CHI]))
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        values["c"] += Decimal(damping)
-        values["k2"] += Decimal(stiffness)
+        values["c"] += Decimal(link.damping)
+        values["k2"] += Decimal(link.stiffness)
         k1 = Decimal(float(row[at.K1]))
         values["k1"] += 3 * k1 * Decimal(beta) * Decimal(x1) ** 2  # the slope of (1)
         system = state_space(values)
@@ -132,12 +151,13 @@ def tangent(support: Support, row: Array) -> Tangent:
         slope = Decimal(over_stretch)
         zero = 0 * m1
         stretch = np.array([zero, zero, slope / m1, -slope / m2])
-        force, spring_force = _forces(row, link)
+        force, spring_force = _forces(row, link.force)
         moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
         one = np.array([Decimal(value) for value in moving])
         control = system.control(is_between=support.is_between)
         drivers = np.column_stack([control, stretch, system.force, system.ground, one])
-    return Tangent(system.a, drivers, (over_offset, over_stretch), spring_force)
+    slopes = over_offset + link.spring_stiffness, over_stretch
+    return Tangent(system.a, drivers, slopes, spring_force + link.spring_force)
 
 
 def _spring_slopes(row: Array, offset: float) -> tuple[float, float]:

@@ -116,7 +116,7 @@ def _reasons(
     if support.is_nonlinear and not support.is_general:
         return (*reasons, *skipped)
     if support.is_general:
-        reasons.append(f"interface.kind = {support.interface.kind!r} is known by its value only")
+        reasons.append(f"{support.general_because}; such a force is known by its value only")
     elif not support.slips:
         reasons.append(_coupling(support))
     moves = [_moves(name, support) for name in support.varying]

@@ -12,6 +12,7 @@ import numpy as np
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout as at
+from mm_gym.law.springs import LINEAR
 from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.linearise import values_about
 from mm_gym.plant.state_space import state_space_of
@@ -323,6 +324,9 @@ class Plant:
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:
                 msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
+                raise SceneError(msg)
+            if middle[at.STRETCH] == LINEAR:
+                msg = "stretch: springs.kind = 'linear' has none; leave it out"
                 raise SceneError(msg)
             middle[at.STRETCH] = stretch
         return middle

@@ -10,7 +10,9 @@ import numpy as np
 from mm_gym.excitation.sources import LONGEST_TURN
 from mm_gym.lanes import layout as at
 from mm_gym.law import INTERFACES
+from mm_gym.law.hardening_springs import CUBIC, LINES, with_hardening_springs
 from mm_gym.law.interface import LINE
+from mm_gym.law.springs import LINEAR
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation import NUMBER
 from mm_gym.plant.excitation_layout import lay_out
@@ -18,6 +20,7 @@ from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
 
 if TYPE_CHECKING:
+    from mm_gym.law.interface import Interface
     from mm_gym.scene.scene import NumberOrRange, Scene
 
 ROWS: dict[str, int] = {
@@ -44,6 +47,9 @@ ROWS: dict[str, int] = {
 }
 """Field -> its row of a lane; `mm_gym.plant.excitation` has those of the excitation."""
 
+FIXED_STRETCH = {"none": 1.0, "linear": LINEAR}
+"""Stretch of springs that have none: kernels divide by it, also where their stiffness is 0."""
+
 CONSTANT = (at.FORCE, at.STRETCH, *range(at.M1, at.L0 + 1))
 """Rows of what the actuators apply, and of the physical parameters."""
 
@@ -58,14 +64,15 @@ def support_of(scene: Scene) -> Support:
     CompileError
         If the excitation divides a control step too finely.
     """
-    values, interface = _fields(scene), INTERFACES.get(scene.interface.kind, LINE)
-    own, others = [], values
-    if interface is not LINE:
-        own = [f"interface.{name}" for name in interface.parameters]
-        others = {n: value for n, value in values.items() if not n.startswith("interface.")}
+    interface = _interface(scene)
+    own = [] if interface is LINE else list(interface.fields)
+    known = ROWS if interface is LINE else [n for n in ROWS if not n.startswith("interface.")]
+    values = {n: value for n, value in _fields(scene).items() if n in known or n in own}
+    others = {n: value for n, value in values.items() if n not in own}
     # A general plant has one method, so fast harmonics divide its control step.
     turn = math.inf if interface is LINE else LONGEST_TURN
-    layout = lay_out(scene, _rate(scene, others), turn)
+    stiffness = {n: value for n, value in values.items() if n == "springs.stiffness"}
+    layout = lay_out(scene, _rate(scene, others | stiffness), turn)
     rows = {name: ROWS[name] for name in others}
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
@@ -76,9 +83,8 @@ def support_of(scene: Scene) -> Support:
     drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
     for row, value in [*stated, *layout.values.items(), *drawn]:
         low[row], high[row] = bounds(value)
-    if scene.springs.kind == "none":
-        # Springs of stiffness 0, unstretched: the kernels divide by the stretch.
-        low[at.STRETCH] = high[at.STRETCH] = 1.0
+    if scene.springs.kind in FIXED_STRETCH:
+        low[at.STRETCH] = high[at.STRETCH] = FIXED_STRETCH[scene.springs.kind]
     sample_interval = scene.control.time_step / layout.intervals_per_step
     for placed in layout.parts:
         placed.kind.prepare(placed, layout.description, sample_interval)
@@ -117,10 +123,22 @@ def support_of(scene: Scene) -> Support:
     )
 
 
+def _interface(scene: Scene) -> Interface:
+    """Return the force between the masses as methods take it: with springs that harden, by value.
+
+    Dry friction is not known by value; `findings` refuses it with such springs.
+    """
+    kind = scene.interface.kind
+    cubic = scene.range_of(CUBIC, getattr(scene.springs, "cubic_coefficient", 0.0))
+    if bounds(cubic)[1] > 0.0 and kind != "dry_friction":
+        return with_hardening_springs((LINES | INTERFACES)[kind])
+    return INTERFACES.get(kind, LINE)
+
+
 def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
     """Return the fastest rate of the plant [1/s], but for dry friction and nonlinear springs."""
     low, high = np.zeros(at.HARMONICS), np.zeros(at.HARMONICS)
-    low[at.STRETCH] = 1.0
+    low[at.STRETCH] = FIXED_STRETCH.get(scene.springs.kind, 1.0)
     for name, value in values.items():
         low[ROWS[name]], high[ROWS[name]] = bounds(value)
     if scene.actuation.stretch is not None:

@@ -119,7 +119,7 @@ class Oracle:
         return np.array([x1, x1 + offset, v1, v2])
 
     def _stretch(self) -> float:
-        return 1.0 if self.scene.springs.kind == "none" else self.scene.springs.stretch
+        return getattr(self.scene.springs, "stretch", 1.0)
 
     def _integrate(
         self, start: float, end: float, state: State, force: float, stretch: float
@@ -230,6 +230,8 @@ class Oracle:
         springs = self.scene.springs
         if springs.kind == "none":
             return 0.0
+        if springs.kind == "linear":
+            return springs.stiffness * (1 + springs.cubic_coefficient * offset**2) * offset
         if springs.kind == "small_on_large":
             return 2 * springs.stiffness * (1 + 2 / stretch**3) * offset
         one, other = stretch + offset / springs.rest_length, stretch - offset / springs.rest_length

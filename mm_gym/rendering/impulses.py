@@ -9,7 +9,6 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
-from mm_gym.law import INTERFACES
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.springs import spring_force
@@ -32,7 +31,7 @@ LEAST = 0.05
 
 def can_be_seen(subject: Subject) -> bool:
     """Tell whether the control steps are short enough to find impulses, and all forces known."""
-    if subject.interface in INTERFACES:  # its own state is not kept
+    if not subject.knows_forces:
         return False
     largest = subject.impulse or subject.ground_impulse
     return largest > 0.0 and 2.0 * pi * subject.time_step <= MOST_TURN * subject.period

@@ -12,6 +12,7 @@ from mm_gym.rendering import look
 from mm_gym.rendering import view as place
 from mm_gym.rendering.impulses import can_be_seen, recent_impulse
 from mm_gym.rendering.numbers import round_up, text_of
+from mm_gym.rendering.subject import UNSTRETCHED
 
 if TYPE_CHECKING:
     from mm_gym.rendering.canvas import Canvas
@@ -206,7 +207,7 @@ class Mechanism:
         """Draw the sphere's springs: the pitch of the coils is as large as their stretch."""
         canvas, middle, y = self.canvas, self.carriage, place.TOP - place.FILM - place.RADIUS
         low, high = self.subject.stretch_range
-        stretch, sphere = self.past.now(at.STRETCH), middle + self.offset
+        stretch, sphere = max(self.past.now(at.STRETCH), UNSTRETCHED), middle + self.offset
         for side in (-1.0, 1.0):
             post = middle + side * place.POST
             length = place.POST - side * self.offset

@@ -12,6 +12,7 @@ from mm_gym.rendering.chart import Chart, strips_of
 from mm_gym.rendering.impulses import can_be_seen, recent_impulse
 from mm_gym.rendering.mechanism import Mechanism
 from mm_gym.rendering.numbers import DASH, TIMES, reading, text_of
+from mm_gym.rendering.subject import UNSTRETCHED
 from mm_gym.rendering.view import view_of
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class Picture:
             entries.append(
                 (_impulse_text(subject, recent_impulse(subject, past)), look.DISTURBANCE)
             )
-        if subject.has_springs:
+        if subject.has_springs and past.now(at.STRETCH) >= UNSTRETCHED:
             entries.append((f"stretch λ = {past.now(at.STRETCH):.2f}", look.STRETCH))
         if subject.interface == "dry_friction":
             slip = abs(past.now(at.V2) - past.now(at.V1))

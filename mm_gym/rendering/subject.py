@@ -29,6 +29,9 @@ NAMES_OF_SIZES = (
 CAMERA = 0.3
 """Frequency below which the camera follows the ground, in the carriage's natural frequency."""
 
+UNSTRETCHED = 1.0
+"""Stretch with which springs are drawn that have none: no other is smaller."""
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -75,6 +78,7 @@ class Subject:
     has_sphere: bool
     has_springs: bool
     interface: str
+    knows_forces: bool
     stretch_range: tuple[float, float]
     force_limit: float | None
     is_between: bool
@@ -103,7 +107,7 @@ def subject_of(scene: Scene, plant: Plant) -> Subject:
     frames = frames_per_second(plant)
     stretches = float(low[at.STRETCH]), float(high[at.STRETCH])
     if stretches[0] == stretches[1]:
-        stretches = 0.0, 2.0 * stretches[1]
+        stretches = 0.0, 2.0 * max(stretches[1], UNSTRETCHED)
     drawn = [max(abs(start_low[row]), abs(start_high[row])) for row in (at.X1, at.X2)]
     return Subject(
         time_step=plant.time_step,
@@ -115,6 +119,7 @@ def subject_of(scene: Scene, plant: Plant) -> Subject:
         has_sphere=has_springs or scene.interface.kind != "none" or actuation.is_between,
         has_springs=has_springs,
         interface=scene.interface.kind,
+        knows_forces=not plant.support.is_general,
         stretch_range=stretches,
         force_limit=None if actuation.force is None else actuation.force.limit,
         is_between=actuation.is_between,

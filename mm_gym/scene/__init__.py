@@ -13,6 +13,7 @@ from mm_gym.scene.excitation import Sweep as Sweep
 from mm_gym.scene.mechanics import Carriage as Carriage
 from mm_gym.scene.mechanics import DryFriction as DryFriction
 from mm_gym.scene.mechanics import FiniteStretch as FiniteStretch
+from mm_gym.scene.mechanics import LinearSprings as LinearSprings
 from mm_gym.scene.mechanics import NoInterface as NoInterface
 from mm_gym.scene.mechanics import NoSprings as NoSprings
 from mm_gym.scene.mechanics import SmallOnLarge as SmallOnLarge

@@ -135,6 +135,16 @@ class NoSprings(Part):
     kind: Literal["none"] = "none"
 
 
+class LinearSprings(Part):
+    """Plain springs, which together pull with k2 (1 + beta offset^2) offset."""
+
+    kind: Literal["linear"] = "linear"
+    stiffness: Positive
+    """k2 [N/m]"""
+    cubic_coefficient: NonNegative = 0.0
+    """beta [1/m^2]: the springs stiffen with the offset; needs an interface without dry friction"""
+
+
 class SmallOnLarge(Part):
     """Springs linearised about their pre-stretch: k2 = 2 k0 (1 + 2 / stretch^3) (eq. 15)."""
 
@@ -161,4 +171,8 @@ Interface = Annotated[
     NoInterface | Viscous | DryFriction | Stribeck | BoucWen, Field(discriminator="kind")
 ]
 
-Springs = Annotated[NoSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")]
+Springs = Annotated[
+    NoSprings | LinearSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")
+]
+WITHOUT_STRETCH = ("none", "linear")
+"""Kinds of springs that have no stretch."""

@@ -20,7 +20,15 @@ from mm_gym.scene.excitation import (
     Range,
 )
 from mm_gym.scene.joint_findings import joint_findings
-from mm_gym.scene.mechanics import Carriage, Interface, NoSprings, Sphere, Springs, Viscous
+from mm_gym.scene.mechanics import (
+    WITHOUT_STRETCH,
+    Carriage,
+    Interface,
+    NoSprings,
+    Sphere,
+    Springs,
+    Viscous,
+)
 from mm_gym.scene.part import Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
@@ -143,17 +151,21 @@ WITHIN = ("actuation.stretch.minimum", "actuation.stretch.maximum", "springs.kin
 """What the rules read that keep a stretch within its actuator's limits."""
 
 
-def _has_springs(actuator: Part | None, kind: str) -> str | None:
-    if actuator is None or kind != "none":
+def _can_be_stretched(actuator: Part | None, kind: str) -> str | None:
+    if actuator is None or kind not in WITHOUT_STRETCH:
         return None
-    return "actuation.stretch: there are no springs to stretch; set springs.kind"
+    return f"actuation.stretch: there are no springs to stretch; {_without_stretch(kind)}"
 
 
-def _sees_springs(channels: tuple[str, ...], kind: str) -> str | None:
+def _sees_stretch(channels: tuple[str, ...], kind: str) -> str | None:
     seen = [channel for channel in channels if CHANNELS[channel].scale == "stretch"]
-    if kind != "none" or not seen:
+    if kind not in WITHOUT_STRETCH or not seen:
         return None
-    return f"sensors.channels: {seen[0]!r} needs springs; set springs.kind"
+    return f"sensors.channels: {seen[0]!r} needs springs with a stretch; {_without_stretch(kind)}"
+
+
+def _without_stretch(kind: str) -> str:
+    return f"springs.kind: got {kind!r}; allowed: 'small_on_large', 'finite_stretch'"
 
 
 def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
@@ -172,7 +184,7 @@ def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -
 def _initial_within_limits(
     initial: NumberOrRange | None, minimum: float | None, maximum: float | None, kind: str
 ) -> str | None:
-    if initial is None or minimum is None or maximum is None or kind == "none":
+    if initial is None or minimum is None or maximum is None or kind in WITHOUT_STRETCH:
         return None
     low, high = bounds(initial)
     if (minimum <= low and high <= maximum) or minimum >= maximum:
@@ -235,8 +247,8 @@ class Scene(Part):
     solver: Solver = Solver()
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("actuation.stretch", "springs.kind"), _has_springs),
-        Rule(("sensors.channels", "springs.kind"), _sees_springs),
+        Rule(("actuation.stretch", "springs.kind"), _can_be_stretched),
+        Rule(("sensors.channels", "springs.kind"), _sees_stretch),
         Rule(("sensors.channels", "actuation.force"), _sees_force),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
         Rule(("initial.stretch", *WITHIN), _initial_within_limits),

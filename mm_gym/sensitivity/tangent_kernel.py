@@ -25,6 +25,7 @@ from mm_gym.law.interface import (
     parameters_of,
     rate_of,
     resolves,
+    springs_of,
     states_of,
 )
 from mm_gym.law.motion import coefficients, control_forces
@@ -69,11 +70,11 @@ def step_with(interface: Interface) -> Callable[..., int]:
 
 
 def slopes_with(interface: Interface) -> Callable[..., None]:
-    """Return the kernel of an interface's force and rate, with their slopes."""
+    """Return the kernel of an interface's force, rate and springs, with their slopes."""
 
     @borrowing_kernel
     def slopes(p, point, found):
-        """Write force [N] and rate of the own state [1/s], each with its slopes.
+        """Write force [N], rate of the own state [1/s] and springs' share [N], with their slopes.
 
         Parameters
         ----------
@@ -82,7 +83,7 @@ def slopes_with(interface: Interface) -> Callable[..., None]:
         point
             (3,) read: offset [m], slip velocity [m/s] and own state.
         found
-            (2, 4) written: of force and rate the value, then the slopes over the point.
+            (3, 4) written: the value of each, then the slopes over the point.
         """
         b = tangents_of(_numbers())
         for k in range(p.shape[0]):
@@ -90,11 +91,13 @@ def slopes_with(interface: Interface) -> Callable[..., None]:
         for k in range(3):
             b[of.PARAMETERS + k] = tangent(point[k], with_element(everywhere(0.0), k, 1.0))
         offset, slip, own = b[of.PARAMETERS], b[of.PARAMETERS + 1], b[of.PARAMETERS + 2]
-        both = force_of(interface, b, offset, slip, own), rate_of(interface, b, offset, slip, own)
-        for k in range(2):
-            found[k, 0] = value_of(both[k])
+        force = force_of(interface, b, offset, slip, own)
+        rate = rate_of(interface, b, offset, slip, own)
+        each = force, rate, springs_of(interface, b, offset, slip, own)
+        for k in range(3):
+            found[k, 0] = value_of(each[k])
             for j in range(3):
-                found[k, 1 + j] = element(slopes_of(both[k]), j)
+                found[k, 1 + j] = element(slopes_of(each[k]), j)
 
     return slopes
 

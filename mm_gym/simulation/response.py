@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from mm_gym.law import carriage_spring, dry_friction, springs
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
@@ -20,18 +22,21 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-def spring_force(p: Array, state: Array, stretch: Array) -> Array:
+def spring_force(support: Support, p: Array, state: Array, stretch: Array) -> Array:
     """Return the force (n,) [N] of the sphere's springs on the carriage.
 
     Parameters
     ----------
-    p
-        (rows,) the lane's parameters.
-    state
-        (n, 4) x1, x2 [m], v1, v2 [m/s].
+    support, p, state
+        As for `interface_force`.
     stretch
         (n,) [-].
     """
+    return _stretched(p, state, stretch) + _by_value(support, support.interface.springs, p, state)
+
+
+def _stretched(p: Array, state: Array, stretch: Array) -> Array:
+    """Return the same (n,) [N] of springs that are no part of the interface."""
     force = plain(springs.spring_force)(p[at.K0], p[at.L0], stretch, state[:, 1] - state[:, 0])
     return np.broadcast_to(force, len(state)).astype(np.float64)
 
@@ -48,11 +53,9 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
     state
         (n, 4) x1, x2 [m], v1, v2 [m/s], or (n, 5) with the interface's own behind them.
     """
-    slip = state[:, 3] - state[:, 2]
     if support.is_general:
-        own = p[list(support.interface_rows)]
-        offset, inner = state[:, 1] - state[:, 0], state[:, -1]
-        return plain(support.interface.force)(own, offset, slip, inner)
+        return _by_value(support, support.interface.force, p, state)
+    slip = state[:, 3] - state[:, 2]
     c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
     intercept = plain(dry_friction.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
     regime = np.where(np.abs(slip) <= plain(dry_friction.threshold)(vr), 0.0, np.sign(slip))
@@ -65,9 +68,13 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
 
 def interface_energy(support: Support, p: Array, state: Array) -> Array:
     """Return the energy (n,) [J] that the interface can give back; see `interface_force`."""
+    return _by_value(support, support.interface.energy, p, state)
+
+
+def _by_value(support: Support, kernel: Callable[..., Any], p: Array, state: Array) -> Array:
+    """Return what a kernel of the interface says (n,); see `interface_force`."""
     own, slip = p[list(support.interface_rows)], state[:, 3] - state[:, 2]
-    energy = plain(support.interface.energy)
-    return np.zeros(len(state)) + energy(own, state[:, 1] - state[:, 0], slip, state[:, -1])
+    return np.zeros(len(state)) + plain(kernel)(own, state[:, 1] - state[:, 0], slip, state[:, -1])
 
 
 def base_force(support: Support, p: Array, state: Array, force: Array) -> Array:
@@ -104,7 +111,7 @@ def acceleration(
     if p[at.M1] == 0.0:
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
-    inner = interface_force(support, p, state) + spring_force(p, state, applied[:, 1])
+    inner = interface_force(support, p, state) + _stretched(p, state, applied[:, 1])
     outer = disturbance - base_force(support, p, state, applied[:, 0])
     if support.is_between:
         inner = inner + applied[:, 0]

@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, drawn, legend_below, panels
+from mm_gym.errors import SimulationError
 from mm_gym.files import write_csv
+from mm_gym.lanes import layout as at
+from mm_gym.law.springs import LINEAR
 from mm_gym.simulation.energy.work import mechanical_energy, work_of
 from mm_gym.simulation.recording import excitation
 from mm_gym.simulation.response import (
@@ -122,10 +125,14 @@ class Trajectory:
             values = self.state[:, channel.row]
             subtracted = channel.subtracted
             return values - self.state[:, subtracted] if subtracted in range(4) else values
+        if name == "stretch" and self.parameters[at.STRETCH] == LINEAR:
+            msg = "channel: got 'stretch'; springs.kind = 'linear' has none"
+            raise SimulationError(msg)
         if name in ("applied_force", "stretch"):
             return self.applied[:, int(name == "stretch")]
         if name == "spring_force":
-            return spring_force(self.parameters, self.state, self.applied[:, 1])
+            support = self.recording.plant.support
+            return spring_force(support, self.parameters, self._states, self.applied[:, 1])
         if name in ("disturbance_force", "ground_acceleration"):
             return self.excitation[:, int(name == "ground_acceleration")]
         return self.acceleration[:, int(name == "sphere_acceleration")]

@@ -22,7 +22,7 @@ from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
 from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
-from mm_gym.law.interface import LINE, Interface, force_of, has_state
+from mm_gym.law.interface import LINE, Interface, force_of, has_state, springs_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import spring_force
 
@@ -35,11 +35,14 @@ def _line(model, lanes, i):  # noqa: ARG001 - other interfaces look up their row
     """Return the force [N] of a viscous interface or of dry friction on a lane's carriage."""
     c, vr, kinetic = lanes[at.C, i], lanes[at.VR, i], lanes[at.KINETIC_FORCE, i]
     w = lanes[at.V2, i] - lanes[at.V1, i]
-    return interface_force(c, vr, kinetic, lanes[at.CHI, i], w)
+    return interface_force(c, vr, kinetic, lanes[at.CHI, i], w), 0.0
 
 
-def link_of(interface: Interface) -> Callable[..., float]:
-    """Return the kernel (model, lanes, i) -> force [N] of an interface on a lane's carriage."""
+def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
+    """Return the kernel (model, lanes, i) -> force [N] of an interface on a lane's carriage.
+
+    Also returned is what of it is the springs'.
+    """
     if interface is LINE:
         return _line
 
@@ -48,7 +51,9 @@ def link_of(interface: Interface) -> Callable[..., float]:
         first = int(model[at.INTERFACE])
         own = lanes[first - 1, i] if has_state(interface) else 0.0
         offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
-        return force_of(interface, lanes[first:, i], offset, w, own)
+        p = lanes[first:, i]
+        force = force_of(interface, p, offset, w, own)
+        return force, springs_of(interface, p, offset, w, own)
 
     return link
 
@@ -80,16 +85,16 @@ def derive_with(link: Callable[..., float]) -> Callable[..., None]:
 
 @borrowing_kernel
 def write_reactions(model, lanes, link, i):
-    """Write accelerations and spring force of a lane, given its interface's force [N]."""
+    """Write accelerations and spring force of a lane, given what its `link_of` returns [N]."""
     x1, offset = lanes[at.X1, i], lanes[at.X2, i] - lanes[at.X1, i]
     springs = spring_force(lanes[at.K0, i], lanes[at.L0, i], lanes[at.STRETCH, i], offset)
     pair, held = control_forces(model, lanes[at.FORCE, i])
-    inner = link + springs + pair
+    inner = link[0] + springs + pair
     spring = carriage_force(lanes[at.K1, i], lanes[at.ALPHA, i], lanes[at.BETA, i], x1)
     outer = lanes[at.DISTURBANCE, i] + held - lanes[at.D, i] * lanes[at.V1, i]
     lanes[at.CARRIAGE_ACCELERATION, i] = (inner + outer - spring) / lanes[at.M1, i]  # (1)
     lanes[at.SPHERE_ACCELERATION, i] = -inner / lanes[at.M2, i]  # (2) of docs/model.md
-    lanes[at.SPRING_FORCE, i] = springs
+    lanes[at.SPRING_FORCE, i] = springs + link[1]
 
 
 @borrowing_kernel

@@ -213,14 +213,10 @@ class Device:
         offset, v2 = cast("float", start.sphere_offset), cast("float", start.sphere_velocity)
         self.initial = np.array([x1, x1 + offset, v1, v2])
         _check_kind("interface", interface.kind, ("none", "viscous", "dry_friction", *INTERFACES))
-        _check_kind("springs", pair.kind, ("none", "small_on_large", "finite_stretch"))
-        smooth = interface.kind in ("none", "viscous")
-        self.is_linear = smooth and pair.kind in ("none", "small_on_large")
-        stated = 1.0 if pair.kind == "none" else pair.stretch
-        stretch = stated if start.stretch is None else cast("float", start.stretch)
-        stiffness = 0.0 if pair.kind == "none" else pair.stiffness
-        length = pair.rest_length if pair.kind == "finite_stretch" else 0.0
-        self._springs = stiffness, length, stretch
+        _check_kind("springs", pair.kind, ("none", "linear", "small_on_large", "finite_stretch"))
+        self._springs, self._cubic = _springs_of(scene)
+        smooth = interface.kind in ("none", "viscous") and self._cubic == 0.0
+        self.is_linear = smooth and pair.kind != "finite_stretch"
         self._spring_force = plain(springs.spring_force)
         known = INTERFACES.get(interface.kind)
         self.states = int(known is not None and known.has_state)
@@ -230,15 +226,25 @@ class Device:
 
     def force(self, offset: float, slip: float, own: float) -> float:
         """Return the force [N] at an offset [m], a slip velocity [m/s] and the own state [-]."""
-        return self._spring_force(*self._springs, offset) + self._force(
-            self._own, offset, slip, own
-        )
+        pair = self._spring_force(*self._springs, offset) * (1.0 + self._cubic * offset**2)
+        return pair + self._force(self._own, offset, slip, own)
 
     def rate(self, offset: float, slip: float, own: float) -> Array:
         """Return the rate [1/s] of the own state, (states,)."""
         if self._rate is None:
             return np.empty(0)
         return np.array([self._rate(self._own, offset, slip, own)])
+
+
+def _springs_of(scene: Scene) -> tuple[tuple[float, float, float], float]:
+    """Return k0 [N/m], l0 [m] and stretch of the springs, and their cubic coefficient [1/m^2]."""
+    pair, start = scene.springs, scene.initial.stretch
+    if pair.kind == "none":
+        return (0.0, 0.0, 1.0), 0.0
+    if pair.kind == "linear":
+        return (pair.stiffness, 0.0, springs.LINEAR), pair.cubic_coefficient
+    length = pair.rest_length if pair.kind == "finite_stretch" else 0.0
+    return (pair.stiffness, length, pair.stretch if start is None else cast("float", start)), 0.0
 
 
 def _check_kind(name: str, kind: str, known: tuple[str, ...]) -> None:

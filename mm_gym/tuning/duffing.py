@@ -18,19 +18,20 @@ if TYPE_CHECKING:
 def duffing_absorber(scene: Scene) -> Scene:
     """Return a scene whose springs stay tuned while the carriage's cubic spring stiffens.
 
-    The springs are of finite stretch: with rest length l0 and stretch s their force is k2 xi +
-    8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen so that the cubic term is the one that keeps both
-    peaks equal, 2 mu^2 / (1 + 4 mu) times the carriage's, as long as the motion is moderate.
+    Their cubic term is the one that keeps both peaks equal, 2 mu^2 / (1 + 4 mu) times the
+    carriage's, as long as the motion is moderate. Linear springs get it as their coefficient; other
+    springs become ones of finite stretch: with rest length l0 and stretch s their force is k2 xi +
+    8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen so.
 
     Parameters
     ----------
     scene
-        A scene with springs of either kind and ``carriage.cubic_coefficient`` greater than 0.
+        A scene with springs of any kind and ``carriage.cubic_coefficient`` greater than 0.
 
     Returns
     -------
     Scene
-        The same with springs of finite stretch and a viscous interface.
+        The same with such springs and a viscous interface.
 
     Raises
     ------
@@ -55,17 +56,20 @@ def duffing_absorber(scene: Scene) -> Scene:
     mu, w1 = values.m2 / values.m1, sqrt(values.k1 / values.m1)
     optimum = closed_form("nishihara_asami", mu)
     k2 = optimum.stiffness(values.m2, w1)
-    stretch = stretch_for(scene, k2)
     own = 2.0 * mu**2 / (1.0 + 4.0 * mu) * cubic
+    damper = {"kind": "viscous", "damping": optimum.damping(values.m2, w1)}
+    changes: dict[str, object] = {"interface": damper}
+    if scene.springs.kind == "linear":
+        springs = {"stiffness": k2, "cubic_coefficient": own / k2}
+        return scene.replace(springs={"kind": "linear"} | springs, **changes)
+    stretch = stretch_for(scene, k2)
     k0 = k2 / float(spring_stiffness(stretch, 1.0))
-    springs = {
+    changes["springs"] = {
         "kind": "finite_stretch",
         "stiffness": k0,
         "stretch": stretch,
         "rest_length": sqrt(8.0 * k0 / (stretch**5 * own)),
     }
-    damper = {"kind": "viscous", "damping": optimum.damping(values.m2, w1)}
-    changes: dict[str, object] = {"springs": springs, "interface": damper}
     if scene.actuation.stretch is not None:
         changes["initial.stretch"] = stretch
     return scene.replace(**changes)

@@ -14,15 +14,13 @@ from mm_gym.errors import DesignError, suggest
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.tuning.friction_result import FrictionTuning
 from mm_gym.tuning.friction_search import FrictionProblem
-from mm_gym.tuning.optimum import excitation_of, require_resonance
-from mm_gym.tuning.reach import obstacle, reach_of, stretch_within
+from mm_gym.tuning.optimum import excitation_of, require_fixed, require_resonance
+from mm_gym.tuning.reach import obstacle, reach_of, springs_with
 from mm_gym.tuning.steady_motion import motion_channels
 from mm_gym.tuning.transfer import EXCITATIONS
 
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
-
-TUNED = ("interface.normal_force", "springs.stretch")
 
 
 def friction_absorber(
@@ -32,7 +30,7 @@ def friction_absorber(
     excitation: str | None = None,
     channel: str = "carriage_displacement",
 ) -> FrictionTuning:
-    """Find the normal force, and the stretch of the springs, that suit dry friction best.
+    """Find the normal force, and the springs' stretch or stiffness, that suit dry friction best.
 
     What is made least is the largest amplitude of the steady motion over all frequencies of a
     harmonic. The motion is not in proportion to the harmonic, so the optimum is for one amplitude;
@@ -69,20 +67,21 @@ def friction_absorber(
     """
     problem = _problem(scene, amplitude, excitation_of(scene, excitation), channel)
     own = problem.interface.normal_force or scene.sphere.mass * GRAVITY
-    reach, reason, stretch = reach_of(scene), None, None
+    reach, reason = reach_of(scene), None
     start = problem.first(None if reach is None else problem.any_springs)
     if reach is not None:
         reason = obstacle(reach, start[1])
         # Springs without a limit approach the least stiffness, and never have it.
-        limits = max(reach.low, float(spring_stiffness(reach.longest, reach.k0))), reach.high
+        least = max(reach.low, float(spring_stiffness(reach.longest, reach.k0)))
+        limits = (least, reach.high) if isfinite(reach.high) else problem.any_springs
         best = problem.improved(start if reason is None else problem.first(limits), limits)
-        stretch = stretch_within(reach, best[1])
     else:
         best = problem.improved(start, None)
     frequencies = problem.band(*best)
+    changes, stretch = springs_with(scene, best[1])
     return FrictionTuning(
         scene=scene,
-        tuned=_tuned(scene, best[0], stretch),
+        tuned=scene.replace(**{"interface.normal_force": best[0]}, **changes),
         excitation=problem.excitation,
         channel=channel,
         amplitude=problem.amplitude,
@@ -106,10 +105,7 @@ def _problem(
         if value not in allowed:
             msg = f"{name}: got {value!r}{suggest(value, allowed)}; allowed: {', '.join(allowed)}"
             raise DesignError(msg)
-    drawn = [name for name in TUNED if name in scene.randomization]
-    if drawn:
-        msg = f"randomization.{drawn[0]}: it is what is tuned; leave it out"
-        raise DesignError(msg)
+    require_fixed(scene, "interface.normal_force")
     require_resonance(linear_values(scene))
     if amplitude is None:
         harmonics = [part for part in scene.excitation if part.kind == "harmonic"]
@@ -125,12 +121,3 @@ def _problem(
         msg = f"amplitude: got {amplitude!r}; allowed: greater than 0"
         raise DesignError(msg)
     return FrictionProblem(scene, excitation, float(amplitude), channel)
-
-
-def _tuned(scene: Scene, normal: float, stretch: float | None) -> Scene:
-    """Return the scene with a normal force and a stretch."""
-    changes: dict[str, object] = {"interface.normal_force": normal}
-    if stretch is not None:
-        actuated = scene.actuation.stretch is not None
-        changes["initial.stretch" if actuated else "springs.stretch"] = stretch
-    return scene.replace(**changes)

@@ -130,7 +130,9 @@ class FrictionProblem:
 
     def _steady(self, normal: float, k2: float, frequencies: Array) -> Array:
         scene = self.scene.replace(**{"interface.normal_force": normal})
-        if scene.springs.kind != "none":
+        if scene.springs.kind == "linear":
+            scene = scene.replace(**{"springs.stiffness": k2})
+        elif scene.springs.kind != "none":
             stretch = max(1.0, float(stretch_for_stiffness(k2, scene.springs.stiffness)))
             scene = scene.replace(**{"springs.stretch": stretch})  # 6 k0, rounded, needs 1
         starts = self._states(normal, k2, frequencies).imag.T  # of a sine

@@ -10,7 +10,7 @@ from mm_gym.analysis.values import Linear, linear_values
 from mm_gym.errors import DesignError, suggest
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
 from mm_gym.tuning.criteria import largest_peak
-from mm_gym.tuning.reach import obstacle, reach_of, stretch_within
+from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
 from mm_gym.tuning.search import CRITERIA, FREQUENCY_RATIOS, Problem, measure, search
 from mm_gym.tuning.transfer import check_path, transfer, without_dimension
@@ -26,7 +26,7 @@ def tune(
     channel: str = "carriage_displacement",
     criterion: str = "h_infinity",
 ) -> Tuning:
-    """Find the damping of the interface, and the stretch of the springs, that suit a scene best.
+    """Find the damping of the interface, and the springs' stretch or stiffness, that suit best.
 
     Parameters
     ----------
@@ -46,7 +46,8 @@ def tune(
     -------
     Tuning
         The optimum with springs of any stiffness, and the best that the scene's springs reach:
-        2 k0 < k2 <= 6 k0, or what the limits of `actuation.stretch` leave of that.
+        2 k0 < k2 <= 6 k0, or what the limits of `actuation.stretch` leave of that. Linear springs
+        reach any stiffness.
 
     Raises
     ------
@@ -55,10 +56,7 @@ def tune(
         is drawn, or the criterion is infinite for any damping and stiffness.
     """
     excitation = _checked(scene, excitation, channel, criterion)
-    drawn = [name for name in TUNED if name in scene.randomization]
-    if drawn:
-        msg = f"randomization.{drawn[0]}: it is what is tuned; leave it out"
-        raise DesignError(msg)
+    require_fixed(scene, "interface.damping")
     values = linear_values(scene)
     scaled = without_dimension(values)
     reach = reach_of(scene)
@@ -75,10 +73,11 @@ def tune(
         reason = obstacle(reach, free.stiffness)
         if reason is not None:
             after = optimum((reach.low / values.k1, reach.high / values.k1))
-    stretch = None if reach is None else stretch_within(reach, after.stiffness)
+    changes, stretch = springs_with(scene, after.stiffness)
+    viscous = {"kind": "viscous", "damping": after.damping}
     return Tuning(
         scene=scene,
-        tuned=_tuned(scene, stretch, after.damping),
+        tuned=scene.replace(interface=viscous, **changes),
         excitation=excitation,
         channel=channel,
         criterion=criterion,
@@ -106,7 +105,12 @@ def evaluate(
     return _design(values, without_dimension(values), excitation, channel, criterion)
 
 
-TUNED = ("interface.damping", "springs.stretch")
+def require_fixed(scene: Scene, name: str) -> None:
+    """Raise `DesignError` if a field, or that of the springs' stiffness, is drawn."""
+    for tuned in (name, tuned_field(scene)):
+        if tuned in scene.randomization:
+            msg = f"randomization.{tuned}: it is what is tuned; leave it out"
+            raise DesignError(msg)
 
 
 def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str) -> str:
@@ -144,15 +148,6 @@ def require_resonance(values: Linear) -> None:
         if value <= 0.0:
             msg = f"{name}: got {value:g}; allowed: greater than 0, for a resonance to tune to"
             raise DesignError(msg)
-
-
-def _tuned(scene: Scene, stretch: float | None, damping: float) -> Scene:
-    """Return the scene with a stretch and a viscous interface."""
-    changes: dict[str, object] = {"interface": {"kind": "viscous", "damping": damping}}
-    if stretch is not None:
-        actuated = scene.actuation.stretch is not None
-        changes["initial.stretch" if actuated else "springs.stretch"] = stretch
-    return scene.replace(**changes)
 
 
 def _design(values: Linear, found: Linear, excitation: str, channel: str, criterion: str) -> Design:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.errors import DesignError, OutOfReachError
+from mm_gym.scene.mechanics import WITHOUT_STRETCH
 
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
@@ -27,9 +28,9 @@ def stretch_for(scene: Scene, stiffness: float) -> float:
     DesignError
         If the scene has no springs.
     """
-    reach = reach_of(scene)
-    if reach is None:
-        msg = "springs.kind: 'none' has no stretch; allowed: 'small_on_large', 'finite_stretch'"
+    reach, kind = reach_of(scene), scene.springs.kind
+    if reach is None or kind in WITHOUT_STRETCH:
+        msg = f"springs.kind: {kind!r} has no stretch; allowed: 'small_on_large', 'finite_stretch'"
         raise DesignError(msg)
     reason = obstacle(reach, stiffness)
     if reason is not None:
@@ -46,9 +47,9 @@ class Reach(NamedTuple):
         ``springs.stiffness`` [N/m].
     low, high
         Least and largest k2 [N/m]. The least is approached, and not reached, unless the stretch is
-        limited.
+        limited. Linear springs may have any.
     shortest, longest
-        Least and largest stretch [-].
+        Least and largest stretch [-], NaN of springs that have none.
     is_limited
         Whether `actuation.stretch` limits the stretch.
     """
@@ -70,6 +71,8 @@ def reach_of(scene: Scene) -> Reach | None:
     springs, actuator = scene.springs, scene.actuation.stretch
     if springs.kind == "none":
         return None
+    if springs.kind == "linear":
+        return Reach(springs.stiffness, 0.0, np.inf, np.nan, np.nan, is_limited=False)
     low, high = (1.0, LONGEST) if actuator is None else (actuator.minimum, actuator.maximum)
     k0 = springs.stiffness
     least = spring_stiffness(np.inf if actuator is None else high, k0)
@@ -97,3 +100,21 @@ def stretch_within(reach: Reach, stiffness: float) -> float:
     """Return the stretch of a stiffness that is in reach, kept from rounding out of its limits."""
     wanted = stretch_for_stiffness(stiffness, reach.k0)
     return float(np.clip(wanted, reach.shortest, reach.longest))
+
+
+def tuned_field(scene: Scene) -> str:
+    """Return the field that gives the scene's springs their stiffness."""
+    if scene.springs.kind == "linear":
+        return "springs.stiffness"
+    return "springs.stretch" if scene.actuation.stretch is None else "initial.stretch"
+
+
+def springs_with(scene: Scene, stiffness: float) -> tuple[dict[str, float], float | None]:
+    """Return the field of a stiffness [N/m] in reach with its value, and the stretch if it is."""
+    reach, name = reach_of(scene), tuned_field(scene)
+    if reach is None:
+        return {}, None
+    if name == "springs.stiffness":
+        return {name: stiffness}, None
+    stretch = stretch_within(reach, stiffness)
+    return {name: stretch}, stretch

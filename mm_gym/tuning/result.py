@@ -14,6 +14,7 @@ from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.analysis.values import linear_values
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.files import write_text
+from mm_gym.scene.mechanics import LinearSprings, NoSprings
 from mm_gym.scene.toml_text import toml_of
 from mm_gym.tuning.criteria import amplitude
 from mm_gym.tuning.transfer import si_factor, si_unit, transfer, without_dimension
@@ -191,7 +192,7 @@ def _notes(tuning: Tuning, damping: float) -> list[str]:
 def own_stretch(scene: Scene, stiffness: float) -> float | None:
     """Return the stretch of the scene's own design, given its k2: of the middle of its range."""
     springs = scene.springs
-    if springs.kind == "none":
+    if isinstance(springs, NoSprings | LinearSprings):
         return None
     return float(stretch_for_stiffness(stiffness, springs.stiffness))
 

@@ -30,7 +30,7 @@ FINDINGS = [
         {"interface": {"kind": "viscous", "dampin": 1}},
         "interface.dampin: unknown key; did you mean",
     ),
-    ({"springs": {"kind": "large"}}, "allowed: none, small_on_large, finite_stretch"),
+    ({"springs": {"kind": "large"}}, "allowed: none, linear, small_on_large, finite_stretch"),
     ({"springs": {"stretch": 2.0}}, "springs: 'kind' is missing"),
     ({"solver": {"method": "tailor"}}, "solver.method: got 'tailor'; did you mean 'taylor'?"),
     (
@@ -149,7 +149,10 @@ FINDINGS = [
     ),
     ({"actuation": {"stretch": {}}}, "actuation.stretch: there are no springs to stretch"),
     ({"initial": {"stretch": 2.0}}, "initial.stretch: has no effect without actuation.stretch"),
-    ({"sensors": {"channels": ["stretch"]}}, "sensors.channels: 'stretch' needs springs"),
+    (
+        {"sensors": {"channels": ["stretch"]}},
+        "sensors.channels: 'stretch' needs springs",
+    ),
     (
         {"sensors": {"channels": ["sphere_offset", "sphere_offset"]}},
         "sensors.channels: 'sphere_offset' is listed more than once",

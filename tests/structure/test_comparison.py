@@ -54,8 +54,10 @@ SHAPES = {"displacement of floor 1", "stroke of the device", "acceleration of fl
         (VISCOUS, SPRINGS, 1e-10),
         ({"kind": "none"}, SPRINGS, 1e-10),
         (VISCOUS, {"kind": "none"}, 1e-10),
+        (VISCOUS, {"kind": "linear", "stiffness": 8.0}, 1e-10),
         # A tolerance of 1e-8 adds up over 100 corners of the ground's motion: 4e-7 was seen.
         (VISCOUS, FINITE, 2e-6),
+        (VISCOUS, {"kind": "linear", "stiffness": 8.0, "cubic_coefficient": 2e3}, 2e-6),
         (DRY, SPRINGS, 2e-6),
         (STRIBECK, SPRINGS, 2e-6),
         (BOUC_WEN, {"kind": "none"}, 2e-6),
