@@ -16,6 +16,7 @@ from mm_gym.errors import SceneError, suggest
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import rows_of
 from mm_gym.plant.task import scales
+from mm_gym.scene.mechanics import WITHOUT_STRETCH
 from mm_gym.scene.scene import Scene, bounds
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.own_reward import rewarding
@@ -147,8 +148,8 @@ class OwnReward:
 
     def _check_channels(self, scene: Scene) -> None:
         missing = {}
-        if scene.springs.kind == "none":
-            missing["stretch"] = "springs; set springs.kind"
+        if scene.springs.kind in WITHOUT_STRETCH:
+            missing["stretch"] = "springs with a stretch; set springs.kind"
         if scene.actuation.force is None:
             missing["applied_force"] = "an actuator; set actuation.force"
         for name in self.arguments:
@@ -263,7 +264,7 @@ def _probes(scene: Scene) -> Values:
     for row, end in ends.items():
         lanes[row] = end * drawn[row]
     lanes[at.X2] += lanes[at.X1]
-    if scene.springs.kind != "none":
+    if scene.springs.kind not in WITHOUT_STRETCH:
         low, high = _stretches(scene)
         lanes[at.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.STRETCH]
     return lanes

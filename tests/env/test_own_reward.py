@@ -268,7 +268,7 @@ def beyond_the_limit(carriage_displacement):
         (array, "array returns array"),
         (imports, "imports cannot be compiled by numba: Use of unsupported opcode"),
         (misspelt, "got the argument 'slip_velocty'; did you mean 'slip_velocity'"),
-        (stretches, "the argument 'stretch' needs springs; set springs.kind"),
+        (stretches, "the argument 'stretch' needs springs with a stretch; set springs.kind"),
         (nothing, "got the argument ''; allowed: carriage_displacement"),
         (complex_number, "returns complex128"),
         (3, "reward: got 3; allowed: a function of channels, or FILE.py:NAME of one"),
@@ -282,6 +282,15 @@ def beyond_the_limit(carriage_displacement):
 def test_wrong_reward_is_named_when_the_environment_is_made(make, reward, words):
     with pytest.raises(SceneError, match=words):
         make(NAME, reward=reward, changes={"objective.displacement_limit": 0.02})
+
+
+def test_springs_need_no_stretch():
+    springs = {"springs": {"kind": "linear", "stiffness": 100.0}}
+    env = MovingMassEnv(NAME, reward=TASK, changes=springs)
+    env.reset(seed=0)
+    assert env.step(np.zeros(1, np.float32))[1] < 0.0
+    with pytest.raises(SceneError, match="'stretch' needs springs with a stretch"):
+        MovingMassEnv(NAME, reward=stretches, changes=springs)
 
 
 def abs_acceleration(carriage_acceleration):
