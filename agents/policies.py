@@ -23,7 +23,7 @@ from agents.policy_file import LARGEST, PolicyError
 from agents.value_table.policy import TablePolicy, is_table, table_policy
 from mm_gym import SceneError
 from mm_gym.files import read_bytes, write_bytes
-from mm_gym.scene import Part
+from mm_gym.scene import Document
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -257,7 +257,7 @@ OPTIONAL = ("direct", "keep", "enter", "pairs", "units", "base")
 """Arrays of a policy that a file may leave out."""
 
 
-class Description(Part):
+class Description(Document):
     """What the file of a network says in JSON."""
 
     format: Literal[1, 2, 3]

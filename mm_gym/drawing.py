@@ -30,7 +30,11 @@ MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
 
-ACTUATORS = {"force": "force [N]", "stretch": "stretch [-]"}
+ACTUATORS = {
+    "force": "force [N]",
+    "stretch": "stretch [-]",
+    "damping": "damping [N s/m]",
+}
 """Label of an actuator's axis."""
 
 LOOK = {

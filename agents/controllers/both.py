@@ -1,4 +1,4 @@
-"""Two laws side by side, one for each actuator."""
+"""Laws side by side, one for each actuator."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
 
 class Both:
-    """One law for the force and one for the stretch."""
+    """One law for each actuator, in the order of the action."""
 
-    def __init__(self, force: Law, stretch: Law) -> None:
-        self.name = f"{force.name} + {stretch.name}"
-        self.force, self.stretch = force, stretch
+    def __init__(self, *laws: Law) -> None:
+        self.name = " + ".join(law.name for law in laws)
+        self.laws = laws
 
     def begin(self, lanes: int) -> None:
-        """Prepare both."""
-        self.force.begin(lanes)
-        self.stretch.begin(lanes)
+        """Prepare all."""
+        for law in self.laws:
+            law.begin(lanes)
 
     def action(self, state: Values, applied: Values) -> Values:
-        """Return the two columns."""
-        return np.concatenate([law.action(state, applied) for law in (self.force, self.stretch)], 1)
+        """Return their columns."""
+        return np.concatenate([law.action(state, applied) for law in self.laws], 1)

@@ -1,4 +1,4 @@
-"""Constant control: one action, one force or one stretch throughout."""
+"""Constant control: one action, one force, one stretch or one damping throughout."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.controllers.actuators import Actuators
 from agents.controllers.both import Both
 from agents.controllers.controller import columns, require_actuator, require_number
 from agents.controllers.stretch_command import StretchCommand
@@ -59,7 +60,7 @@ class ConstantStretch:
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
         self.name = "initial stretch" if stretch is None else f"constant stretch {stretch:.3f}"
         self.stretch = stretch
-        self.command = StretchCommand(scene)
+        self.command, self.column = StretchCommand(scene), columns(scene).index("stretch")
         if stretch is not None:
             require_number(
                 "stretch", stretch, self.command.actuator.minimum, self.command.actuator.maximum
@@ -71,7 +72,7 @@ class ConstantStretch:
 
     def action(self, state: Values, applied: Values) -> Values:
         """Return the action towards the stretch."""
-        present = applied[:, -1]
+        present = applied[:, self.column]
         if self.wanted is None:
             self.wanted = present.copy()
             if self.stretch is not None:
@@ -79,15 +80,70 @@ class ConstantStretch:
         return self.command(self.wanted, present)
 
 
+class ConstantDamping:
+    """Go to one damping [N s/m] and stay; by default stay at the one that the episode begins with.
+
+    Raises
+    ------
+    DesignError
+        If no damping is actuated, or the value is beyond its limits.
+    """
+
+    def __init__(self, scene: Scene, damping: float | None = None) -> None:
+        require_actuator(scene, "damping")
+        actuators, self.column = Actuators(scene), columns(scene).index("damping")
+        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
+        self.travel = float(actuators.travel[self.column])
+        self.is_rate = bool(actuators.is_rate[self.column])
+        if damping is not None:
+            require_number("damping", damping, self.low, self.high)
+        self.name = "initial damping"
+        if damping is not None:
+            self.name = f"constant damping {damping:.3g} N s/m"
+        self.damping = damping
+
+    def begin(self, lanes: int) -> None:
+        """Forget the last episode's damping."""
+        self.wanted: Values | None = None
+
+    def action(self, state: Values, applied: Values) -> Values:
+        """Return the action towards the damping."""
+        present = applied[:, self.column]
+        if self.wanted is None:
+            self.wanted = present.copy()
+            if self.damping is not None:
+                self.wanted[:] = self.damping
+        if self.is_rate:
+            action = (self.wanted - present) / self.travel
+        else:
+            action = (self.wanted - 0.5 * (self.high + self.low)) / (0.5 * (self.high - self.low))
+        return np.clip(action, -1.0, 1.0)[:, None]
+
+
 def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:
-    """Return the law that holds a stretch, as `ConstantStretch`, and pushes with no force."""
-    law = ConstantStretch(scene, stretch)
-    return law if scene.actuation.force is None else Both(ConstantForce(scene), law)
+    """Return the law that holds a stretch, as `ConstantStretch`, and nothing else moves."""
+    return _held(scene, ConstantStretch(scene, stretch), "stretch")
+
+
+def constant_damping(scene: Scene, damping: float | None = None) -> Law:
+    """Return the law that holds a damping, as `ConstantDamping`, and nothing else moves."""
+    return _held(scene, ConstantDamping(scene, damping), "damping")
+
+
+def _held(scene: Scene, law: Law, own: str) -> Law:
+    """Return a law of one actuator, by its name, with the others at rest."""
+    rest = {"force": ConstantForce, "stretch": ConstantStretch, "damping": ConstantDamping}
+    all_laws = [law if name == own else rest[name](scene) for name in columns(scene)]
+    return law if len(all_laws) == 1 else Both(*all_laws)
 
 
 def no_control(scene: Scene) -> Law:
-    """Return the law of no force and of the stretch that the episode begins with."""
-    no_stretch = scene.actuation.stretch is None
-    law = ConstantForce(scene) if no_stretch else constant_stretch(scene)
+    """Return the law of no force, and of stretch and damping that the episode begins with."""
+    if scene.actuation.stretch is not None:
+        law = constant_stretch(scene)
+    elif scene.actuation.damping is not None:
+        law = constant_damping(scene)
+    else:
+        law = ConstantForce(scene)
     law.name = "no control"
     return law

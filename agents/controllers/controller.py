@@ -40,8 +40,9 @@ class Controller(Protocol):
         observation
             (lanes, n): what an agent sees.
         info
-            "state" (lanes, 4), x1, x2 [m], v1, v2 [m/s]; "applied" (lanes, k), the force [N] and
-            the stretch [-] that are actuated. Empty for a controller that reads the observation.
+            "state" (lanes, 4), x1, x2 [m], v1, v2 [m/s]; "applied" (lanes, k), what is actuated of
+            force [N], stretch [-] and damping [N s/m]. Empty for a controller that reads the
+            observation.
         """
         ...
 
@@ -62,7 +63,7 @@ class Law(Protocol):
         state
             (lanes, 4): x1, x2 [m], v1, v2 [m/s].
         applied
-            (lanes, k): the force [N] and the stretch [-] that the actuators have.
+            (lanes, k): force [N], stretch [-] and damping [N s/m] that the actuators have.
         """
         ...
 
@@ -85,13 +86,11 @@ class StateSource(Protocol):
 
 def columns(scene: Scene) -> tuple[str, ...]:
     """Return the names of the actuators, in the order of the action."""
-    return tuple(
-        name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None
-    )
+    return scene.actuation.names
 
 
 def require_actuator(scene: Scene, name: str) -> None:
-    """Raise `DesignError` if the scene lacks an actuator, "force" or "stretch"."""
+    """Raise `DesignError` if the scene lacks an actuator: "force", "stretch" or "damping"."""
     if getattr(scene.actuation, name) is None:
         msg = f"actuation.{name}: missing; the scene must have a {name} actuator"
         raise DesignError(msg)

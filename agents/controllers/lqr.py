@@ -169,7 +169,14 @@ def force_price(scene: Scene) -> float:
     if actuator is None:
         msg = (
             "actuation.force: missing; "
-            "a regulator needs a force (a stretch does not enter the linear plant)"
+            "a regulator needs a force (a stretch or a damping does not enter the linear plant: it "
+            "multiplies the state)"
+        )
+        raise DesignError(msg)
+    if scene.actuation.damping is not None:
+        msg = (
+            "actuation.damping: a regulator moves the force alone; a damping multiplies the state, "
+            "so it does not enter the linear plant"
         )
         raise DesignError(msg)
     if actuator.command == "rate":

@@ -47,10 +47,10 @@ class Model:
 
     def __init__(self, scene: Scene, lanes: int) -> None:
         _require_reward_of_motion(scene)
-        force, stretch = scene.actuation.force, scene.actuation.stretch
+        force = scene.actuation.force
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
-        self.has_force, self.has_stretch = force is not None, stretch is not None
+        self.has_force = force is not None
         self.is_between = scene.actuation.is_between
         pushed = {"limit": self.limit, "between": "masses" if self.is_between else "ground"}
         changes: dict[str, object] = {
@@ -58,19 +58,21 @@ class Model:
             "randomization": {AMPLITUDE: [-self.limit, self.limit]} if self.is_between else {},
             "initial": {},
             "sensors": {},
-            "actuation": {"force": pushed},
             "objective.effort_weight": 0.0,
             "objective.displacement_limit": None,
             "objective.rail_half_length": None,
             "control.steps": 10**9,  # the most that a scene allows
         }
-        if stretch is not None:
-            low, high = stretch.minimum, stretch.maximum
-            self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
-            changes["actuation"] = {
-                "force": pushed,
-                "stretch": {"minimum": low, "maximum": high},
-            }
+        tuned = {
+            name: {"minimum": actuator.minimum, "maximum": actuator.maximum}
+            for name, actuator in scene.actuation
+            if actuator is not None and name != "force"
+        }
+        limits = np.array([list(one.values()) for one in tuned.values()]).reshape(-1, 2)
+        self.middle, self.half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        if (damper := scene.actuation.damping) is not None:
+            tuned["damping"]["of"] = damper.of
+        changes["actuation"] = {"force": pushed, **tuned}
         self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
         self.columns = columns(scene)
@@ -101,8 +103,8 @@ class Model:
         Parameters
         ----------
         applied
-            (lanes, k): the force [N] and the stretch [-] during the step. The cost of actions is
-            not in the rewards.
+            (lanes, k): force [N], stretch [-] and damping [N s/m] during the step. The cost of
+            actions is not in the rewards.
         disturbance
             (lanes,) a known force on the carriage [N], held over the step.
         """
@@ -111,10 +113,9 @@ class Model:
             self._reset({AMPLITUDE: np.broadcast_to(disturbance, len(applied))})
         else:
             force = disturbance + force
-        actions = np.empty((len(applied), 1 + self.has_stretch))
+        actions = np.empty((len(applied), 1 + len(self.middle)))
         actions[:, 0] = force / self.limit
-        if self.has_stretch:
-            actions[:, 1] = (applied[:, -1] - self.middle) / self.half
+        actions[:, 1:] = (applied[:, int(self.has_force) :] - self.middle) / self.half
         _, rewards, *_, info = self.env.step(actions)
         self.state = info["state"].copy() if self.is_between else info["state"]
         return info["state"], rewards

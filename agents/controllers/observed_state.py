@@ -8,6 +8,7 @@ import control
 import numpy as np
 
 from agents.controllers.actuators import Actuators
+from agents.controllers.controller import columns
 from agents.controllers.disturbance import covariance, state_scales
 from agents.controllers.model import Model
 from mm_gym import DesignError, compile_scene
@@ -48,11 +49,11 @@ class ObservedActuators:
         self.scene, self.frame = scene, len(plant.observed)
         self.zero = np.array([channel.zero for channel in plant.observed])
         self.unit = np.array([1.0 / channel.factor for channel in plant.observed])
-        self.stretch = (
-            plant.channels.index("stretch")
-            if "stretch" in plant.channels and scene.actuation.stretch is not None
-            else None
-        )
+        self.tuned = {  # column of an action -> that of the channel which shows what it tunes
+            k: plant.channels.index(name)
+            for k, name in enumerate(columns(scene))
+            if name in plant.channels
+        }
 
     def begin(self, lanes: int) -> None:
         """Forget the last episodes."""
@@ -75,11 +76,11 @@ class ObservedActuators:
         return observation[:, -self.frame :] * self.unit + self.zero
 
     def _first_applied(self, frame: Values) -> Values:
-        """Return the first stretch where it is observed, else the middle; no force."""
+        """Return first stretch and damping where they are observed, else the middle; no force."""
         actuators, lanes = self.actuators, len(frame)
         applied = np.tile(0.5 * (actuators.low + actuators.high), (lanes, 1))
-        if self.stretch is not None:
-            applied[:, -1] = np.clip(frame[:, self.stretch], actuators.low[-1], actuators.high[-1])
+        for k, channel in self.tuned.items():
+            applied[:, k] = np.clip(frame[:, channel], actuators.low[k], actuators.high[k])
         return applied
 
 
@@ -163,7 +164,8 @@ class ObservedState(ObservedActuators):
         actuator = self.scene.actuation.stretch
         if actuator is None:
             return np.zeros(len(applied), np.intp)
-        share = (applied[:, -1] - actuator.minimum) / (actuator.maximum - actuator.minimum)
+        stretch = applied[:, columns(self.scene).index("stretch")]
+        share = (stretch - actuator.minimum) / (actuator.maximum - actuator.minimum)
         return np.rint(share * (STRETCHES - 1)).astype(np.intp)
 
     def _gains(self) -> Values:

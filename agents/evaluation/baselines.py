@@ -18,6 +18,7 @@ from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import (
     ConstantForce,
     ConstantStretch,
+    constant_damping,
     constant_stretch,
     no_control,
 )
@@ -156,7 +157,7 @@ def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
                     for name in trackers(scene)
                 },
             }
-        case _:
+        case ("force", "stretch"):
             switched = cache(lambda: best_lqr_with_clipped_lqr(scene))  # its search takes long
             return {
                 "LQR + constant stretch": best_lqr_at_constant_stretch,
@@ -165,6 +166,8 @@ def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
                     scene, switched()
                 ),
             }
+        case _:  # none is known for a damping
+            return {}
 
 
 def filtered(scene: Scene) -> Mapping[str, Callable[[Scene], Controller]]:
@@ -193,7 +196,7 @@ def further_laws(scene: Scene) -> list[Controller]:
     gymnasium.error.DependencyNotInstalled
         Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
     """
-    return designed(scene, FURTHER[columns(scene)])[0]
+    return designed(scene, FURTHER.get(columns(scene), {}))[0]
 
 
 def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
@@ -207,7 +210,7 @@ def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
 
 def _remembers(law: Law) -> bool:
     if isinstance(law, Both):
-        return _remembers(law.force) or _remembers(law.stretch)
+        return any(_remembers(one) for one in law.laws)
     return isinstance(law, REMEMBER)
 
 
@@ -260,17 +263,32 @@ def frequency_tracker(name: str, scene: Scene) -> Feedback:
 
 
 def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
-    """Return the best of what never moves: a stretch, or a force where there is no stretch.
+    """Return the best of what never moves: a stretch, else a damping, else a force.
 
     With the seed of the final evaluation it is the best in hindsight.
     """
     actuator = scene.actuation.force
+    if scene.actuation.damping is not None and scene.actuation.stretch is None:
+        return best_constant_damping(scene, seed)
     if scene.actuation.stretch is not None or actuator is None:
         return best_constant_stretch(scene, seed)
     return _search(
         scene,
         lambda force: ConstantForce(scene, force),
         actuator.limit * CENTRED,
+        seed,
+        ObservedActuators(scene),
+    )
+
+
+def best_constant_damping(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
+    """Search the constant damping of least cost."""
+    actuator = scene.actuation.damping
+    assert actuator is not None  # noqa: S101 - the caller's scene has one
+    return _search(
+        scene,
+        lambda damping: constant_damping(scene, damping),
+        np.linspace(actuator.minimum, actuator.maximum, 33),
         seed,
         ObservedActuators(scene),
     )
@@ -332,7 +350,7 @@ def best_feedforward_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
 
 def _with_feedforward(scene: Scene, found: Feedback) -> Feedback:
     assert isinstance(found.law, Both)  # noqa: S101 - as it was made
-    clipped = found.law.stretch
+    clipped = found.law.laws[1]
     assert isinstance(clipped, ClippedLQR)  # noqa: S101 - as it was made
     return Feedback(scene, Both(FeedforwardLQR(scene, clipped.about), clipped))
 

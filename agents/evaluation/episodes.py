@@ -152,7 +152,8 @@ def evaluate(
     displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
     applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
     work = None if scene.actuation.stretch is None else SpringWork(scene, env)
-    offset, initial = np.zeros((steps, episodes)), info["applied"][:, -1].copy()
+    tuned = env.plant.actuators.index("stretch") if work is not None else 0
+    offset, initial = np.zeros((steps, episodes)), info["applied"][:, tuned].copy()
     alive, lived = np.ones(episodes, np.bool_), np.zeros(episodes, np.int64)
     early = np.zeros(episodes, np.bool_)
     for step in range(steps):
@@ -195,7 +196,7 @@ def evaluate(
         applied=applied,
         injected=None
         if work is None
-        else work.injected(offset, np.concatenate([initial[None], applied[:, :, -1]])),
+        else work.injected(offset, np.concatenate([initial[None], applied[:, :, tuned]])),
     )
 
 

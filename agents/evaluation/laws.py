@@ -87,7 +87,7 @@ PRICED = (
 
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
-    found = {**ALWAYS, **LAWS[columns(scene)], **FURTHER[columns(scene)]}
+    found = {**ALWAYS, **LAWS.get(columns(scene), {}), **FURTHER.get(columns(scene), {})}
     force = scene.actuation.force
     if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
         for name in PRICED:
@@ -109,7 +109,7 @@ def obstacle(name: str, scene: Scene) -> str | None:
     suited = [" and ".join(kinds) for kinds, names in groups.items() if name in names]
     if not suited:
         return None
-    if name not in groups[columns(scene)]:
+    if name not in groups.get(columns(scene), ()):
         return f"which is for other actuators: {' or '.join(suited)}"
     if name in TRACKERS:
         return "which looks for the frequency of a harmonic, and the excitation is another one"

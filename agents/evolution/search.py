@@ -68,7 +68,7 @@ class Evolution(Search):
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
-        self.network = Network(start, settings.hidden, odd=scene.actuation.stretch is None)
+        self.network = Network(start, settings.hidden, odd=scene.actuation.names == ("force",))
         self.began_as = IN_WORDS[start.law]
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free

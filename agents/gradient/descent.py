@@ -78,7 +78,7 @@ class Descent(Search):
         start = start_of(scene, settings, generator)
         self.began_as = IN_WORDS[start.law]
         start = with_oscillators(start, settings.oscillators, generator)
-        self.odd = scene.actuation.stretch is None
+        self.odd = scene.actuation.names == ("force",)
         evolved = Evolved(start, settings.hidden, odd=self.odd)
         self.start = evolved.policy(evolved.first(generator))
         self.start.units[:, UNIT.index("floor")] = settings.floor

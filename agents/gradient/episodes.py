@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
 """Channels that no action changes."""
 
-APPLIED = {"stretch": "stretch", "applied_force": "force"}
+APPLIED = {"stretch": "stretch", "applied_force": "force", "damping": "damping"}
 """Channel -> name of the actuator that it shows."""
 
 MOST = 10.0

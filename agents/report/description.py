@@ -10,7 +10,7 @@ from mm_gym import compile_scene
 
 if TYPE_CHECKING:
     from mm_gym import Scene
-    from mm_gym.scene import ForceActuator, Part, StretchActuator
+    from mm_gym.scene import Actuator, Part
 
 TARGETS = ("force", "ground")
 """In the order in which docstrings give the units of an amplitude."""
@@ -60,12 +60,15 @@ def _action(scene: Scene) -> str:
     if stretch is not None:
         rows.append(["stretch of the springs", "-", f"{stretch.minimum:g}", f"{stretch.maximum:g}"])
         rows[-1] += _motion(stretch)
+    if (damping := scene.actuation.damping) is not None:
+        ends = f"{damping.minimum:g}", f"{damping.maximum:g}"
+        rows.append([f"damping of the {damping.of}", "N s/m", *ends, *_motion(damping)])
     header = ["column", "unit", "least", "most", "an action of 1 means", "rate limit", "lag"]
     count = "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
     return f"{count} in [-1, 1].\n\n{markdown(header, rows)}"
 
 
-def _motion(actuator: ForceActuator | StretchActuator) -> list[str]:
+def _motion(actuator: Actuator) -> list[str]:
     rate = "none" if actuator.rate_limit is None else f"{actuator.rate_limit:g} per s"
     meaning = "the most" if actuator.command == "position" else "the rate limit"
     return [meaning, rate, f"{actuator.lag:g} s" if actuator.lag else "none"]

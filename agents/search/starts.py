@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.constant import ConstantDamping
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_lqg, state_units
@@ -229,9 +230,9 @@ def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Values, Values]:
 
 
 def without_control(scene: Scene) -> Policy:
-    """Return the policy of no force, and of the stretch that an episode begins with.
+    """Return the policy of no force, and of stretch and damping that an episode begins with.
 
-    Of a range of stretches it keeps the middle.
+    Of a range of them it keeps the middle.
     """
     return _none(scene, Shown(scene)).policy()
 
@@ -242,7 +243,12 @@ def _none(scene: Scene, shown: Shown) -> Start:
         assert scene.springs.kind != "none"  # noqa: S101 - the scene guarantees it
         own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
         present = np.full(1, np.mean(own))
-        direct[-1, :1] = StretchCommand(scene)(present, present)[0]
+        direct[columns(scene).index("stretch"), :1] = StretchCommand(scene)(present, present)[0]
+    if (damped := scene.actuation.damped) is not None:
+        law, held = ConstantDamping(scene), np.mean(scene.range_of(damped, scene.value_of(damped)))
+        law.begin(1)
+        action = law.action(np.zeros((1, 4)), np.full((1, shown.actions), held))
+        direct[columns(scene).index("damping"), :1] = action[0]
     return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
 
 
@@ -254,6 +260,9 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     actuation = scene.actuation
     if law == "none":
         return _none(scene, shown)
+    if actuation.damping is not None:
+        msg = f"law: {law!r} controls no damping; actuation.damping is there"
+        raise DesignError(msg)
     if law == "lqg":
         return _lqg(scene, shown)
     if law != "regulator" and actuation.stretch is None:

@@ -25,7 +25,7 @@ from agents.training.algorithm_settings import (
 )
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import read_toml
-from mm_gym.scene import Part
+from mm_gym.scene import Document
 from mm_gym.tasks import path_of, short_name, task_called
 from mm_gym.user_code import is_path, source, split
 
@@ -50,11 +50,11 @@ LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
 
 
-Settings = TypeVar("Settings", bound="Part")
+Settings = TypeVar("Settings", bound="Document")
 OfRun = TypeVar("OfRun", bound="RunSettings")
 
 
-class RunSettings(Part):
+class RunSettings(Document):
     """What a policy is for, and where it is written."""
 
     task: str = "mm_gym/PreStretch-v0"

@@ -14,7 +14,7 @@ from agents.arrays import described, numbers
 from agents.policy_file import PolicyError
 from agents.value_table.kernel import NODES, choose
 from mm_gym.files import write_bytes
-from mm_gym.scene import Part
+from mm_gym.scene import Document
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -107,7 +107,7 @@ def is_table(arrays: Arrays) -> bool:
     return "after" in arrays
 
 
-class Description(Part):
+class Description(Document):
     """What the file of a table says in JSON."""
 
     format: Literal[1]

@@ -56,7 +56,7 @@ def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
 def linear_values(scene: Scene) -> Linear:
     """Return the coefficients: the middle of each range, friction with its slope in stick."""
     support = support_of(scene)
-    p = 0.5 * (support.start_low + support.start_high)
+    p = support.middle
     p[at.X1 : at.V2 + 1] = 0.0
     plain(dry_friction.write_regimes)(p[:, None], 0, 1)
     link = interface_slopes(support, p)

@@ -50,9 +50,10 @@ def scene_of(
         raise SceneError(msg)
     if changes is not None:
         scene = scene.replace(**_checked_changes(changes))
-    if scene.actuation.force is None and scene.actuation.stretch is None:
+    if not scene.actuation.names:
         msg = (
-            "actuation: an environment needs an actuator; set actuation.force or actuation.stretch"
+            "actuation: an environment needs an actuator; set actuation.force, "
+            "actuation.stretch or actuation.damping"
         )
         raise SceneError(msg)
     return rewarded(scene, reward)

@@ -60,6 +60,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     force    `actuation.force` [N]      +limit, on the carriage; with ``between = "masses"``
                                         -limit on the sphere, too
     stretch  `actuation.stretch` [-]    `maximum`
+    damping  `actuation.damping`        `maximum`, of the interface or the carriage
+             [N s/m]
     =======  =========================  ================================================
 
     With ``command = "rate"``, an action of 1 means +rate_limit. Rate limits and lags determine how

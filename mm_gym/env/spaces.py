@@ -40,6 +40,7 @@ def _bounds(plant: Plant, channel: Observed) -> tuple[float, float]:
     reached = {
         at.FORCE: (-limit, limit),
         at.STRETCH: (plant.support.low[at.STRETCH], plant.support.high[at.STRETCH]),
+        at.DAMPING: (plant.support.low[at.DAMPING], plant.support.high[at.DAMPING]),
     }
     low, high = reached.get(CHANNELS[channel.name].row, (-np.inf, np.inf))
     if channel.noise > 0.0 or not low < high:  # a constant would make a box that cannot be scaled

@@ -54,13 +54,13 @@ Few enough to stay in the first-level cache, many enough to fill the vector unit
 
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
-FORCE, STRETCH = 4, 5
-BEGAN = 6  # NOW when the episode began
-FORCE_ASKED, STRETCH_ASKED = 7, 8  # what a rate commanded adds up to
+FORCE, STRETCH, DAMPING = 4, 5, 6  # side by side; DAMPING goes on to row C or D, see `DAMPED`
+BEGAN = 7  # NOW when the episode began
+FORCE_ASKED, STRETCH_ASKED, DAMPING_ASKED = 8, 9, 10  # what a rate commanded adds up to
 
 # Rows of what follows from the state, written only if a channel shows them.
-CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 9, 10, 11
-DISTURBANCE, GROUND_ACCELERATION = 12, 13
+CARRIAGE_ACCELERATION, SPHERE_ACCELERATION, SPRING_FORCE = 11, 12, 13
+DISTURBANCE, GROUND_ACCELERATION = 14, 15
 DERIVED = range(CARRIAGE_ACCELERATION, GROUND_ACCELERATION + 1)
 REACTIONS = range(CARRIAGE_ACCELERATION, SPRING_FORCE + 1)
 
@@ -69,22 +69,22 @@ REACTIONS = range(CARRIAGE_ACCELERATION, SPRING_FORCE + 1)
 TERMINATED, TRUNCATED, MARKED = 0, 1, 2
 
 # Rows of the physical parameters, which randomisation may draw for each episode.
-M1, M2, K1, D, ALPHA, BETA = 14, 15, 16, 17, 18, 19
-C, MU1, MU2, VR, CHI, FN = 20, 21, 22, 23, 24, 25
-K0, L0 = 26, 27
+M1, M2, K1, D, ALPHA, BETA = 16, 17, 18, 19, 20, 21
+C, MU1, MU2, VR, CHI, FN = 22, 23, 24, 25, 26, 27
+K0, L0 = 28, 29
 
 # What dry friction comes to, written when an episode begins (`law.dry_friction.write_regimes`): its
 # slope in stick is in row C, where a viscous interface has its damping; this is mu2 F_N [N].
-KINETIC_FORCE = 28
+KINETIC_FORCE = 30
 
 # Rows of a block's clock, in its first lane: the control steps made so far, and until how many none
 # of its episodes has had its steps. So no step counts for every lane.
-NOW, DUE = 29, 30
+NOW, DUE = 31, 32
 
 # Rows of the first harmonic; the next harmonic follows HARMONIC_ROWS further down. COSINE and SINE
 # are those of the present phase, ROTATE_COSINE and ROTATE_SINE those of its advance in one sample
 # interval.
-HARMONICS = 31
+HARMONICS = 33
 HARMONIC_ROWS = 7
 AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2, 3, 4, 5, 6
 
@@ -104,26 +104,30 @@ INTERFACE = 7
 """Row of the first parameter of an interface in value form; its own state, if any, is before."""
 BETWEEN = 8
 """1 if the control force acts between the masses, 0 if between the ground and the carriage."""
-MODEL_OWN = 9
+DAMPED = 9
+"""Row, C or D, that an actuated damping goes on to; 0 if none is actuated."""
+MODEL_OWN = 10
 
 # Slots of the task array.
 HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
 FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # a lag lets it go this fraction of the way a control step
 HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
 STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
-WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 11, 12, 13, 14
-DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 15, 16, 17
+HAS_DAMPING, DAMPING_LOW, DAMPING_HIGH, DAMPING_RATE = 11, 12, 13, 14
+DAMPING_IS_RATE, DAMPING_LAG_FACTOR = 15, 16
+WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 17, 18, 19, 20
+DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 21, 22, 23
 # Whether a channel or the reward reads what follows from the state; an acceleration or a force
 # between the masses; whether there is noise.
-IS_DERIVED, HAS_REACTIONS, IS_NOISY = 18, 19, 20
+IS_DERIVED, HAS_REACTIONS, IS_NOISY = 24, 25, 26
 # Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
 # not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.
-RESERVED, HAS_RESERVED_NOISE = 21, 22
+RESERVED, HAS_RESERVED_NOISE = 27, 28
 # Of the squares of what follows from the state, and whether one of them is not 0.
-WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 23, 24, 25
-HAS_DERIVED_COST = 26
-CHANNEL_COUNT = 27
-CHANNELS = 28  # then, per channel, CHANNEL_SIZE slots
+WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 29, 30, 31
+HAS_DERIVED_COST = 32
+CHANNEL_COUNT = 33
+CHANNELS = 34  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

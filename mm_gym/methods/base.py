@@ -160,6 +160,7 @@ def header(support: Support, own: int) -> NDArray[np.float64]:
     model[at.INTERVALS] = support.intervals_per_step
     model[at.JETS], model[at.TERMS] = support.jets, support.terms
     model[at.INTERFACE], model[at.BETWEEN] = support.interface_row, support.is_between
+    model[at.DAMPED] = support.damped_row
     model[at.HARMONIC_COUNT] = len(support.ground)
     model[at.GROUND] = sum(1 << j for j, ground in enumerate(support.ground) if ground)
     return model

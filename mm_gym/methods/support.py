@@ -39,7 +39,7 @@ KINDS = (
 General: the interface is one of `mm_gym.law.INTERFACES`."""
 
 PHYSICAL = range(at.M1, at.HARMONICS)
-"""Rows of the physical parameters; of the rows before them only the stretch enters the dynamics."""
+"""Rows of the physical parameters; before them stretch and damping alone enter the dynamics."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ class Support:
         its own state.
     is_between
         Whether the control force acts between the masses, and not on the carriage alone.
+    damped_row
+        Row, C or D, of the damping that is actuated, 0 if none is. Its name has row DAMPING.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.
@@ -97,6 +99,15 @@ class Support:
     interface_row: int = 0
     is_between: bool = False
     records: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    damped_row: int = 0
+
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """The lane (rows,) in the middle of all ranges that an episode begins with."""
+        row = 0.5 * (self.start_low + self.start_high)
+        if self.damped_row:
+            row[self.damped_row] = row[at.DAMPING]
+        return row
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -135,7 +146,13 @@ class Support:
     def _dynamic_rows(self) -> set[int]:
         """Rows of the physical parameters, the stretch and the harmonics' frequencies."""
         frequencies = range(*self._frequency_rows.indices(len(self.low)))
-        return {at.STRETCH, *PHYSICAL, *frequencies, *self.interface_rows}
+        return {at.STRETCH, at.DAMPING, *PHYSICAL, *frequencies, *self.interface_rows}
+
+    @property
+    def varying_parameters(self) -> list[str]:
+        """Dotted names of those that are neither the stretch nor a harmonic's frequency."""
+        rows = (at.DAMPING, *range(at.M1, at.HARMONICS))
+        return [name for name in self.varying if self.names[name] in rows]
 
     @property
     def interface_rows(self) -> range:

@@ -64,7 +64,8 @@ class LaneResponse:
             )
             raise SimulationError(msg)
         old = _spring_energy(before)
-        before[[at.FORCE, at.STRETCH]] = after[[at.FORCE, at.STRETCH]]
+        held = [at.FORCE, at.STRETCH, at.DAMPING, at.C, at.D]
+        before[held] = after[held]
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model
         for values in (before, after):
@@ -97,4 +98,5 @@ def _end(values: Array) -> End:
         values[:4, :, None],
         values[at.CARRIAGE_ACCELERATION : at.SPHERE_ACCELERATION + 1, :, None],
         values[at.GROUND_ACCELERATION][:, None],
+        values[at.D][:, None],
     )

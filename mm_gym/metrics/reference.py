@@ -88,14 +88,14 @@ def uncontrolled_response(
 
 
 def _holding(env: MovingMassVectorEnv) -> NDArray[np.float64]:
-    """Return the actions (lanes, k) of no force and of the present stretch."""
+    """Return the actions (lanes, k) of no force and of the present stretch and damping."""
     actions = np.zeros((env.num_envs, len(env.plant.actuators)))
-    stretch = env.scene.actuation.stretch
-    if stretch is not None and stretch.command == "position":
-        middle, half = (
-            0.5 * (stretch.maximum + stretch.minimum),
-            0.5 * (stretch.maximum - stretch.minimum),
-        )
-        values = env.get_state()["values"]
-        actions[:, -1] = (np.asarray(values)[at.STRETCH] - middle) / half
+    values = np.asarray(env.get_state()["values"])
+    rows = {"stretch": at.STRETCH, "damping": at.DAMPING}
+    for k, name in enumerate(env.plant.actuators):
+        actuator = getattr(env.scene.actuation, name)
+        if name in rows and actuator.command == "position":
+            middle = 0.5 * (actuator.maximum + actuator.minimum)
+            half = 0.5 * (actuator.maximum - actuator.minimum)
+            actions[:, k] = (values[rows[name]] - middle) / half
     return actions

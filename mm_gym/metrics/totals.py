@@ -31,11 +31,14 @@ class End(NamedTuple):
         (2, lanes, n) of carriage and sphere [m/s^2], absolute.
     ground
         (lanes, n) acceleration of the ground [m/s^2].
+    damping
+        (lanes, n) of the carriage [N s/m], in the interval.
     """
 
     state: Array
     acceleration: Array
     ground: Array
+    damping: Array
 
 
 class Totals:
@@ -135,7 +138,8 @@ class Totals:
 
         The reaction to a control force (lanes, n) [N] that acts on the ground is part of the last.
         """
-        k1, alpha, beta, d = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA, at.D))
+        k1, alpha, beta = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA))
+        d = end.damping
         x1, x2, v1, v2 = end.state
         relative = end.acceleration[0] - end.ground
         force = plain(carriage_spring.carriage_force)(k1, alpha, beta, x1) + d * v1

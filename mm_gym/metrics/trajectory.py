@@ -12,7 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.metrics.totals import End, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
 from mm_gym.simulation.recording import Place, excitation, states_at
-from mm_gym.simulation.response import acceleration
+from mm_gym.simulation.response import acceleration, damped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -95,8 +95,10 @@ def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bo
     applied = recording.applied[rows]
     support = recording.plant.support
     absolute = acceleration(support, recording.parameters, state, applied, exciting[:, 0])
+    own = damped(support, recording.parameters, applied)
     return End(
         np.ascontiguousarray(state[:, :4].T)[:, None],
         np.ascontiguousarray(absolute.T)[:, None],
         exciting[None, :, 1],
+        np.broadcast_to(own[at.D], (1, len(rows))),
     )

@@ -58,9 +58,7 @@ def _compiled(scene: Scene) -> Plant:
         task=task_array(scene, support.excitation),
         template=template,
         draws=draws,
-        actuators=tuple(
-            name for name in ("force", "stretch") if getattr(scene.actuation, name) is not None
-        ),
+        actuators=scene.actuation.names,
         observed=observed(scene),
         history=scene.sensors.history,
         delay=scene.sensors.delay,

@@ -51,7 +51,7 @@ def jacobian_of(
     values, streams, is_snapshot = _lanes(support, model, task, place)
     state, action = motion
     given = None if state is None else _array("state", state, len(support.state_rows), SceneError)
-    columns = int(task[at.HAS_FORCE] > 0.0) + int(task[at.HAS_STRETCH] > 0.0)
+    columns = int((task[[at.HAS_FORCE, at.HAS_STRETCH, at.HAS_DAMPING]] > 0.0).sum())
     actions = _array("action", action, columns, ActionError)
     counts = {len(a) for a in (given, actions) if a is not None and a.ndim > 1}
     if is_snapshot:
@@ -120,7 +120,7 @@ def _lanes(
             begin_excitation(model, lanes, streams, which, 0, 1)
     else:
         given = np.asarray(place, np.float64)
-        lanes[:6, 0] = given[:6]
+        lanes[: at.DAMPING + 1, 0] = given[: at.DAMPING + 1]
     return lanes, streams, False
 
 

@@ -21,11 +21,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-INPUTS = {"force": "N", "stretch": "-", "disturbance": "N", "ground": "m/s^2"}
+INPUTS = {
+    "force": "N",
+    "stretch": "-",
+    "damping": "N s/m",
+    "disturbance": "N",
+    "ground": "m/s^2",
+}
 """Inputs and their units."""
 
 STATES = {"x1": "m", "x2": "m", "v1": "m/s", "v2": "m/s"}
-FORCE, STRETCH, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
+FORCE, STRETCH, DAMPING, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
 
 
 @dataclass(frozen=True)
@@ -37,8 +43,8 @@ class ControlLoop:
     support
         All values that the scene can reach.
     lags
-        Of "force" and "stretch": the fraction of the way to a command that the actuator goes in a
-        control step [-].
+        Of "force", "stretch" and "damping": the fraction of the way to a command that the actuator
+        goes in a control step [-].
     noise
         Standard deviation [SI] of the noise of each channel that the scene observes, by name.
     time_step
@@ -69,7 +75,7 @@ class Parts:
     inputs, outputs
         Names.
     held
-        Actuators whose force [N] or stretch [-] is a state.
+        Actuators whose force [N], stretch [-] or damping [N s/m] is a state.
     """
 
     loop: ControlLoop
@@ -107,7 +113,7 @@ class Parts:
 
     def input_signal(self, name: str) -> Signal:
         """Return an input with its unit and point."""
-        point = float(self.row[at.STRETCH]) if name == "stretch" else 0.0
+        point = float(self.row[POINTS[name]]) if name in POINTS else 0.0
         return Signal(name, INPUTS[name], point)
 
 
@@ -201,16 +207,20 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
             {"stretch": over_stretch},
             parts.tangent.spring_force,
         )
-    return motion, {SHOWN[name]: 1.0}, float(row[at.STRETCH]) if name == "stretch" else 0.0
+    return motion, {SHOWN[name]: 1.0}, float(row[POINTS[name]]) if name in POINTS else 0.0
 
+
+POINTS = {"stretch": at.STRETCH, "damping": at.DAMPING}
+"""Rows of the inputs that are not 0 at the point."""
 
 SHOWN = {
     "applied_force": "force",
     "stretch": "stretch",
+    "damping": "damping",
     "disturbance_force": "disturbance",
     "ground_acceleration": "ground",
 }
 """The driver that each of the other channels shows."""
 
-ABSOLUTE = ("force", "stretch", "disturbance")
+ABSOLUTE = ("force", "stretch", "damping", "disturbance")
 """Drivers of the absolute accelerations."""

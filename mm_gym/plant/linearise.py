@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Decimals = NDArray[np.object_]
 
-DRIVERS = ("force", "stretch", "disturbance", "ground", "one")
+DRIVERS = ("force", "stretch", "damping", "disturbance", "ground", "one")
 """What drives the motion, in the order of the columns of `Tangent.drivers`; one is constant."""
 
 
@@ -42,7 +42,7 @@ class Tangent(NamedTuple):
     a
         (4, 4), for deviations of x1, x2, v1, v2.
     drivers
-        (4, 5), see `DRIVERS`; the last is the motion at the point itself.
+        (4, 6), see `DRIVERS`; the last is the motion at the point itself.
     spring
         Slopes of the springs' force over the offset [N/m] and over the stretch [N].
     spring_force
@@ -155,7 +155,11 @@ def tangent(support: Support, row: Array) -> Tangent:
         moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
         one = np.array([Decimal(value) for value in moving])
         control = system.control(is_between=support.is_between)
-        drivers = np.column_stack([control, stretch, system.force, system.ground, one])
+        # The slope of c w, or of -d v1, over the coefficient that is actuated.
+        own = support.damped_row == at.D
+        speed = (Decimal(-v1) if own else Decimal(w)) if support.damped_row else zero
+        damping = (system.force if own else system.pair) * speed
+        drivers = np.column_stack([control, stretch, damping, system.force, system.ground, one])
     slopes = over_offset + link.spring_stiffness, over_stretch
     return Tangent(system.a, drivers, slopes, spring_force + link.spring_force)
 

@@ -60,7 +60,7 @@ class Plant:
         (rows,) float64: the lane at the start of an episode; and (n, 3) float64: row, low and high
         of each value that is drawn.
     actuators
-        Names of the action's columns, in order: "force" [N], "stretch" [-].
+        Names of the action's columns, in order: "force" [N], "stretch" [-], "damping" [N s/m].
     observed
         The channels, in order, each with name, unit, factor, zero, one and noise.
     history, delay
@@ -183,7 +183,7 @@ class Plant:
         Parameters
         ----------
         inputs
-            Of "force" [N] on the carriage and "stretch" [-], as commanded to the actuators, with
+            Of "force" [N], "stretch" [-] and "damping" [N s/m], as commanded to the actuators, with
             their lag; "disturbance" [N] on the carriage and "ground" [m/s^2]. By default the
             scene's actuators. Limits and rate limits are left out.
         outputs
@@ -196,8 +196,8 @@ class Plant:
             Values by dotted name, or a lane (rows,), such as `Trajectory.parameters` or
             ``env.unwrapped.get_state()["values"][:, 0]``; by default the middle of every range.
         about
-            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, and the stretch, are made
-            linear; by default at rest.
+            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, the stretch and the damping
+            are made linear; by default at rest, where the last two do nothing.
 
         Returns
         -------
@@ -238,8 +238,8 @@ class Plant:
             (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4), with the interface's
             own state behind them if it has one; None for those of `at`.
         action
-            (k,) in [-1, 1], force then stretch, or (lanes, k). Beyond [-1, 1] it is clipped, and
-            changes nothing.
+            (k,) in [-1, 1], as `actuators` has them, or (lanes, k). Beyond [-1, 1] it is clipped,
+            and changes nothing.
         at
             The rest of the start: values by dotted name, or a lane (rows,), as of `state_space`; or
             a snapshot, ``env.unwrapped.get_state()``, with all its lanes and their random numbers.
@@ -290,6 +290,8 @@ class Plant:
             sphere stands for the force between the masses, too. The sum of squares is their cost.
         """
         derived = lanes.copy()
+        if self.support.damped_row:
+            derived[self.support.damped_row] = derived[at.DAMPING]
         given = self.model if model is None else model
         self.entries.derive(self.task, given, derived, 0, lanes.shape[1])
         slots = at.WEIGHT_CARRIAGE_ACCELERATION, at.WEIGHT_SPHERE_ACCELERATION
@@ -308,10 +310,11 @@ class Plant:
         return bool(self.task[at.HAS_DERIVED_COST])
 
     def _control_loop(self) -> ControlLoop:
-        force, stretch = self.task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR]]
+        slots = at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR
+        names = "force", "stretch", "damping"
         return ControlLoop(
             support=self.support,
-            lags={"force": float(force), "stretch": float(stretch)},
+            lags={n: float(self.task[slot]) for n, slot in zip(names, slots, strict=True)},
             noise={channel.name: channel.noise for channel in self.observed},
             time_step=self.time_step,
             delay=self.delay,
@@ -319,7 +322,7 @@ class Plant:
 
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""
-        middle = 0.5 * (self.support.start_low + self.support.start_high)
+        middle = self.support.middle
         middle[at.X1 : at.V2 + 1] = 0.0
         if stretch is not None:
             if not 1.0 <= stretch < np.inf:

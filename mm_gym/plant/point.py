@@ -34,7 +34,7 @@ def lane_at(
         the wrong shape.
     """
     if values is None or hasattr(values, "keys"):
-        row = 0.5 * (support.start_low + support.start_high)
+        row = support.middle
         named: Mapping[str, float] = values or {}  # pyright: ignore[reportAssignmentType, reportUnknownVariableType]
         for name, value in named.items():
             row[support.row_of(name)] = _value(support, name, value)
@@ -45,6 +45,8 @@ def lane_at(
         require_parameters(support, row[:, None])
     row[:4] = 0.0 if about is None else _numbers("about", about, 4)
     row[at.FORCE] = 0.0
+    if support.damped_row:
+        row[support.damped_row] = row[at.DAMPING]
     if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
         furthest = row[at.STRETCH] * row[at.L0]
         msg = f"about: got an offset of {row[at.X2] - row[at.X1]:g} m; allowed: below {furthest:g}"

@@ -79,6 +79,7 @@ def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tu
 SEES: dict[str, tuple[str, ...]] = {
     "force": ("carriage_acceleration", "applied_force"),
     "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
+    "damping": ("carriage_acceleration", "sphere_acceleration", "damping"),
 }
 """Channels that change at once with what an actuator applies."""
 

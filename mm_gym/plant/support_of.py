@@ -50,7 +50,7 @@ ROWS: dict[str, int] = {
 FIXED_STRETCH = {"none": 1.0, "linear": LINEAR}
 """Stretch of springs that have none: kernels divide by it, also where their stiffness is 0."""
 
-CONSTANT = (at.FORCE, at.STRETCH, *range(at.M1, at.L0 + 1))
+CONSTANT = (at.FORCE, at.STRETCH, at.DAMPING, *range(at.M1, at.L0 + 1))
 """Rows of what the actuators apply, and of the physical parameters."""
 
 
@@ -77,7 +77,12 @@ def support_of(scene: Scene) -> Support:
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
     first = layout.size + len(ratios) + interface.has_state
-    rows |= {name: first + k for k, name in enumerate(own)}
+    own_rows = {name: first + k for k, name in enumerate(own)}
+    rows |= own_rows
+    damper, damped = scene.actuation.damping, scene.actuation.damped
+    damped_row = 0 if damped is None else rows[damped]
+    if damped is not None:
+        rows[damped] = at.DAMPING
     low, high = np.zeros(first + len(own)), np.zeros(first + len(own))
     stated = [(rows[name], value) for name, value in values.items() if name in rows]
     drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
@@ -88,9 +93,14 @@ def support_of(scene: Scene) -> Support:
     sample_interval = scene.control.time_step / layout.intervals_per_step
     for placed in layout.parts:
         placed.kind.prepare(placed, layout.description, sample_interval)
+    if damper is not None:  # row DAMPING is drawn, the other one follows
+        low[damped_row] = high[damped_row] = low[at.DAMPING]
     start_low, start_high = low.copy(), high.copy()
     for name in layout.records:  # drawn from [0, count), and rounded down
         high[rows[f"{name}.{NUMBER}"]] -= 1.0
+    if damper is not None:
+        low[[at.DAMPING, damped_row]] = damper.minimum
+        high[[at.DAMPING, damped_row]] = damper.maximum
     if scene.actuation.force is not None:
         high[at.FORCE] = scene.actuation.force.limit
         low[at.FORCE] = -high[at.FORCE]
@@ -108,7 +118,7 @@ def support_of(scene: Scene) -> Support:
         ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
-        parameters=(*CONSTANT, *layout.values, *ratios.values(), *(rows[name] for name in own)),
+        parameters=(*CONSTANT, *layout.values, *ratios.values(), *own_rows.values()),
         products=tuple(
             (rows[field], ratios[name], rows[of])
             for name, (field, of) in scene.drawn_ratios.items()
@@ -120,6 +130,7 @@ def support_of(scene: Scene) -> Support:
         interface_row=first if own else 0,
         is_between=scene.actuation.is_between,
         records=layout.records,
+        damped_row=damped_row,
     )
 
 
@@ -143,6 +154,9 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
         low[ROWS[name]], high[ROWS[name]] = bounds(value)
     if scene.actuation.stretch is not None:
         low[at.STRETCH] = scene.actuation.stretch.minimum
+    damper, damped = scene.actuation.damping, scene.actuation.damped
+    if damper is not None and damped in values:
+        low[ROWS[damped]], high[ROWS[damped]] = damper.minimum, damper.maximum
     low[at.VR] = high[at.VR] = 0.0  # friction is propagated from corner to corner
     support = Support(
         start_low=low,

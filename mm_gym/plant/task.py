@@ -15,6 +15,7 @@ from mm_gym.step.channels import CHANNELS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.scene.actuators import DampingActuator, StretchActuator
     from mm_gym.scene.scene import Scene
 
 
@@ -117,22 +118,25 @@ def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
-    force, stretch, step = scene.actuation.force, scene.actuation.stretch, scene.control.time_step
-    task[at.FORCE_RATE] = task[at.STRETCH_RATE] = np.inf
-    task[at.FORCE_LAG_FACTOR] = task[at.STRETCH_LAG_FACTOR] = 1.0
+    force, step = scene.actuation.force, scene.control.time_step
+    task[[at.FORCE_RATE, at.STRETCH_RATE, at.DAMPING_RATE]] = np.inf
+    task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR]] = 1.0
     if force is not None:
         task[at.HAS_FORCE], task[at.FORCE_LIMIT] = 1.0, force.limit
         if force.rate_limit is not None:
             task[at.FORCE_RATE] = force.rate_limit * step
         task[at.FORCE_IS_RATE] = force.command == "rate"
         task[at.FORCE_LAG_FACTOR] = _lag_factor(force.lag, step)
-    if stretch is not None:
-        task[at.HAS_STRETCH] = 1.0
-        task[at.STRETCH_LOW], task[at.STRETCH_HIGH] = stretch.minimum, stretch.maximum
-        task[at.STRETCH_IS_RATE] = stretch.command == "rate"
-        if stretch.rate_limit is not None:
-            task[at.STRETCH_RATE] = stretch.rate_limit * step
-        task[at.STRETCH_LAG_FACTOR] = _lag_factor(stretch.lag, step)
+    for first, actuator in (
+        (at.HAS_STRETCH, scene.actuation.stretch),
+        (at.HAS_DAMPING, scene.actuation.damping),
+    ):
+        if actuator is not None:
+            rate = np.inf if actuator.rate_limit is None else actuator.rate_limit * step
+            is_rate = actuator.command == "rate"
+            lag_factor = _lag_factor(actuator.lag, step)
+            values = 1.0, actuator.minimum, actuator.maximum, rate, is_rate, lag_factor
+            task[first : first + len(values)] = values
 
 
 def _lag_factor(lag: float, step: float) -> float:
@@ -166,12 +170,8 @@ def _objective(scene: Scene, task: NDArray[np.float64]) -> None:
 
 def scales(scene: Scene) -> dict[str, tuple[float, float]]:
     """Return each scale of the table of channels, and the value shown as zero."""
-    objective, stretch, force = scene.objective, scene.actuation.stretch, scene.actuation.force
+    objective, force = scene.objective, scene.actuation.force
     displacement, velocity = objective.displacement_scale, objective.velocity_scale
-    half, middle = 1.0, 0.0
-    if stretch is not None:  # its limits are shown as -1 and 1
-        half = 0.5 * (stretch.maximum - stretch.minimum)
-        middle = 0.5 * (stretch.maximum + stretch.minimum)
     return {
         "displacement": (displacement, 0.0),
         "stroke": (objective.stroke_scale, 0.0),
@@ -179,6 +179,15 @@ def scales(scene: Scene) -> dict[str, tuple[float, float]]:
         "acceleration": (velocity**2 / displacement, 0.0),
         # The product of two small numbers may be 0.
         "force": (max(scene.carriage.stiffness * displacement, SMALLEST), 0.0),
-        "stretch": (half, middle),
+        "stretch": _half_and_middle(scene.actuation.stretch),
+        "damping": _half_and_middle(scene.actuation.damping),
         "limit": (1.0 if force is None else max(force.limit, SMALLEST), 0.0),
     }
+
+
+def _half_and_middle(actuator: StretchActuator | DampingActuator | None) -> tuple[float, float]:
+    """Return what shows an actuator's limits as -1 and 1."""
+    if actuator is None:
+        return 1.0, 0.0
+    low, high = actuator.minimum, actuator.maximum
+    return max(0.5 * (high - low), SMALLEST), 0.5 * (high + low)

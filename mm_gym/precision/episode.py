@@ -13,7 +13,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.support import fastest_oscillation
 from mm_gym.precision.oracle import Oracle
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Place, blank, breaks, excitation, first, run
+from mm_gym.simulation.recording import Place, blank, breaks, excitation, first, held_rows, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -151,13 +151,17 @@ def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
         limits[0] = -task[at.FORCE_LIMIT], task[at.FORCE_LIMIT]
     if "stretch" in plant.actuators:
         limits[1] = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
+    if "damping" in plant.actuators:
+        limits[2] = task[at.DAMPING_LOW], task[at.DAMPING_HIGH]
     return limits
 
 
 def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) -> Values:
     """Return uniformly random commands within the actuators' limits."""
-    commands = np.empty((count, 2))
-    commands[:] = 0.0, lanes.values[at.STRETCH, 0]
+    rows = held_rows(plant)
+    commands = np.empty((count, len(rows)))
+    commands[:] = lanes.values[rows, 0]
+    commands[:, 0] = 0.0
     for column, (low, high) in _limits(plant).items():
         commands[:, column] = rng.uniform(low, high, count)
     return commands
@@ -273,9 +277,15 @@ def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
 def _end(oracle: Oracle, episode: Episode, n: int) -> tuple[Values, int]:
     """Return the state (4,) at the end of sample interval n, and the evaluations of the oracle."""
     recording = episode.recording
-    interval, (force, stretch) = recording.plant.support.sample_interval, recording.applied[n]
+    interval, (force, stretch, *damping) = (
+        recording.plant.support.sample_interval,
+        recording.applied[n],
+    )
     count = int(np.ceil((n + 1) * interval / oracle.scene.control.time_step)) + 1
     forces, stretches = np.full(count, force), np.full(count, stretch)
+    damped = oracle.scene.actuation.damped
+    if damped is not None:  # the oracle has the scene's own
+        oracle = replace(oracle, scene=oracle.scene.replace(**{damped: float(damping[0])}))
     state, begin, spent = recording.starts[n], n * interval, 0
     for elapsed, jump in [*breaks(recording, n), (interval, np.zeros(2))]:
         end = n * interval + elapsed

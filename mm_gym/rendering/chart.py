@@ -100,7 +100,17 @@ def strips_of(subject: Subject, past: Past, view: View) -> list[Strip]:
         name = "stretch λ of the sphere's springs [-]"
         line = Series(past.rows[at.STRETCH], name, look.STRETCH, is_held=True)
         strips.append(Strip(low, high, (low, high), (line,)))
+    if subject.damped_row:
+        low, high = subject.damping_range
+        name = f"damping of the {damper_of(subject)} [N s/m]"
+        line = Series(past.rows[at.DAMPING], name, look.DAMPING, is_held=True)
+        strips.append(Strip(low, high, (low, high), (line,)))
     return strips
+
+
+def damper_of(subject: Subject) -> str:
+    """Return which part has the damping that is actuated."""
+    return "carriage" if subject.damped_row == at.D else "interface"
 
 
 def _displacements(subject: Subject, past: Past, view: View) -> Strip:

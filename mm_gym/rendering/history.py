@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-KEPT = at.STRETCH + 1
+KEPT = at.DAMPING + 1
 """Rows that are kept of a lane's own: its state, and what the actuators apply."""
 
 STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)

@@ -49,9 +49,10 @@ def recent_impulse(subject: Subject, past: Past) -> float:
     if now.shape[1] < 2 or mass == 0.0:  # noqa: PLR2004 - a change needs two states
         return 0.0
     before, after = now[:, :-1].copy(), now[:, 1:]
-    held = [at.FORCE, at.STRETCH]
+    held = [at.FORCE, at.STRETCH, at.DAMPING]
     before[held] = after[held]  # over the control step
-    mean = 0.5 * (_force(past.lane, before) + _force(past.lane, after)) / mass
+    ends = (_force(subject, past.lane, states) for states in (before, after))
+    mean = 0.5 * sum(ends) / mass
     mean -= 0.5 * (before[rows.SHAKE] + after[rows.SHAKE])
     jumps = after[at.V1] - before[at.V1] - subject.time_step * mean
     sizes = mass * jumps if subject.impulse else -jumps
@@ -59,13 +60,17 @@ def recent_impulse(subject: Subject, past: Past) -> float:
     return float(sizes[found[-1]]) if found.size else 0.0
 
 
-def _force(lane: rows.Array, states: rows.Array) -> rows.Array:
+def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array:
     """Return the force on the carriage [N] at several moments (rows, n) of a lane."""
     spring, pair, interface = map(plain, (carriage_force, spring_force, interface_force))
     x1, offset = states[at.X1], states[at.X2] - states[at.X1]
-    regimes = lane[at.C], lane[at.VR], lane[at.KINETIC_FORCE], lane[at.CHI]
+    c, d = (
+        states[at.DAMPING] if row == subject.damped_row else np.full(len(x1), lane[row])
+        for row in (at.C, at.D)
+    )
+    regimes = lane[at.VR], lane[at.KINETIC_FORCE], lane[at.CHI]
     slips = (states[at.V2] - states[at.V1]).tolist()
-    total = np.array([interface(*regimes, slip) for slip in slips])
+    total = np.array([interface(c, *regimes, w) for c, w in zip(c.tolist(), slips, strict=True)])
     total += pair(lane[at.K0], lane[at.L0], states[at.STRETCH], offset)
-    total += states[rows.PUSH] + states[at.FORCE] - lane[at.D] * states[at.V1]
+    total += states[rows.PUSH] + states[at.FORCE] - d * states[at.V1]
     return total - spring(lane[at.K1], lane[at.ALPHA], lane[at.BETA], x1)

@@ -32,6 +32,7 @@ CONTROL: Colour = (0, 114, 178)
 DISTURBANCE: Colour = (213, 94, 0)
 OFFSET: Colour = (0, 136, 98)
 STRETCH: Colour = (150, 60, 120)
+DAMPING: Colour = (0, 100, 130)
 LIMIT: Colour = (178, 24, 60)
 FILM: Colour = (150, 205, 235)
 HATCH: Colour = (190, 196, 204)
@@ -62,4 +63,11 @@ def spring_colour(fraction: float) -> Colour:
 def lighter(colour: Colour, part: float) -> Colour:
     """Return a colour mixed with white."""
     red, green, blue = (int(c + (255 - c) * part) for c in colour)
+    return red, green, blue
+
+
+def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
+    """Return a colour between two, at one of `SHADES` steps."""
+    place = round(min(max(fraction, 0.0), 1.0) * SHADES) / SHADES
+    red, green, blue = (int(a + place * (b - a)) for a, b in zip(one, other, strict=True))
     return red, green, blue

@@ -150,12 +150,20 @@ class Mechanism:
         wall, end = place.WALL + self.ground, self.carriage - place.HALF_BODY
         left, right = wall + 14, wall + 0.62 * place.SPRING
         canvas.line([(wall, y), (left, y)], look.GREY, 2.5)
-        canvas.box(left, y - 7, right, y + 7, look.PALE)
+        canvas.box(left, y - 7, right, y + 7, self._fluid(look.PALE, is_carriage=True))
         canvas.line([(right, y - 7), (left, y - 7), (left, y + 7), (right, y + 7)], look.GREY, 2.0)
         middle = 0.5 * (left + right)  # its stroke is smaller, so that it stays in the cylinder
         piston = middle + 0.4 * (end - wall - place.SPRING)
         canvas.line([(piston, y), (end, y)], look.GREY, 2.5)
         canvas.line([(piston, y - 5), (piston, y + 5)], look.INK, 3.5)
+
+    def _fluid(self, usual: Colour, *, is_carriage: bool) -> Colour:
+        """Return the colour of a damper's fluid: the darker, the more an actuated one damps."""
+        row = self.subject.damped_row
+        if not row or (row == at.D) != is_carriage:
+            return usual
+        low, high = self.subject.damping_range
+        return look.mixed(usual, look.DAMPING, (self.past.now(at.DAMPING) - low) / (high - low))
 
     def _draw_carriage(self) -> None:
         canvas, middle = self.canvas, self.carriage
@@ -187,7 +195,9 @@ class Mechanism:
         canvas, middle, top = self.canvas, self.carriage, place.TOP
         left, right = middle - place.POST + 14, middle + place.POST - 14
         if self.subject.interface == "viscous":
-            canvas.box(left, top - place.FILM, right, top + 1, look.FILM)
+            canvas.box(
+                left, top - place.FILM, right, top + 1, self._fluid(look.FILM, is_carriage=False)
+            )
         elif self.subject.interface != "none":
             for k in range(int((right - left) / 8.0)):
                 x = left + 8.0 * k

@@ -86,6 +86,9 @@ class Picture:
             )
         if subject.has_springs and past.now(at.STRETCH) >= UNSTRETCHED:
             entries.append((f"stretch λ = {past.now(at.STRETCH):.2f}", look.STRETCH))
+        if subject.damped_row:
+            damping = reading(past.now(at.DAMPING), subject.damping_range[1])
+            entries.append((f"damping {damping} N s/m", look.DAMPING))
         if subject.interface == "dry_friction":
             slip = abs(past.now(at.V2) - past.now(at.V1))
             slips = slip > past.lane[at.VR]

@@ -57,6 +57,8 @@ class Subject:
         Whether it acts between the masses.
     is_stretched
         Whether the stretch is actuated.
+    damped_row, damping_range
+        Row, C or D, of the damping that is actuated, 0 if none is; its limits [N s/m].
     displacement_limit, rail_limit
         [m], or None.
     displacement, offset
@@ -83,6 +85,8 @@ class Subject:
     force_limit: float | None
     is_between: bool
     is_stretched: bool
+    damped_row: int
+    damping_range: tuple[float, float]
     displacement_limit: float | None
     rail_limit: float | None
     displacement: float
@@ -124,6 +128,8 @@ def subject_of(scene: Scene, plant: Plant) -> Subject:
         force_limit=None if actuation.force is None else actuation.force.limit,
         is_between=actuation.is_between,
         is_stretched=actuation.stretch is not None,
+        damped_row=plant.support.damped_row,
+        damping_range=(float(low[at.DAMPING]), float(high[at.DAMPING])),
         displacement_limit=objective.displacement_limit,
         rail_limit=objective.rail_half_length,
         displacement=_expected(

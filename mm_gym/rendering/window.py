@@ -63,13 +63,17 @@ class Window:
 
 
 def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], NDArray[np.float32]]:
-    """Return keys -> action: left and right for the first actuator, down and up for a second one.
+    """Return keys -> action, which command -1 and 1 in `gymnasium.utils.play`.
 
-    They command -1 and 1 in `gymnasium.utils.play`; both keys of a second actuator go with those of
-    the first.
+    Left and right are those of the first actuator, down and up of a second one, page down and up of
+    a third; the keys of different actuators go together.
     """
     pygame = load_pygame()
-    pairs = [(pygame.K_LEFT, pygame.K_RIGHT), (pygame.K_DOWN, pygame.K_UP)][: len(actuators)]
+    pairs = [
+        (pygame.K_LEFT, pygame.K_RIGHT),
+        (pygame.K_DOWN, pygame.K_UP),
+        (pygame.K_PAGEDOWN, pygame.K_PAGEUP),
+    ][: len(actuators)]
     choices = [((None, 0.0), (low, -1.0), (high, 1.0)) for low, high in pairs]
     actions: dict[tuple[int, ...], NDArray[np.float32]] = {}
     for chosen in product(*choices):

@@ -1,6 +1,8 @@
 """The scene that a person writes: its parts with defaults, ranges and units, and its files."""
 
 from mm_gym.scene.actuators import Actuation as Actuation
+from mm_gym.scene.actuators import Actuator as Actuator
+from mm_gym.scene.actuators import DampingActuator as DampingActuator
 from mm_gym.scene.actuators import ForceActuator as ForceActuator
 from mm_gym.scene.actuators import StretchActuator as StretchActuator
 from mm_gym.scene.excitation import CloughPenzien as CloughPenzien
@@ -19,6 +21,7 @@ from mm_gym.scene.mechanics import NoSprings as NoSprings
 from mm_gym.scene.mechanics import SmallOnLarge as SmallOnLarge
 from mm_gym.scene.mechanics import Sphere as Sphere
 from mm_gym.scene.mechanics import Viscous as Viscous
+from mm_gym.scene.part import Document as Document
 from mm_gym.scene.part import Part as Part
 from mm_gym.scene.scene import Control as Control
 from mm_gym.scene.scene import Initial as Initial

@@ -1,4 +1,4 @@
-"""Actuators: a force on the carriage, the stretch of the springs."""
+"""Actuators: a force, the stretch of the springs, the damping of a semi-active device."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Actuator(Part):
     """
 
     rate_limit: Positive | None = None
-    """[N/s] or [1/s]; none by default"""
+    """[N/s], [1/s] or [N/m]; none by default"""
     lag: NonNegative = 0.0
     """time constant of a first-order lag [s]; 0 for none"""
     command: Literal["position", "rate"] = "position"
@@ -64,11 +64,42 @@ class StretchActuator(Actuator):
     )
 
 
+class DampingActuator(Actuator):
+    """The damping coefficient of a semi-active device [N s/m].
+
+    An episode begins with the damping of the interface, or of the carriage. The device only takes
+    energy out of the motion.
+    """
+
+    of: Literal["interface", "carriage"] = "interface"
+    """which damper it is: that of a viscous interface, or of the carriage"""
+    minimum: NonNegative = 0.0
+    """[N s/m]"""
+    maximum: Positive = 10.0
+    """[N s/m]"""
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        *Actuator.rules,
+        Rule(("minimum", "maximum"), _minimum_below_maximum),
+    )
+
+
 class Actuation(Part):
     """The actuators; an environment needs at least one."""
 
     force: ForceActuator | None = None
     stretch: StretchActuator | None = None
+    damping: DampingActuator | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the actuators, in the order of the action."""
+        return tuple(name for name, actuator in self if actuator is not None)
+
+    @property
+    def damped(self) -> str | None:
+        """Dotted name of the damping that is actuated, if one is."""
+        return None if self.damping is None else f"{self.damping.of}.damping"
 
     @property
     def is_between(self) -> bool:

@@ -77,6 +77,10 @@ class Part(BaseModel):
             return [line.removeprefix(f"{field}: ") for line in lines]
         return []
 
+
+class Document(Part):
+    """A part that a file holds by itself."""
+
     @classmethod
     def of(cls, data: Mapping[str, object]) -> Self:
         """Return the part that the data describes; raise `SceneError` with every finding."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.scene.actuators import Actuation
+from mm_gym.scene.actuators import Actuation, DampingActuator
 from mm_gym.scene.dotted_names import put
 from mm_gym.scene.draft import draft_of, findings_of
 from mm_gym.scene.excitation import (
@@ -29,7 +30,7 @@ from mm_gym.scene.mechanics import (
     Springs,
     Viscous,
 )
-from mm_gym.scene.part import Part, dotted_name, listed
+from mm_gym.scene.part import Document, Part, dotted_name, listed
 from mm_gym.scene.rules import Rule, is_known
 from mm_gym.scene.sensors import Sensors
 from mm_gym.step.channels import CHANNELS
@@ -168,6 +169,35 @@ def _without_stretch(kind: str) -> str:
     return f"springs.kind: got {kind!r}; allowed: 'small_on_large', 'finite_stretch'"
 
 
+def _has_damper(actuator: DampingActuator | None, kind: str) -> str | None:
+    if actuator is None or actuator.of != "interface" or kind == "viscous":
+        return None
+    return (
+        f"actuation.damping.of: got 'interface'; allowed: 'carriage', because interface.kind = "
+        f"{kind!r} has no damping to control; set interface.kind = 'viscous'"
+    )
+
+
+def _sees_damping(channels: tuple[str, ...], actuator: DampingActuator | None) -> str | None:
+    seen = [channel for channel in channels if CHANNELS[channel].scale == "damping"]
+    if actuator is not None or not seen:
+        return None
+    return f"sensors.channels: {seen[0]!r} needs an actuator; set actuation.damping"
+
+
+def _begins_within(
+    name: str, actuator: DampingActuator | None, damping: NumberOrRange | None
+) -> str | None:
+    """Tell whether a damper, by its part's name, begins an episode within its limits."""
+    if actuator is None or actuator.of != name or damping is None:
+        return None
+    low, high = bounds(damping)
+    least, most = actuator.minimum, actuator.maximum
+    if least <= low <= high <= most or least >= most:
+        return None
+    return f"{name}.damping: got {damping}; allowed: within actuation.damping, {least} to {most}"
+
+
 def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
     seen = [channel for channel in channels if CHANNELS[channel].scale == "limit"]
     if actuator is not None or not seen:
@@ -223,7 +253,7 @@ def bounds(value: NumberOrRange) -> tuple[float, float]:
     return value if isinstance(value, tuple) else (value, value)
 
 
-class Scene(Part):
+class Scene(Document):
     """A carriage and a sphere, their coupling and excitation, and what the agent does and sees.
 
     Every field has a default; a scene states only what differs. All parts are frozen.
@@ -250,6 +280,12 @@ class Scene(Part):
         Rule(("actuation.stretch", "springs.kind"), _can_be_stretched),
         Rule(("sensors.channels", "springs.kind"), _sees_stretch),
         Rule(("sensors.channels", "actuation.force"), _sees_force),
+        Rule(("actuation.damping", "interface.kind"), _has_damper),
+        Rule(("sensors.channels", "actuation.damping"), _sees_damping),
+        *(
+            Rule(("actuation.damping", f"{name}.damping"), partial(_begins_within, name))
+            for name in ("interface", "carriage")
+        ),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
         Rule(("initial.stretch", *WITHIN), _initial_within_limits),
         Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
@@ -358,6 +394,9 @@ class Scene(Part):
             else:
                 refused = {end: parts[prefix].findings_with(field, end) for end in ends}
                 texts = [text for end in refused for text in refused[end]]
+                if field == "damping" and not texts:
+                    found = _begins_within(prefix, self.actuation.damping, ends)
+                    texts += [] if found is None else [found.partition(": ")[2]]
                 allowed = [end for end in ends if not refused[end]]
                 if allowed:
                     ranges[prefix][field] = allowed[0], allowed[-1]

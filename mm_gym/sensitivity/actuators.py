@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.lanes import layout as at
+from mm_gym.step.task import DAMPING, HIGH, IS_RATE, LAG_FACTOR, LOW, RATE, STRETCH
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,7 +24,7 @@ class Actuator(NamedTuple):
     Attributes
     ----------
     name
-        "force" [N] or "stretch" [-].
+        "force" [N], "stretch" [-] or "damping" [N s/m].
     row, asked_row
         Rows of a lane: what it applies, and what a rate adds up to.
     low, high, rate, lag_factor
@@ -65,11 +66,11 @@ def actuators_of(task: Array) -> tuple[Actuator, ...]:
         slots = (at.FORCE_RATE, at.FORCE_LAG_FACTOR, at.FORCE_IS_RATE)
         rest = _numbers(task, slots)
         found.append(Actuator("force", at.FORCE, at.FORCE_ASKED, -limit, limit, *rest))
-    if task[at.HAS_STRETCH] > 0.0:
-        low, high = float(task[at.STRETCH_LOW]), float(task[at.STRETCH_HIGH])
-        slots = (at.STRETCH_RATE, at.STRETCH_LAG_FACTOR, at.STRETCH_IS_RATE)
-        rest = _numbers(task, slots)
-        found.append(Actuator("stretch", at.STRETCH, at.STRETCH_ASKED, low, high, *rest))
+    for name, (slot, row, asked) in (("stretch", STRETCH), ("damping", DAMPING)):
+        if task[slot] > 0.0:
+            low, high = float(task[slot + LOW]), float(task[slot + HIGH])
+            rest = _numbers(task, (slot + RATE, slot + LAG_FACTOR, slot + IS_RATE))
+            found.append(Actuator(name, row, asked, low, high, *rest))
     return tuple(found)
 
 
@@ -86,7 +87,7 @@ def slopes(actuator: Actuator, applied: Array, asked: Array, action: Array) -> S
     actuator
         The actuator.
     applied, asked
-        (count,) [N] or [-] before the step.
+        (count,) [N], [-] or [N s/m] before the step.
     action
         (count,) [-].
     """

@@ -42,8 +42,8 @@ class Jacobian(NamedTuple):
     ----------
     names
         The n states: x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of its own, then
-        for each actuator the force [N] or stretch [-] that it applies, then of those with a lag
-        that are commanded by rate what was asked for.
+        for each actuator the force [N], stretch [-] or damping [N s/m] that it applies, then of
+        those with a lag that are commanded by rate what was asked for.
     end
         (n,) state at the step's end.
     state
@@ -93,7 +93,8 @@ class Sensitivities:
         self.task, self.count, self.rows = task, values.shape[1], len(values)
         self.actuators = actuators_of(task)
         self.parameters = parameters or {}
-        causes = self._causes = [a.row for a in self.actuators] + list(self.parameters.values())
+        causes = [support.damped_row if a.row == at.DAMPING else a.row for a in self.actuators]
+        causes = self._causes = causes + list(self.parameters.values())
         self._is_constant = not by_tangents and _is_constant(support, self.parameters.values())
         width = 0
         self._state_rows = support.state_rows

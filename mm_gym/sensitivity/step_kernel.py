@@ -23,7 +23,7 @@ from mm_gym.sensitivity.layout import (
 from mm_gym.sensitivity.response_kernel import respond
 from mm_gym.step.crossing import by_pieces, by_superposition
 from mm_gym.step.outputs import pass_frame
-from mm_gym.step.task import command
+from mm_gym.step.task import command, hold
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -68,6 +68,7 @@ def step_by(
         """
         status = at.OK
         command(task, lanes, actions, lanes[lanes.shape[0] - 1], first, last)  # no use of rewards
+        hold(model, lanes, first, last)
         begin(model, lanes, first, last)
         for interval in range(int(model[at.INTERVALS])):
             if excited(model):

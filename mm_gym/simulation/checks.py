@@ -131,10 +131,18 @@ def check_values(
     if np.any(age < 0.0) or np.any(age % 1.0 > 0.0):
         msg = f"state.values: rows {at.BEGAN} and {at.NOW}: allowed: whole numbers, in order"
         raise SceneError(msg)
+    _check_relations(values, support)
+
+
+def _check_relations(values: NDArray[np.float64], support: Support) -> None:
+    """Raise `SceneError` for rows that are not what follows from others, or no whole numbers."""
     for name, row in support.number_rows.items():
         if np.any(values[row] % 1.0):
             msg = f"state.values: row {row} ({name}.record): allowed: whole numbers"
             raise SceneError(msg)
+    if support.damped_row and np.any(values[support.damped_row] != values[at.DAMPING]):
+        msg = f"state.values: row {support.damped_row}: allowed: the same as in row {at.DAMPING}"
+        raise SceneError(msg)
     for row, ratio, other in support.products:
         if np.any(values[row] != values[ratio] * values[other]):
             msg = f"state.values: row {row}: allowed: the product of rows {ratio} and {other}"

@@ -133,19 +133,19 @@ class Lanes:
         self.terminated, self.truncated = self._ends[: at.MARKED, :count]
         self.streams = np.zeros((2, count), np.uint64)
         self.rewards = np.zeros(count)
-        first = at.FORCE if "force" in plant.actuators else at.STRETCH
-        self.applied_rows = slice(first, at.STRETCH + ("stretch" in plant.actuators))
+        self.applied_rows = applied_rows(plant.actuators)
 
     def _bind_steps(self) -> None:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
-        outputs = (*rows, self.applied_rows.start)
+        held = self.applied_rows.start, self.applied_rows.step
+        outputs = (*rows, held)
         self._step_arguments = (self._constants, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)
         self._copy_outputs = bind(copy_outputs, *outputs)
         self._copy_observed = bind(copy_observed, self._frames)
-        self.copy_ends = bind(copy_ends, self._values, self._frames, self.applied_rows.start)
+        self.copy_ends = bind(copy_ends, self._values, self._frames, held)
         self._advance_and_copy = bind(advance, *self._step_arguments, then=(copy_outputs, outputs))
 
     def _bind_episodes(self) -> None:
@@ -344,7 +344,8 @@ class Lanes:
             If the field is unknown, no episode has begun, or the start of a set state is asked for.
         """
         row, support = self.plant.support.row_of(name), self.plant.support
-        if row > at.STRETCH or (row == at.STRETCH and "stretch" not in self.plant.actuators):
+        stays = row == at.STRETCH and "stretch" not in self.plant.actuators
+        if row > at.DAMPING or stays:
             return self.values[row]
         episodes = self.streams[COUNT] >> np.uint64(EPISODE)
         if not episodes.all():
@@ -366,7 +367,7 @@ class Lanes:
 
     def _note_given(self, which: NDArray[np.int64], fixed: Mapping[int, Values]) -> None:
         """Note what is given in place of what an episode would draw of its initial state."""
-        for row in (row for row in fixed if row <= at.STRETCH):
+        for row in (row for row in fixed if row <= at.DAMPING):
             self._given.setdefault(row, self._as_drawn.copy())
         for row, values in self._given.items():
             values[which] = np.broadcast_to(fixed.get(row, np.nan), self.count)[which]
@@ -411,7 +412,7 @@ class Lanes:
         self.values[at.BEGAN] = self._blocks(self.values[at.NOW]) - age
         self.values[at.DUE] = 0.0  # the next step finds it
         self._ends[at.MARKED] = True
-        self._given = {row: np.full(self.count, np.inf) for row in range(at.STRETCH + 1)}
+        self._given = {row: np.full(self.count, np.inf) for row in range(at.DAMPING + 1)}
 
     def _blocks(self, clock: Values) -> Values:
         """Return each lane's clock, from the first lanes of the blocks."""
@@ -437,6 +438,13 @@ class Lanes:
         if status == at.NOT_FINITE:
             msg = "action: got NaN or infinity; allowed: finite numbers. Nothing was changed"
             raise ActionError(msg)
+
+
+def applied_rows(actuators: Sequence[str]) -> slice:
+    """Return the rows of what actuators apply, in the order of the action."""
+    rows = [at.FORCE + ("force", "stretch", "damping").index(name) for name in actuators]
+    first = rows[0] if rows else at.STRETCH
+    return slice(first, first if not rows else rows[-1] + 1, rows[1] - first if rows[1:] else 1)
 
 
 def _one_by_one(

@@ -51,7 +51,8 @@ class Recording:
     starts
         (n, 4) or (n, 5) the state at the start of each, after impulses at that instant.
     applied
-        (n, 2) the force [N] and stretch [-] held over each.
+        (n, 2) the force [N] and stretch [-] held over each; (n, 3) with the damping [N s/m] behind
+        them if it is actuated.
     jets
         (n, 2 * terms) the excitation besides harmonics and records: coefficients of force [N] and
         of ground acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
@@ -104,10 +105,26 @@ def blank(plant: Plant, start: Array, steps: int) -> Recording:
     """
     n = max(1, steps) * plant.support.intervals_per_step
     first = start[plant.support.state_rows]
-    states, applied = np.empty((n + 1, len(first))), np.empty((n, 2))
-    states[0], applied[:] = first, start[[at.FORCE, at.STRETCH]]
+    held = start[held_rows(plant)]
+    states, applied = np.empty((n + 1, len(first))), np.empty((n, len(held)))
+    states[0], applied[:] = first, held
     jets = np.zeros((n, 2 * plant.support.terms))
     return Recording(plant, start, states, np.tile(first, (n, 1)), applied, jets)
+
+
+def held_rows(plant: Plant) -> list[int]:
+    """Return the rows of what is held over a control step: force, stretch, an actuated damping."""
+    return [at.FORCE, at.STRETCH, *([at.DAMPING] if plant.support.damped_row else [])]
+
+
+def with_damping(plant: Plant, lanes: Array, applied: Array) -> Array:
+    """Return lanes (rows, ...) whose damper has what is held (..., 2) or (..., 3)."""
+    row = plant.support.damped_row
+    if not row:
+        return lanes
+    lanes = lanes.copy()
+    lanes[row] = applied[..., 2]
+    return lanes
 
 
 def first(recording: Recording, count: int) -> Recording:
@@ -123,7 +140,7 @@ def first(recording: Recording, count: int) -> Recording:
 
 
 def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> None:
-    """Simulate a control step for each row of commands (k, 2) [N, -].
+    """Simulate a control step for each row of commands (k, 2) [N, -], or (k, 3) [N, -, N s/m].
 
     The recording is written from the sample interval `first` on.
 
@@ -154,7 +171,8 @@ def column(recording: Recording, row: int, elapsed: float, duration: float) -> A
     """
     support, lane = recording.plant.support, recording.parameters.copy()
     lane[support.state_rows] = recording.starts[row]
-    lane[[at.FORCE, at.STRETCH]] = recording.applied[row]
+    lane[held_rows(recording.plant)] = recording.applied[row]
+    lane = with_damping(recording.plant, lane, recording.applied[row])
     jets = jets_over(recording, np.array([row]), elapsed, duration)
     lane[support.jets : support.jets + 2 * support.terms] = jets[0]
     for harmonic in harmonic_rows(recording.plant):

@@ -49,20 +49,20 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
     support
         All values that the scene can reach.
     p
-        (rows,) the lane's parameters.
+        (rows,) the lane's parameters, or (rows, n) those at each state.
     state
         (n, 4) x1, x2 [m], v1, v2 [m/s], or (n, 5) with the interface's own behind them.
     """
     if support.is_general:
         return _by_value(support, support.interface.force, p, state)
     slip = state[:, 3] - state[:, 2]
-    c, vr, chi = p[at.C], float(p[at.VR]), p[at.CHI]
+    c, vr, chi = p[at.C], float(np.max(p[at.VR])), p[at.CHI]
     intercept = plain(dry_friction.slip_intercept)(p[at.KINETIC_FORCE], chi, vr)
     regime = np.where(np.abs(slip) <= plain(dry_friction.threshold)(vr), 0.0, np.sign(slip))
     force = np.empty(len(slip))
     for side in (-1.0, 0.0, 1.0):
         slope, constant = plain(dry_friction.interface_line)(side, c, chi, intercept)
-        force[regime == side] = slope * slip[regime == side] + constant
+        force = np.where(regime == side, slope * slip + constant, force)
     return force
 
 
@@ -77,16 +77,25 @@ def _by_value(support: Support, kernel: Callable[..., Any], p: Array, state: Arr
     return np.zeros(len(state)) + plain(kernel)(own, state[:, 1] - state[:, 0], slip, state[:, -1])
 
 
-def base_force(support: Support, p: Array, state: Array, force: Array) -> Array:
+def damped(support: Support, p: Array, applied: Array) -> Array:
+    """Return the parameters (rows,), or (rows, n) with the damping that is held at n instants."""
+    if not support.damped_row:
+        return p
+    each = np.tile(p[:, None], (1, len(applied)))
+    each[support.damped_row] = applied[:, 2]
+    return each
+
+
+def base_force(support: Support, p: Array, state: Array, applied: Array) -> Array:
     """Return the force (n,) [N] on the base.
 
-    It is that of the carriage's spring and damper, and the reaction to the control force (n,) [N]
-    if its actuator stands on the base.
+    It is that of the carriage's spring and damper, and the reaction to the control force if its
+    actuator stands on the base. Arguments are those of `acceleration`.
     """
-    x1, v1 = state[:, 0], state[:, 2]
+    x1, v1, p = state[:, 0], state[:, 2], damped(support, p, applied)
     spring = plain(carriage_spring.carriage_force)(p[at.K1], p[at.ALPHA], p[at.BETA], x1)
     own = spring + p[at.D] * v1
-    return own if support.is_between else own - force
+    return own if support.is_between else own - applied[:, 0]
 
 
 def acceleration(
@@ -99,7 +108,7 @@ def acceleration(
     support, p, state
         As for `interface_force`.
     applied
-        (n, 2) force [N] and stretch [-].
+        (n, 2) force [N] and stretch [-], or (n, 3) with the damping [N s/m] behind them.
     disturbance
         (n,) disturbing force [N].
 
@@ -111,8 +120,9 @@ def acceleration(
     if p[at.M1] == 0.0:
         msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
         raise SimulationError(msg)
-    inner = interface_force(support, p, state) + _stretched(p, state, applied[:, 1])
-    outer = disturbance - base_force(support, p, state, applied[:, 0])
+    inner = interface_force(support, damped(support, p, applied), state)
+    inner = inner + _stretched(p, state, applied[:, 1])
+    outer = disturbance - base_force(support, p, state, applied)
     if support.is_between:
         inner = inner + applied[:, 0]
     return np.column_stack([(inner + outer) / p[at.M1], -inner / p[at.M2]])

@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import ActionError, SimulationError
-from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.failures import growth_of
 from mm_gym.simulation.ground_motion import shaken
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import Recording, blank, locate, run, states_at
+from mm_gym.simulation.recording import (
+    Recording,
+    blank,
+    held_rows,
+    locate,
+    run,
+    states_at,
+)
 from mm_gym.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -53,9 +59,9 @@ def simulate(
         (n,) increasing instants [s] that the trajectory has instead, also within control steps.
     action
         The commands to the actuators, one column per actuator: force [N], positive in the direction
-        of x1, and stretch [-]. None (no force, the initial stretch), a constant (k,), an array
-        (steps, k) with a row per control step, or a function of time [s] and state (4,) that
-        returns (k,). Limits and rate limits apply.
+        of x1, stretch [-], and damping [N s/m]. None (no force, the initial stretch and damping), a
+        constant (k,), an array (steps, k) with a row per control step, or a function of time [s]
+        and state (4,) that returns (k,). Limits and rate limits apply.
     seed
         Seed of the scene's draws; by default 0.
     ground
@@ -167,9 +173,14 @@ def _steps_until(time: float, time_step: float) -> int:
 def _commands(
     plant: Plant, action: ArrayLike | None, steps: int, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return (steps, 2) commands: force [N] and stretch [-], constant where not actuated."""
-    commands = np.empty((steps, 2))
-    commands[:] = 0.0, start[at.STRETCH]
+    """Return (steps, 2) commands: force [N] and stretch [-], constant where not actuated.
+
+    (steps, 3) with the damping [N s/m] behind them if it is actuated.
+    """
+    rows = held_rows(plant)
+    commands = np.empty((steps, len(rows)))
+    commands[:] = start[rows]
+    commands[:, 0] = 0.0
     if action is None:
         return commands
     given, count = _numbers("action", action, ActionError), len(plant.actuators)
@@ -184,8 +195,8 @@ def _commands(
 
 
 def _columns(plant: Plant) -> list[int]:
-    """Return the column of each actuator among force and stretch."""
-    return [("force", "stretch").index(name) for name in plant.actuators]
+    """Return the column of each actuator in what is held."""
+    return [("force", "stretch", "damping").index(name) for name in plant.actuators]
 
 
 def _check_finite(

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mm_gym.simulation.energy.work import Work
     from mm_gym.simulation.recording import Place, Recording
 
-UNITS = {"force": "N", "stretch": "-"}
+UNITS = {"force": "N", "stretch": "-", "damping": "N s/m"}
 
 EXCITATION = ("disturbance [N]", "ground [m/s²]")
 """Labels of the excitation's axes."""
@@ -58,7 +58,8 @@ class Trajectory:
     action
         (n, k): what the actuators applied from each instant on, in the order of `actuators`.
     applied
-        (n, 2): force [N] and stretch [-], whether actuated or not.
+        (n, 2): force [N] and stretch [-], whether actuated or not; (n, 3) with the damping [N s/m]
+        behind them if it is actuated.
     actuators
         Names of the action's columns.
     parameters
@@ -109,7 +110,7 @@ class Trajectory:
         its actuator stands on the base.
         """
         support = self.recording.plant.support
-        return base_force(support, self.parameters, self.state, self.applied[:, 0])
+        return base_force(support, self.parameters, self.state, self.applied)
 
     def channel(self, name: str) -> NDArray[np.float64]:
         """Return a channel (n,) by its name, in SI units, without noise and delay.
@@ -117,7 +118,7 @@ class Trajectory:
         Raises
         ------
         SimulationError
-            If there is no such channel.
+            If there is no such channel, or no actuator that it shows.
         """
         check_channel(name)
         channel = CHANNELS[name]
@@ -128,6 +129,11 @@ class Trajectory:
         if name == "stretch" and self.parameters[at.STRETCH] == LINEAR:
             msg = "channel: got 'stretch'; springs.kind = 'linear' has none"
             raise SimulationError(msg)
+        if name == "damping":
+            if self.applied.shape[1] < 3:  # noqa: PLR2004 - force, stretch, damping
+                msg = "channel: 'damping' needs an actuator; set actuation.damping"
+                raise SimulationError(msg)
+            return self.applied[:, 2]
         if name in ("applied_force", "stretch"):
             return self.applied[:, int(name == "stretch")]
         if name == "spring_force":

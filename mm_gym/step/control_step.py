@@ -15,10 +15,17 @@ from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.episodes import show_first_with
 from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
 from mm_gym.step.task import (
+    DAMPING,
+    HIGH,
+    LAG_FACTOR,
+    LOW,
+    RATE,
+    STRETCH,
     approach,
     check_termination,
     command,
     finite,
+    hold,
     score,
     score_derived,
     task_and_model,
@@ -223,12 +230,13 @@ def _entries(
         streams
             (2, count) uint64, read and written: random numbers.
         commands
-            (steps, 2) read: force [N] and stretch [-] asked for in each control step.
+            (steps, 2) read: force [N] and stretch [-] asked for in each control step; (steps, 3)
+            with the damping [N s/m] behind them if it is actuated.
         starts, states
             (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end; (n, 5)
             with the interface's own state behind them.
         applied
-            (n, 2) written: force [N] and stretch [-] held.
+            (n, 2) or (n, 3) written: the same of what is held.
         jets
             (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2] but for
             those of records.
@@ -240,11 +248,13 @@ def _entries(
         """
         terms, first = int(model[at.TERMS]), int(model[at.JETS])
         for n in range(commands.shape[0]):
-            steer(task, lanes, commands[n, 0], commands[n, 1])
+            steer(task, lanes, commands[n])
+            hold(model, lanes, 0, 1)
             for interval in range(int(model[at.INTERVALS])):
                 k = n * int(model[at.INTERVALS]) + interval
                 disturb_and_apply(model, lanes, streams, interval, 0, 1)
-                applied[k, 0], applied[k, 1] = lanes[at.FORCE, 0], lanes[at.STRETCH, 0]
+                for column in range(applied.shape[1]):
+                    applied[k, column] = lanes[at.FORCE + column, 0]
                 for row in range(2 * terms):
                     jets[k, row] = lanes[first + row, 0]
                 record_state(model, lanes, starts, k)
@@ -272,6 +282,7 @@ def in_turn(
     def move(task, model, lanes, streams, actions, rewards, first, last):
         """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
         command(task, lanes, actions, rewards, first, last)
+        hold(model, lanes, first, last)
         status = at.OK
         for interval in range(int(model[at.INTERVALS])):
             disturb(model, lanes, streams, interval, first, last)
@@ -316,12 +327,25 @@ def in_turn(
 
 
 @borrowing_kernel
-def steer(task, lanes, force, stretch):
-    """Let the actuators of lane 0 go towards a force [N] and a stretch."""
+def steer(task, lanes, wanted):
+    """Let the actuators of lane 0 go towards force [N], stretch and damping [N s/m] wanted."""
     if task[at.HAS_FORCE] > 0.0:
         limit, rate, share = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
-        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], force, share, rate, -limit, limit)
+        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], wanted[0], share, rate, -limit, limit)
     if task[at.HAS_STRETCH] > 0.0:
-        low, high = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
-        rate, share = task[at.STRETCH_RATE], task[at.STRETCH_LAG_FACTOR]
-        lanes[at.STRETCH, 0] = approach(lanes[at.STRETCH, 0], stretch, share, rate, low, high)
+        _steer(task, lanes, STRETCH, wanted[1])
+    if task[at.HAS_DAMPING] > 0.0:
+        _steer(task, lanes, DAMPING, wanted[2])
+
+
+@borrowing_kernel
+def _steer(task, lanes, actuator, wanted):
+    """Let an actuated parameter of lane 0 go towards a value; arguments as of `task.tune`."""
+    slot, row, _ = actuator
+    low, high, rate, share = (
+        task[slot + LOW],
+        task[slot + HIGH],
+        task[slot + RATE],
+        task[slot + LAG_FACTOR],
+    )
+    lanes[row, 0] = approach(lanes[row, 0], wanted, share, rate, low, high)

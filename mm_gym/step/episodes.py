@@ -101,7 +101,7 @@ def draw(template, draws, lanes, streams, which):
 
     Arguments as of `start`; of the lanes, only the blocks' clocks are read.
     """
-    for row in range(at.STRETCH + 1):
+    for row in range(at.DAMPING + 1):
         set_row(lanes, row, template[row], which)
     for k in span(0, which.shape[0]):
         i = which[k]
@@ -135,7 +135,7 @@ def draw_row(lanes, row, low, high, streams, which):
 
 @borrowing_kernel
 def complete(model, task, lanes, which):
-    """Complete drawn lanes: positions, regimes, phases, and what rate commands start from.
+    """Complete drawn lanes: positions, damping, regimes, phases, and what rates start from.
 
     Until here row X2 holds the sphere's offset, because that is what a scene states.
     """
@@ -145,6 +145,10 @@ def complete(model, task, lanes, which):
         copy_within(lanes, at.FORCE, at.FORCE_ASKED, which)
     if task[at.STRETCH_IS_RATE] > 0.0:
         copy_within(lanes, at.STRETCH, at.STRETCH_ASKED, which)
+    if task[at.DAMPING_IS_RATE] > 0.0:
+        copy_within(lanes, at.DAMPING, at.DAMPING_ASKED, which)
+    if model[at.DAMPED] > 0.0:
+        copy_within(lanes, at.DAMPING, int(model[at.DAMPED]), which)
     first, last = run_of(which)
     if last > first:
         _write_regimes_and_phases(model, lanes, first, last)

@@ -294,15 +294,15 @@ def copy_observed(frames, observed, first, last):
 
 
 @borrowing_kernel
-def copy_outputs(lanes, frames, ends, applied_row, observed, ended, states, applied, first, last):
+def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, first, last):
     """Copy the outputs of a control step; return the status.
 
     Parameters
     ----------
     lanes, frames, ends
         (rows, lanes) float64, float32 and bool, read.
-    applied_row
-        First row of what the actuators applied.
+    held
+        First row of what the actuators applied, and the distance of these rows.
     observed
         (lanes, k) float32, written: the frames observed.
     ended
@@ -310,24 +310,27 @@ def copy_outputs(lanes, frames, ends, applied_row, observed, ended, states, appl
     states
         (4, lanes) float64, written [m, m, m/s, m/s].
     applied
-        (actuators, lanes) float64, written [N, -].
+        (actuators, lanes) float64, written [N, -, N s/m].
     first, last
         The lanes first .. last - 1.
     """
+    row, distance = held
     copy_observed(frames, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
-    copy_rows(lanes, applied_row, applied, first, last)
+    for k in range(applied.shape[0]):
+        for i in span(first, last):
+            applied[k, i] = lanes[row + distance * k, i]
     copy_rows(ends, at.TERMINATED, ended, first, last)
     return at.OK
 
 
 @borrowing_kernel
-def copy_ends(lanes, frames, applied_row, which, former, observed, values, first, last):
+def copy_ends(lanes, frames, held, which, former, observed, values, first, last):
     """Copy the last outputs of the lanes listed; return the status.
 
     Parameters
     ----------
-    lanes, frames, applied_row
+    lanes, frames, held
         As for `copy_outputs`.
     which
         (b,) int64, read: the lanes.
@@ -337,7 +340,7 @@ def copy_ends(lanes, frames, applied_row, which, former, observed, values, first
         (n, k) float32, written: the frames observed, of a lane listed in each row.
     values
         (lanes, 4 + actuators) float64, written: states [m, m, m/s, m/s] and what was applied
-        [N, -], of each lane side by side, so that few cache lines are written.
+        [N, -, N s/m], of each lane side by side, so that few cache lines are written.
     first, last
         The lanes first .. last - 1.
     """
@@ -350,5 +353,5 @@ def copy_ends(lanes, frames, applied_row, which, former, observed, values, first
         for row in span(0, 4):
             values[i, row] = lanes[row, i]
         for row in span(4, values.shape[1]):
-            values[i, row] = lanes[applied_row + row - 4, i]
+            values[i, row] = lanes[held[0] + held[1] * (row - 4), i]
     return at.OK

@@ -34,11 +34,15 @@ def rows_of_start(
     Arguments are those of `episodes.start`, whose kernels say which rows these are.
     """
     drawn = [int(row) for row in draws[:, 0]]
-    read, written = [], [*range(at.STRETCH + 1), *drawn]
+    read, written = [], [*range(at.DAMPING + 1), *drawn]
     if task[at.FORCE_IS_RATE]:
         written.append(at.FORCE_ASKED)
     if task[at.STRETCH_IS_RATE]:
         written.append(at.STRETCH_ASKED)
+    if task[at.DAMPING_IS_RATE]:
+        written.append(at.DAMPING_ASKED)
+    if model[at.DAMPED]:
+        written.append(int(model[at.DAMPED]))
     if template[at.VR] or at.VR in drawn:
         read += REGIMES_READ
         written += REGIMES_WRITTEN

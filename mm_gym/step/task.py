@@ -11,7 +11,10 @@ import numpy as np
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
-from mm_gym.lanes.memory import fill, span
+from mm_gym.lanes.memory import copy_row, fill, span
+
+LOW, HIGH, RATE, IS_RATE, LAG_FACTOR = 1, 2, 3, 4, 5
+"""Slots of an actuated parameter, behind `HAS_STRETCH` or `HAS_DAMPING`."""
 
 
 @borrowing_kernel
@@ -36,31 +39,50 @@ def finite(actions):
 
 @borrowing_kernel
 def command(task, lanes, actions, rewards, first, last):
-    """Apply actions: set force [N] and stretch, and begin the rewards with the actions' cost.
+    """Apply actions: set what actuators hold, and begin the rewards with the actions' cost.
 
     Parameters
     ----------
     task
         (t,) float64, read.
     lanes
-        (rows, lanes) float64; force and stretch are written.
+        (rows, lanes) float64; force [N], stretch and damping [N s/m] are written.
     actions
-        (actuators * lanes,) float32 or float64, read: those of the force, then of the stretch;
-        clipped to [-1, 1].
+        (actuators * lanes,) float32 or float64, read: those of the force, of the stretch, then of
+        the damping; clipped to [-1, 1].
     rewards
         (lanes,) float64, written.
     first, last
         The lanes first .. last - 1.
     """
     has_force, has_stretch = task[at.HAS_FORCE] > 0.0, task[at.HAS_STRETCH] > 0.0
+    has_damping, next_one = task[at.HAS_DAMPING] > 0.0, 0
+    count = actions.shape[0] // max(int(has_force) + int(has_stretch) + int(has_damping), 1)
     if has_force:
         push(task, lanes, actions, rewards, first, last)
+        next_one += count
     if has_stretch:
-        behind_forces = actions.shape[0] // 2 if has_force else 0
-        tune(task, lanes, actions[behind_forces:], rewards, has_force, first, last)
-    elif not has_force:
+        tune(task, lanes, STRETCH, actions[next_one:], rewards, has_force, first, last)
+        next_one += count
+    if has_damping:
+        begun = has_force or has_stretch
+        tune(task, lanes, DAMPING, actions[next_one:], rewards, begun, first, last)
+    elif not (has_force or has_stretch):
         for i in span(first, last):
             rewards[i] = 0.0
+
+
+STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED
+DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED
+"""Of an actuated parameter: its first slot of the task, its row, and that of what is asked."""
+
+
+@borrowing_kernel
+def hold(model, lanes, first, last):
+    """Let a damper have the damping [N s/m] that its actuator holds."""
+    damped = int(model[at.DAMPED])
+    if damped > 0:
+        copy_row(lanes, at.DAMPING, damped, first, last)
 
 
 @borrowing_kernel
@@ -92,42 +114,44 @@ def push(task, lanes, actions, rewards, first, last):
 
 
 @borrowing_kernel
-def tune(task, lanes, asked, rewards, begun, first, last):
-    """Set the stretch [-] and subtract the cost of its action from the rewards.
+def tune(task, lanes, actuator, asked, rewards, begun, first, last):
+    """Set an actuated parameter and subtract the cost of its action from the rewards.
 
     Parameters
     ----------
     task
         (t,) float64, read.
     lanes
-        (rows, lanes) float64; the stretch is written.
+        (rows, lanes) float64; the parameter is written.
+    actuator
+        `STRETCH` or `DAMPING`.
     asked
         (lanes,) float32 or float64, read: the actions; clipped to [-1, 1].
     rewards
         (lanes,) float64, written.
     begun
-        Whether the rewards hold the cost of the force already, or nothing yet.
+        Whether the rewards hold the cost of another action already, or nothing yet.
     first, last
         The lanes first .. last - 1.
     """
     prefer_widest_vectors()
-    low, high, rate = task[at.STRETCH_LOW], task[at.STRETCH_HIGH], task[at.STRETCH_RATE]
-    lag_factor, weight = task[at.STRETCH_LAG_FACTOR], task[at.WEIGHT_EFFORT]
-    middle, half = 0.5 * (high + low), 0.5 * (high - low)
-    if task[at.STRETCH_IS_RATE] > 0.0:
-        integrate(lanes, at.STRETCH_ASKED, asked, rate, low, high, first, last)
+    (slot, row, row_asked), weight = actuator, task[at.WEIGHT_EFFORT]
+    low, high, rate = task[slot + LOW], task[slot + HIGH], task[slot + RATE]
+    lag_factor, middle, half = task[slot + LAG_FACTOR], 0.5 * (high + low), 0.5 * (high - low)
+    if task[slot + IS_RATE] > 0.0:
+        integrate(lanes, row_asked, asked, rate, low, high, first, last)
         for i in span(first, last):
             a, present, wanted = (
                 clip(asked[i], -1.0, 1.0),
-                lanes[at.STRETCH, i],
-                lanes[at.STRETCH_ASKED, i],
+                lanes[row, i],
+                lanes[row_asked, i],
             )
-            lanes[at.STRETCH, i] = approach(present, wanted, lag_factor, rate, low, high)
+            lanes[row, i] = approach(present, wanted, lag_factor, rate, low, high)
             rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
     else:
         for i in span(first, last):
-            a, present = clip(asked[i], -1.0, 1.0), lanes[at.STRETCH, i]
-            lanes[at.STRETCH, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
+            a, present = clip(asked[i], -1.0, 1.0), lanes[row, i]
+            lanes[row, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
             rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
 
 
@@ -146,7 +170,7 @@ def integrate(lanes, row, actions, rate, low, high, first, last):
     lanes
         (rows, lanes) float64; the row is written.
     row
-        `FORCE_ASKED` or `STRETCH_ASKED`: the values commanded so far.
+        `FORCE_ASKED`, `STRETCH_ASKED` or `DAMPING_ASKED`: the values commanded so far.
     actions
         (lanes,) float32 or float64, read; clipped to [-1, 1].
     rate
@@ -162,7 +186,7 @@ def integrate(lanes, row, actions, rate, low, high, first, last):
 
 @borrowing_kernel
 def approach(present, wanted, lag_factor, rate, low, high):
-    """Return the force [N] or stretch [-] that an actuator reaches in a control step.
+    """Return what an actuator reaches in a control step [N], [-] or [N s/m].
 
     Parameters
     ----------

@@ -153,6 +153,8 @@ def _springs(scene, held, offset):
     springs = scene.springs
     if springs.kind == "none":
         return 0.0
+    if springs.kind == "linear":
+        return springs.stiffness * (offset + springs.cubic_coefficient * offset**3)
     if springs.kind == "small_on_large":
         return 2.0 * springs.stiffness * (1.0 + 2.0 / held.stretch**3) * offset
     sides = [held.stretch + sign * offset / springs.rest_length for sign in (1.0, -1.0)]

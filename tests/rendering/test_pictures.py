@@ -187,6 +187,33 @@ def test_only_the_parts_of_the_scene_are_drawn(studio):
     assert (rolling.pixels[damper] < 255).any()
 
 
+def test_force_between_the_masses_has_an_arrow_on_both(studio):
+    grounded = studio("CarriageForce")
+    between = {"actuation.force.between": "masses"}
+    shown = studio("CarriageForce", **between).put(x1=0.0, x2=0.0, force=3.0).pixels
+    above = slice(round(look.PIXELS * 90), round(look.PIXELS * place.TOP))
+    body = slice(round(look.PIXELS * 60), round(look.PIXELS * 600))
+    x = where(shown[above, body], look.CONTROL)[1] / look.PIXELS + 60.0
+    assert x.min() < place.REST - 60.0 < place.REST < x.max() + 10.0
+    low, high = arrow(shown, look.CONTROL)
+    assert low > place.REST - 10.0
+    assert high > place.REST + 60.0
+    alone = grounded.put(x1=0.0, x2=0.0, force=3.0).pixels
+    assert not where(alone[above, body], look.CONTROL)[0].size
+
+
+@pytest.mark.parametrize("of", ["interface", "carriage"])
+def test_semi_active_damper_is_darker_the_more_it_damps(studio, of):
+    device = {"damping": {"of": of, "minimum": 0.5, "maximum": 5.0}}
+    place_of = (place.REST, place.TOP - 2.0) if of == "interface" else (52.0, 200.0)
+    seen = []
+    for damping in (0.5, 2.0, 5.0):
+        shown = studio("CarriageForce", actuation=device).put(x1=0.0, x2=0.05, damping=damping)
+        seen.append(colour_at(shown.pixels, *place_of).sum())
+    assert seen[0] > seen[1] > seen[2]
+    assert shown.subject.damped_row in (at.C, at.D)
+
+
 def test_limits_are_drawn_if_there_are_any(studio):
     limits = {"objective.displacement_limit": 0.012, "objective.rail_half_length": 0.02}
     shown = studio("CarriageForce", **limits).put(x1=0.0, x2=0.0)

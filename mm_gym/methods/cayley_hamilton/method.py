@@ -54,11 +54,9 @@ class CayleyHamilton(ExactMethod):
 
     def limit(self, support: Support) -> str | None:
         """Return why not, unless only the stretch and the excitation vary, within bounds."""
-        others = [
-            name for name in support.varying if support.names[name] in range(at.M1, at.HARMONICS)
-        ]
+        others = support.varying_parameters
         if others:
-            return f"{others[0]} is randomised"
+            return f"{others[0]} is randomised or actuated"
         if any(support.ground):
             return "a harmonic shakes the ground"
         phase = fastest_rate(support) * support.sample_interval

@@ -55,10 +55,9 @@ class TruncatedSeries(Method):
 
     def limit(self, support: Support) -> str | None:
         """Return why not, unless only the stretch and one harmonic force vary, in short steps."""
-        rows = range(at.M1, at.HARMONICS)
-        drawn = [name for name in support.varying if support.names[name] in rows]
-        if drawn:
-            return f"{drawn[0]} is randomised"
+        others = support.varying_parameters
+        if others:
+            return f"{others[0]} is randomised or actuated"
         if support.terms or any(support.ground) or len(support.ground) > 1:
             return "of all excitation it takes only impulses and one harmonic force"
         phase = _phase(support)

@@ -13,6 +13,7 @@ from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Settings
 from mm_gym.methods.support import fastest_rate
+from mm_gym.simulation.recording import held_rows, with_damping
 from mm_gym.simulation.response import interface_energy, interface_force
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
         for node, weight in zip(nodes, weights, strict=True):
             part = (panel + 0.5 * (1.0 + float(node))) / panels
             after, push, shake = _at(plant, lanes, part, duration)
-            powers = _powers(recording, after, push, shake)
+            powers = _powers(plant, lanes, after, push, shake)
             total += 0.5 * float(weight) * duration / panels * powers
     end, *_ = _at(plant, lanes, 1.0, duration)
     support, p = plant.support, recording.parameters
@@ -71,7 +72,8 @@ def _lanes(recording: Recording, states: Array, applied: Array, jets: Array, tim
     support = recording.plant.support
     lanes = np.tile(recording.parameters[:, None], (1, len(states)))
     lanes[support.state_rows] = states.T
-    lanes[[at.FORCE, at.STRETCH]] = applied.T
+    lanes[held_rows(recording.plant)] = applied.T
+    lanes = with_damping(recording.plant, lanes, applied)
     lanes[support.jets : support.jets + 2 * support.terms] = jets.T
     for j in range(len(support.ground)):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
@@ -101,9 +103,9 @@ def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array
     return moved[support.state_rows].T, push, shake
 
 
-def _powers(recording: Recording, state: Array, push: Array, shake: Array) -> Array:
+def _powers(plant: Plant, p: Array, state: Array, push: Array, shake: Array) -> Array:
     """Return the power (k, 2) [W] that dampers take and disturbances give: (11) of the model."""
-    support, p = recording.plant.support, recording.parameters
+    support = plant.support
     v1, v2 = state[:, 2], state[:, 3]
     link = interface_force(support, p, state)
     given = push * v1 - shake * (p[at.M1] * v1 + p[at.M2] * v2)

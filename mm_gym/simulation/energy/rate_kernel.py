@@ -27,8 +27,8 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     model
         (m,) read.
     states, applied, jets
-        (n, 4), (n, 2) and (n, 2 terms), read: state [m, m/s], force [N] and stretch, and
-        coefficients of the excitation at the intervals' starts.
+        (n, 4), (n, 2) or (n, 3), and (n, 2 terms), read: state [m, m/s]; force [N], stretch, and
+        damping [N s/m] if it is actuated; coefficients of the excitation at the intervals' starts.
     times
         (n,) read: the intervals' starts [s].
     duration
@@ -50,10 +50,15 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     regimes = 2 if friction else 1
     levels, forms = np.zeros((regimes, 1, n, n)), np.zeros((regimes, 2, 1, n, n))
     rows, y = np.zeros((regimes, 2, n)), np.empty(n)
-    k2, share = -1.0, piecewise.force_share(model, p)
+    k2, share, damped = -1.0, piecewise.force_share(model, p), int(model[at.DAMPED])
+    p = p.copy()
     for i in range(states.shape[0]):
         present = stiffness(p[at.K0], applied[i, 1])
-        if present != k2:
+        changes = present != k2
+        if damped > 0:
+            changes |= p[damped] != applied[i, 2]
+            p[damped] = applied[i, 2]
+        if changes:
             k2 = present
             depth = precise.halvings(piecewise.fastest_rate(p, k2, harmonics, terms, h) * duration)
             if friction:

@@ -52,6 +52,8 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
         for row in range(p.shape[0]):
             lane[row, 0] = p[row]
         lane[at.FORCE, 0], lane[at.STRETCH, 0] = applied[i, 0], applied[i, 1]
+        if model[at.DAMPED] > 0.0:
+            lane[int(model[at.DAMPED]), 0] = applied[i, 2]
         for n in range(jets.shape[1]):
             lane[int(model[at.JETS]) + n, 0] = jets[i, n]
         for j in range(int(model[at.HARMONIC_COUNT])):
