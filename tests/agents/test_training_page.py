@@ -111,7 +111,11 @@ def written(folder, text, name="own.py"):
             "did you mean 'carriage_velocity'",
         ),
         ("own.py:cost", "def cost(): return 0.0", "got the argument ''"),
-        ("own.py:cost", "def cost(stretch): return 0.0", "needs springs with a stretch; set springs.kind"),
+        (
+            "own.py:cost",
+            "def cost(stretch): return 0.0",
+            "needs springs with a stretch; set springs.kind",
+        ),
         (
             "own.py:cost",
             "def cost(slip_velocity): return 0.0 * slip_velocity / 0.0",
