@@ -151,7 +151,7 @@ class Placed(Generic[P]):
         """Return row of a lane -> value or range, also of the rows that no field sets."""
         rows = self.kind.fields_of(self.part)
         own = {rows[name]: value for name, value in self.values.items()}
-        return {self.first + row: value for row, value in (own | self.kind.constants).items()}
+        return {self.first + row: value for row, value in (self.kind.constants | own).items()}
 
 
 def _sweep_interval(placed: Placed[Sweep]) -> float:
@@ -418,6 +418,7 @@ KINDS: dict[str, Kind[Any]] = {
         rows=record.ROWS,
         code=kernels.RECORD,
         terms=2,
+        constants={record.NUMBER: 0.0},  # of one record
         interval=_record_interval,
         samples=_record_samples,
         slots=_record_slots,
