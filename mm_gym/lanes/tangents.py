@@ -19,7 +19,7 @@ from numba import types
 from numba.extending import intrinsic, models, overload, register_model
 
 from mm_gym.lanes.arithmetic import fma
-from mm_gym.lanes.elementary import exp_of, log_of, power
+from mm_gym.lanes.elementary import cosine_and_sine, exp_of, log_of, power
 from mm_gym.lanes.simd import LANES, NUMBERS, VECTOR, alike, everywhere, root
 from mm_gym.lanes.simd_masks import where
 from mm_gym.lanes.simd_memory import ROWS, from_row
@@ -205,8 +205,8 @@ def _constant(x, value):
 @overload(math.cos)
 def _cosine(x):
     def project(x):
-        turn = value_of(x)
-        return tangent(math.cos(turn), slopes_of(x) * -math.sin(turn))
+        cosine, sine = cosine_and_sine(value_of(x))
+        return tangent(cosine, slopes_of(x) * -sine)
 
     return project if x == TANGENT else None
 
@@ -214,8 +214,8 @@ def _cosine(x):
 @overload(math.sin)
 def _sine(x):
     def project(x):
-        turn = value_of(x)
-        return tangent(math.sin(turn), slopes_of(x) * math.cos(turn))
+        cosine, sine = cosine_and_sine(value_of(x))
+        return tangent(sine, slopes_of(x) * cosine)
 
     return project if x == TANGENT else None
 

@@ -19,7 +19,9 @@ ONE_AT_A_TIME = {
     "extended.logarithm_of_ratio": {"log"},  # beside a call that no loop is vectorised over
     "filters._halvings_of": {"log2"},  # never inlined into a loop
     "impulse_process._wait": {"log"},  # within a loop that ends early
-    "forces.largest_eigenvalue": {"hypot"},  # for a bound of the rates
+    "bounds.largest_eigenvalue": {"hypot"},  # for a bound of the rates
+    "tangents._cosine": {"cos"},  # whose overloads they are: they call `cosine_and_sine`
+    "tangents._sine": {"sin"},
 }
 """Kernels that call such functions in no loop that can be vectorised."""
 

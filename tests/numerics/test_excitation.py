@@ -60,15 +60,25 @@ def test_every_kind_of_a_scene_has_a_row_of_the_table():
     assert list(KINDS) == list(CLASSES)
 
 
+SET = {"kind": "record", "files": ["a.csv", "b.csv"]}
+SPECTRAL = {"spectral_acceleration": [1.0, 2.0], "period": 0.5, "damping": 0.05}
+PARTS = {"record": [SET, SET | {"scale_to": {"peak": 1.0}}, SET | {"scale_to": SPECTRAL}]}
+"""Of a kind, those with other numbers."""
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_number_of_a_kind_has_a_row_of_its_own(kind):
-    fields = KINDS[kind].fields
-    # What is drawn as a ratio has a row behind all others.
-    without = {*FIXED_FIELDS, *CLASSES[kind].ratios}
-    assert set(fields) == set(_numbers(CLASSES[kind])) - without
-    rows = {*fields.values(), *KINDS[kind].constants}
-    assert len(rows) == len(fields) + len(KINDS[kind].constants)
-    assert rows <= set(range(KINDS[kind].rows))
+    own, found = KINDS[kind], set()
+    for part in PARTS.get(kind, [None]):
+        fields = own.fields_of(part and CLASSES[kind].model_validate(part))
+        constants = set(own.constants) - set(fields.values() if kind == "record" else ())
+        rows = {*fields.values(), *constants}
+        assert len(rows) == len(fields) + len(constants)
+        assert rows <= set(range(own.rows))
+        found |= set(fields)
+    # What is drawn as a ratio has a row behind all others; which ordinate is meant is fixed.
+    without = {*FIXED_FIELDS, *CLASSES[kind].ratios, "scale_to.period", "scale_to.damping"}
+    assert found - {"record"} == set(_numbers(CLASSES[kind])) - without
 
 
 def phase(time, part):

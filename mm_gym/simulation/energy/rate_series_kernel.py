@@ -17,7 +17,6 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import write_inverse_square
 from mm_gym.law.dry_friction import interface_line, slip_intercept, threshold
 from mm_gym.law.events import NONE, gaps_of, gaps_on, regime_exit_within, sign_of
-from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
 ORDER = 24
@@ -130,7 +129,8 @@ def _expand(model, c, lane, z, regime, unit):
     m1, m2, d = lane[at.M1, 0], lane[at.M2, 0], lane[at.D, 0]
     k1, beta = lane[at.K1, 0] * lane[at.ALPHA, 0], lane[at.K1, 0] * lane[at.BETA, 0]
     k0, l0, stretch = lane[at.K0, 0], lane[at.L0, 0], lane[at.STRETCH, 0]
-    pair, held = control_forces(model, lane[at.FORCE, 0])
+    pair = model[at.BETWEEN] * lane[at.FORCE, 0]  # between the masses; the rest is on the carriage
+    held = lane[at.FORCE, 0] - pair
     k2, chi = stiffness(k0, stretch), lane[at.CHI, 0]
     intercept = slip_intercept(lane[at.KINETIC_FORCE, 0], chi, lane[at.VR, 0])
     slope, constant = interface_line(regime, lane[at.C, 0], chi, intercept)
