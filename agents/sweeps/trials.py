@@ -32,7 +32,7 @@ from agents.value_iteration.settings import IterateSettings
 from mm_gym import SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
-from mm_gym.scene import Part
+from mm_gym.scene.part import Document
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ COLUMNS = ("task", "algorithm", "variant", "seed", "steps", "validation", "cost"
 """Of ``results.csv``; the last two are costs [-], on the validation and the held-out episodes."""
 
 
-class SweepSettings(Part):
+class SweepSettings(Document):
     """The trainings of a sweep: every task with every algorithm, variant and seed."""
 
     name: str = "sweep"

@@ -89,6 +89,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
     stretch [-]                                      actuation.stretch's minimum and maximum
                                                      become -1 and 1
+    damping [N s/m]                                  the same of actuation.damping
     applied_force [N]                                1 / actuation.force.limit
     ===============================================  =========================================
 
@@ -116,7 +117,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     Information
     -----------
     With ``info="light"``, the default: `state`, (4,) float64, x1, x2 [m], v1, v2 [m/s], ground
-    frame; `applied`, (k,) float64, the force [N] and stretch [-] that the actuators reached.
+    frame; `applied`, (k,) float64, the force [N], stretch [-] and damping [N s/m] that the
+    actuators reached.
 
     With ``info="full"`` also the terms of the reward, which is their sum: `reward_displacement`,
     `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of

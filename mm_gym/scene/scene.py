@@ -238,6 +238,7 @@ def _stretch_within_limits(
 
 
 LATER = (
+    "actuation.damping",
     "actuation.force.between",
     *(
         f"objective.{name}_{what}"

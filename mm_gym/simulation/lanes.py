@@ -139,7 +139,7 @@ class Lanes:
         bind, advance = self._threads.bind, self._advance
         rows = (self._values, self._frames, self._ends)
         self._constants = np.concatenate([self.plant.task, self.plant.model])
-        held = self.applied_rows.start, self.applied_rows.step
+        held = np.array([self.applied_rows.start, self.applied_rows.step])  # threads take arrays
         outputs = (*rows, held)
         self._step_arguments = (self._constants, *rows, self.streams)
         self._advance_all = bind(advance, *self._step_arguments)

@@ -302,7 +302,7 @@ def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, fi
     lanes, frames, ends
         (rows, lanes) float64, float32 and bool, read.
     held
-        First row of what the actuators applied, and the distance of these rows.
+        (2,) int64, read: first row of what the actuators applied, and the distance of these rows.
     observed
         (lanes, k) float32, written: the frames observed.
     ended
@@ -314,7 +314,7 @@ def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, fi
     first, last
         The lanes first .. last - 1.
     """
-    row, distance = held
+    row, distance = held[0], held[1]
     copy_observed(frames, observed, first, last)
     copy_rows(lanes, at.X1, states, first, last)
     for k in range(applied.shape[0]):

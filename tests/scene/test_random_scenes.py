@@ -173,6 +173,8 @@ def without(data, finding):
             del holder[int(last) if isinstance(holder, list) else last]
         except (KeyError, IndexError):
             words = above  # a default speaks against something: take out the whole
+            if not words and (other := re.search(r"within ([a-z_.]+)", text)):
+                words, text = other[1].split("."), ""  # or what it speaks against
             assert words, finding
         else:
             return
