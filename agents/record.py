@@ -19,7 +19,7 @@ from agents.recording.episodes import Exploration, play
 from agents.recording.laws import law_of
 from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
 from mm_gym import load_scene
-from mm_gym.scene.part import Document
+from mm_gym.scene import Document
 from mm_gym.tasks import ids, is_id, short_name, task_or_scene
 
 FIRST_SEED = 3_000_000

@@ -32,7 +32,7 @@ from agents.value_iteration.settings import IterateSettings
 from mm_gym import SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
-from mm_gym.scene.part import Document
+from mm_gym.scene import Document
 from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
