@@ -21,6 +21,7 @@ SECTIONS = {
     "lanes": "lanes",
     "grid": "grid",
     "methods": "methods",
+    "interfaces": "interfaces",
     "jacobians": "jacobians",
     "precision": "precision",
     "figure10": "figure10",
