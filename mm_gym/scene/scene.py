@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, cast
 
 from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
@@ -36,7 +36,11 @@ from mm_gym.scene.sensors import Sensors
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from mm_gym.env.own_reward import OwnReward
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mm_gym.scene.dotted_names import Data
 
 
@@ -254,6 +258,31 @@ def bounds(value: NumberOrRange) -> tuple[float, float]:
     return value if isinstance(value, tuple) else (value, value)
 
 
+class Reward(Protocol):
+    """What `mm_gym.OwnReward` has, for rooms below the one that makes it."""
+
+    given: Any
+    name: str
+    arguments: tuple[str, ...]
+
+    @cached_property
+    def kernel(self) -> Callable[..., int]:
+        """The kernel that rewards a step."""
+        ...
+
+    def costs(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the costs (n,) of lanes (rows, n)."""
+        ...
+
+    def first_fault(self, values: NDArray[np.float64]) -> int:
+        """Return the first lane whose cost is not finite."""
+        ...
+
+    def fault(self, lane: NDArray[np.float64]) -> str:
+        """Return what is wrong with the cost of a lane (rows,)."""
+        ...
+
+
 class Scene(Document):
     """A carriage and a sphere, their coupling and excitation, and what the agent does and sees.
 
@@ -308,7 +337,7 @@ class Scene(Document):
         return [*super().findings(wrong, prefix), *self._randomization_findings(wrong)]
 
     @property
-    def own_reward(self) -> OwnReward | None:
+    def own_reward(self) -> Reward | None:
         """A caller's reward in place of `objective`, if there is one; see `mm_gym.rewarded`."""
         return None
 

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from mm_gym.env.own_reward import OwnReward
     from mm_gym.plant.plant import Plant
+    from mm_gym.scene.scene import Reward
 
     Values = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Lanes:
     """
 
     def __init__(
-        self, plant: Plant, count: int, threads: int = 1, own_reward: OwnReward | None = None
+        self, plant: Plant, count: int, threads: int = 1, own_reward: Reward | None = None
     ) -> None:
         self.plant = plant
         self.count = count
