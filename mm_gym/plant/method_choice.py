@@ -79,15 +79,18 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
         If the method asked for does not apply.
     """
     asked, settings = solver.method, settings_of(solver)
+    skipped: dict[Method, str] = {}
+    chosen = next((m for m in methods.METHODS if _takes(m, support, settings, skipped)), None)
+    if chosen is not None and asked in ("auto", chosen.name):
+        return chosen, _reasons(support, skipped, chosen)
     obstacles = {method: method.obstacle(support, settings) for method in methods.METHODS}
     applicable = [method for method, obstacle in obstacles.items() if obstacle is None]
     if not applicable:
         whys = [f"{m.title}: {why}" for m, why in obstacles.items() if support.kind in m.kinds]
         msg = f"solver.method: none propagates this scene ({'; '.join(whys)}); {REMEDY}"
         raise CompileError(msg)
-    deferrals = {method: method.deferral(support, settings) for method in applicable[:-1]}
-    chosen = next((m for m in applicable if deferrals.get(m) is None), applicable[0])
-    reasons = _reasons(support, obstacles | deferrals, chosen)
+    chosen = chosen or applicable[-1]  # all defer: the last does not
+    reasons = _reasons(support, skipped | {m: why for m, why in obstacles.items() if why}, chosen)
     if asked in ("auto", chosen.name):
         return chosen, reasons
     for method in applicable:
@@ -99,13 +102,25 @@ def choose(solver: Solver, support: Support) -> tuple[Method, tuple[str, ...]]:
     raise CompileError(msg)
 
 
+def _takes(
+    method: Method, support: Support, settings: methods.Settings, skipped: dict[Method, str]
+) -> bool:
+    """Return whether a method applies and does not defer; else note why in `skipped`.
+
+    Whether it fails with the settings is asked last, since that may take long to find out.
+    """
+    why = method.obstacle(support)
+    why = why or method.deferral(support, settings) or method.obstacle(support, settings)
+    if why is not None:
+        skipped[method] = why
+    return why is None
+
+
 def _names(applicable: list[Method]) -> list[str]:
     return list(dict.fromkeys(method.name for method in applicable))
 
 
-def _reasons(
-    support: Support, obstacles: dict[Method, str | None], chosen: Method
-) -> tuple[str, ...]:
+def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> tuple[str, ...]:
     """Return the reasons for the choice, one clause each."""
     reasons = [*_nonlinearities(support), *_instability(support), *_friction(support)]
     if support.kind == MASSLESS:
