@@ -80,7 +80,7 @@ def _load(model, lanes, c, numbers, i, count):
     for k in range(LANES):
         lane = i + min(k, count - 1)
         taylor.coefficients(model, lanes, lane, False, c)
-        for row in range(rows.BY_M1, rows.SIZE):
+        for row in range(rows.BY_M1, rows.SMOOTH_END):
             numbers[row * LANES + k] = c[row]
         for row in range(4):
             numbers[row * rows.WIDTH * LANES + k] = lanes[row, lane]

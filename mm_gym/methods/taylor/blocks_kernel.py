@@ -26,7 +26,7 @@ FEWEST_LANES = 4
 """Lanes from which on a block is quicker than one lane after the other."""
 
 # Rows behind those of the series and the coefficients: where each slot is in its sample interval.
-_LANE, _ELAPSED, UNIT, _COUNT, _ORDER, _STATUS, END = (rows.SIZE + k for k in range(7))
+_LANE, _ELAPSED, UNIT, _COUNT, _ORDER, _STATUS, END = (rows.SMOOTH_END + k for k in range(7))
 _IDLE = _BUSY = -1.0  # values of the rows LANE and STATUS
 
 
@@ -111,13 +111,13 @@ def _occupy(model, lanes, c, b, i, lane, last):
     b[_ELAPSED * LANES + i] = b[_COUNT * LANES + i] = b[UNIT * LANES + i] = 0.0
     b[_LANE * LANES + i] = _IDLE
     if lane >= last:
-        for row in range(rows.BY_M1, rows.SIZE):
+        for row in range(rows.BY_M1, rows.SMOOTH_END):
             b[row * LANES + i] = 0.0
         for row in range(4):
             b[row * rows.WIDTH * LANES + i] = 0.0
         return lane
     taylor.coefficients(model, lanes, lane, False, c)
-    for row in range(rows.BY_M1, rows.SIZE):
+    for row in range(rows.BY_M1, rows.SMOOTH_END):
         b[row * LANES + i] = c[row]
     for row in range(4):
         b[row * rows.WIDTH * LANES + i] = lanes[row, lane]

@@ -23,7 +23,8 @@ ONE, SQUARES = np.uintp(1), np.uintp(SQUARE)
 # Behind them the state (x1, x2, v1, v2, w) and the coefficients of a lane. One array: handing over
 # many costs time.
 STATE = WIDTH * 14
-BY_M1, BY_M2, K1, BETA, D, K2, K0, L0, STRETCH, U, PAIR, C, CHI, INTERCEPT, VR, ESCAPE = (
-    STATE + 5 + k for k in range(16)
-)
-DURATION, SIZE = ESCAPE + 1, ESCAPE + 2
+BY_M1, BY_M2, K1, BETA, D, K2, U, PAIR, C, ESCAPE = (STATE + 5 + k for k in range(10))
+
+# Those of finite pairs and friction: slots of vectors of lanes do without.
+SMOOTH_END = ESCAPE + 1
+DURATION, K0, L0, STRETCH, CHI, INTERCEPT, VR, SIZE = (SMOOTH_END + k for k in range(8))
