@@ -55,7 +55,7 @@ def startup() -> str:
     seconds: dict[str, list[float]] = {name: [] for name in SCRIPTS}
     for _ in range(ROUNDS + 1):
         for name, script in SCRIPTS.items():
-            seconds[name].append(_finished(_started(script))[1])
+            seconds[name].append(finished(started(script))[1])
     # The first round fills the caches.
     rows = [(name, f"{np.median(values[1:]):.2f}") for name, values in seconds.items()]
     warm = f"## Start-up, warm cache\n\n{table(('process', 'seconds'), rows)}\n"
@@ -65,16 +65,16 @@ def startup() -> str:
 def empty() -> str:
     """Return the table of first steps without compiled code on disk."""
     rows = []
-    with _copied() as common:
+    with copied() as common:
         for name in ids():
-            with _copied() as folder:
-                alone = _finished(_started(STEP.format(name), folder))
-            shared = _finished(_started(STEP.format(name), common))
+            with copied() as folder:
+                alone = finished(started(STEP.format(name), folder))
+            shared = finished(started(STEP.format(name), common))
             rows.append((name, *(f"{value:.1f}" for value in (*alone, *shared))))
-    with _copied() as folder:
+    with copied() as folder:
         script = STEP.format("mm_gym/CarriageForce-v0")
-        processes = [_started(script, folder) for _ in range(WORKERS)]
-        times = np.array([_finished(process) for process in processes])
+        processes = [started(script, folder) for _ in range(WORKERS)]
+        times = np.array([finished(process) for process in processes])
     rows.append(
         (f"{WORKERS} at once", f"{times[:, 0].sum():.1f}", f"{times[:, 1].max():.1f}", "", "")
     )
@@ -84,18 +84,21 @@ def empty() -> str:
 
 
 @contextmanager
-def _copied() -> Iterator[str]:
-    """Make a copy of the package without compiled kernels, in a folder of its own.
+def copied(checkout: Path | None = None) -> Iterator[str]:
+    """Make a copy of the package, by default of the one that runs here, in a folder of its own.
+
+    It has no compiled kernels.
 
     To name another folder for them is not enough: those next to the sources would be loaded.
     """
     with TemporaryDirectory() as folder:
         ignored = shutil.ignore_patterns("*.nbi", "*.nbc")
-        shutil.copytree(Path(mm_gym.__file__).parent, Path(folder, "mm_gym"), ignore=ignored)
+        package = Path(mm_gym.__file__).parent if checkout is None else checkout / "mm_gym"
+        shutil.copytree(package, Path(folder, "mm_gym"), ignore=ignored)
         yield folder
 
 
-def _started(script: str, folder: str | None = None) -> subprocess.Popen[str]:
+def started(script: str, folder: str | None = None) -> subprocess.Popen[str]:
     """Start a script that prints its times, by default with the package that runs here."""
     places = ("PYTHONPATH", "HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")  # of package and kernels
     return subprocess.Popen(
@@ -107,7 +110,7 @@ def _started(script: str, folder: str | None = None) -> subprocess.Popen[str]:
     )
 
 
-def _finished(process: subprocess.Popen[str]) -> tuple[float, float]:
+def finished(process: subprocess.Popen[str]) -> tuple[float, float]:
     """Return processor time and time of a started script [s]."""
     out, _ = process.communicate()
     if process.returncode:
