@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.controllers.actuators import Actuators
 from agents.controllers.both import Both
 from agents.controllers.controller import columns, require_actuator, require_number
+from agents.controllers.damping_command import DampingCommand
 from agents.controllers.stretch_command import StretchCommand
 
 if TYPE_CHECKING:
@@ -90,13 +90,9 @@ class ConstantDamping:
     """
 
     def __init__(self, scene: Scene, damping: float | None = None) -> None:
-        require_actuator(scene, "damping")
-        actuators, self.column = Actuators(scene), columns(scene).index("damping")
-        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
-        self.travel = float(actuators.travel[self.column])
-        self.is_rate = bool(actuators.is_rate[self.column])
+        self.command = DampingCommand(scene)
         if damping is not None:
-            require_number("damping", damping, self.low, self.high)
+            require_number("damping", damping, self.command.low, self.command.high)
         self.name = "initial damping"
         if damping is not None:
             self.name = f"constant damping {damping:.3g} N s/m"
@@ -108,16 +104,12 @@ class ConstantDamping:
 
     def action(self, state: Values, applied: Values) -> Values:
         """Return the action towards the damping."""
-        present = applied[:, self.column]
+        present = applied[:, self.command.column]
         if self.wanted is None:
             self.wanted = present.copy()
             if self.damping is not None:
                 self.wanted[:] = self.damping
-        if self.is_rate:
-            action = (self.wanted - present) / self.travel
-        else:
-            action = (self.wanted - 0.5 * (self.high + self.low)) / (0.5 * (self.high - self.low))
-        return np.clip(action, -1.0, 1.0)[:, None]
+        return self.command(self.wanted, present)
 
 
 def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:

@@ -1,4 +1,4 @@
-"""The state some time ahead, for laws that switch springs which take time to stretch."""
+"""The state some time ahead, for laws that switch springs or dampers which take time to change."""
 
 from __future__ import annotations
 
@@ -15,36 +15,58 @@ if TYPE_CHECKING:
     from agents.controllers.controller import Values
     from mm_gym import Scene
 
-STRETCHES = 41
-"""Number of stretches at which the transition is computed; the nearest is used."""
+GRID = 41
+"""Number of stretches or dampings at which the transition is computed; the nearest is used."""
 
 
 class Lead:
-    """Move a state ahead by half the time in which the springs cross their range, and by their lag.
+    """Move a state ahead by half the time in which an actuator crosses its range, and by its lag.
 
-    The present stretch is taken to stay, and no force to act. Without it, a switch comes a quarter
-    of a period late where springs need half a period to cross. Springs that need more than the
-    sphere's fastest period do not switch within it, and for them there is no lead but the lag.
+    The present stretch or damping is taken to stay, and no force to act. Without it, a switch comes
+    a quarter of a period late where springs need half a period to cross. Springs that need more
+    than the fastest period of the sphere do not switch within it; a damper switches four times a
+    period of the plant, and does not if it needs more than a quarter. For such there is no lead but
+    the lag.
+
+    Parameters
+    ----------
+    scene
+        The scene that is controlled.
+    name
+        What is switched: "stretch" or "damping".
     """
 
-    def __init__(self, scene: Scene) -> None:
-        require_actuator(scene, "stretch")
-        actuator = scene.actuation.stretch
-        assert actuator is not None  # noqa: S101 - as required
+    def __init__(self, scene: Scene, name: str = "stretch") -> None:
+        require_actuator(scene, name)
+        actuator = getattr(scene.actuation, name)
         self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
         rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
         crossing = self.range / rate
-        stiffest = spring_stiffness(self.low, scene.springs.stiffness)
-        period = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
-        self.time = actuator.lag + (0.5 * crossing if crossing < period else 0.0)
-        stretches = self.low + self.range * np.linspace(0.0, 1.0, STRETCHES)
-        k2 = spring_stiffness(stretches, scene.springs.stiffness)
-        soft, stiff = (compile_scene(scene).linear(s)[0] for s in (stretches[-1], stretches[0]))
-        share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
-        self.transitions = expm((soft + share[:, None, None] * (stiff - soft)) * self.time)
+        at = self.low + self.range * np.linspace(0.0, 1.0, GRID)
+        if name == "stretch":
+            stiffest = spring_stiffness(self.low, scene.springs.stiffness)
+            longest = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
+            first, last = (compile_scene(scene).linear(s)[0] for s in (at[0], at[-1]))
+            k2 = spring_stiffness(at, scene.springs.stiffness)
+            share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
+        else:
+            first, last = (_damped(scene, value) for value in (at[0], at[-1]))
+            fastest = np.abs(np.linalg.eigvals(first).imag).max()
+            longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
+            share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
+        self.time = actuator.lag + (0.5 * crossing if crossing < longest else 0.0)
+        self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)
 
-    def __call__(self, state: Values, stretch: Values) -> Values:
-        """Return the states (lanes, 4) ahead, from those now and the stretches (lanes,)."""
-        share = np.clip((stretch - self.low) / self.range, 0.0, 1.0)
-        nearest = np.rint(share * (STRETCHES - 1)).astype(np.intp)
+    def __call__(self, state: Values, present: Values) -> Values:
+        """Return the states (lanes, 4) ahead, from those now and the stretches or dampings now."""
+        if self.time == 0.0:
+            return state
+        share = np.clip((present - self.low) / self.range, 0.0, 1.0)
+        nearest = np.rint(share * (GRID - 1)).astype(np.intp)
         return np.einsum("nij,nj->ni", self.transitions[nearest], state)
+
+
+def _damped(scene: Scene, value: float) -> Values:
+    """Return A (4, 4) about rest with a value of the damping that is actuated."""
+    system = compile_scene(scene).state_space([], [], at={str(scene.actuation.damped): value})
+    return system.A[:4, :4]

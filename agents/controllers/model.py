@@ -38,15 +38,9 @@ class Model:
         The scene whose motion is predicted.
     lanes
         Number of states advanced at once.
-
-    Raises
-    ------
-    DesignError
-        If the reward reads what a disturbance is, not what it does.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
-        _require_reward_of_motion(scene)
         force = scene.actuation.force
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
@@ -121,8 +115,11 @@ class Model:
         return info["state"], rewards
 
 
-def _require_reward_of_motion(scene: Scene) -> None:
-    """Refuse a reward of what a model with an equivalent force does not show."""
+def require_reward_of_motion(scene: Scene) -> None:
+    """Raise `DesignError` if the reward reads what a disturbance is, not what it does.
+
+    Rewards of a `Model` know only the force on the carriage that is equivalent to it.
+    """
     hidden = ["applied_force", "disturbance_force", "ground_acceleration"]
     if any(part.target == "ground" for part in scene.excitation):
         hidden.append("carriage_acceleration")

@@ -10,7 +10,7 @@ from agents.controllers.actuators import Actuators
 from agents.controllers.controller import columns
 from agents.controllers.cross_entropy import Search
 from agents.controllers.forecast import Forecast
-from agents.controllers.model import Model
+from agents.controllers.model import Model, require_reward_of_motion
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Law, Values
@@ -36,9 +36,15 @@ class PredictiveControl:
         A law without memory, whose own plan is among the first.
     search
         How plans are searched.
+
+    Raises
+    ------
+    DesignError
+        If the reward reads what a disturbance is, not what it does.
     """
 
     def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
+        require_reward_of_motion(scene)
         self.name = f"predictive control, {search.horizon} steps ahead"
         self.scene, self.law, self.search = scene, law, search
         self.columns = len(columns(scene))

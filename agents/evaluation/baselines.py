@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from agents.controllers.both import Both
 from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.clipped_optimal import ClippedOptimal
 from agents.controllers.constant import (
     ConstantForce,
     ConstantStretch,
@@ -23,6 +24,7 @@ from agents.controllers.constant import (
     no_control,
 )
 from agents.controllers.controller import columns
+from agents.controllers.energy_shaping import EnergyShaping
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
 from agents.controllers.feedforward_lqr import FeedforwardLQR
@@ -44,6 +46,8 @@ from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.resetting_stiffness import ResettingStiffness
+from agents.controllers.semi_active import Balance, Hook, SemiActive
+from agents.controllers.spring_force import middle
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.policy_file import PolicyError
@@ -55,6 +59,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller, Law, StateSource
+    from agents.controllers.damping_command import Switching
+    from agents.controllers.semi_active import Hooked
     from mm_gym import Scene
 
 Designed = TypeVar("Designed", bound="Controller")
@@ -65,8 +71,18 @@ TRACKERS = ("linear-prediction", "frequency-locked-loop", "short-time-fourier")
 DECADES = np.linspace(-2.0, 2.0, 17)
 """Exponents of the gains and prices that are tried."""
 
+PRICES = np.linspace(-4.0, 2.0, 13)
+"""Exponents of the prices of clipped-optimal control that are tried."""
+
 CENTRED = np.linspace(-0.5, 0.5, 17)
 """Forces over the force limit that are tried."""
+
+RATIOS = np.linspace(0.3, 1.7, 15)
+"""Frequencies of a sphere over that of the carriage on its spring that are tried."""
+
+HOOKS: tuple[Hooked, ...] = ("skyhook", "groundhook", "displacement groundhook")
+SWITCHINGS: tuple[Switching, ...] = ("on-off", "continuous")
+"""Ways in which a semi-active damper follows a wanted force."""
 
 QUICK, SHORT = 0.005, 20
 """Control steps [s] up to which predictive control plans fewer steps ahead, to keep up."""
@@ -144,7 +160,8 @@ def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
     """Return what makes the tuned laws that read the observation, by name."""
     match columns(scene):
         case ("force",):
-            return {"LQR": regulator, "velocity feedback": best_velocity_feedback}
+            own = {"energy shaping": best_energy_shaping} if scene.actuation.is_between else {}
+            return {"LQR": regulator, "velocity feedback": best_velocity_feedback, **own}
         case ("stretch",):
             return {
                 "phase law": best_phase_law,
@@ -166,7 +183,9 @@ def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
                     scene, switched()
                 ),
             }
-        case _:  # none is known for a damping
+        case ("damping",):
+            return SEMI_ACTIVE
+        case _:  # none is known for a damping with other actuators
             return {}
 
 
@@ -211,7 +230,7 @@ def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
 def _remembers(law: Law) -> bool:
     if isinstance(law, Both):
         return any(_remembers(one) for one in law.laws)
-    return isinstance(law, REMEMBER)
+    return law.remembers if isinstance(law, SemiActive) else isinstance(law, REMEMBER)
 
 
 def predictive_control(scene: Scene, law: Law) -> Feedback:
@@ -283,12 +302,10 @@ def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
 
 def best_constant_damping(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
     """Search the constant damping of least cost."""
-    actuator = scene.actuation.damping
-    assert actuator is not None  # noqa: S101 - the caller's scene has one
     return _search(
         scene,
         lambda damping: constant_damping(scene, damping),
-        np.linspace(actuator.minimum, actuator.maximum, 33),
+        _dampings(scene),
         seed,
         ObservedActuators(scene),
     )
@@ -316,6 +333,69 @@ def best_velocity_feedback(scene: Scene) -> Feedback:
     return _search(
         scene, lambda exponent: VelocityFeedback(scene, critical * 10.0**exponent), DECADES
     )
+
+
+def best_hook(what: Hooked, switching: Switching, scene: Scene) -> Feedback:
+    """Search what a skyhook or groundhook switches on, or its gain over four decades."""
+    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
+    unit = k1 if what == "displacement groundhook" else 2.0 * np.sqrt(k1 * m1)
+    return _search_semi_active(
+        scene,
+        switching,
+        lambda on: Hook(scene, what, switching, on=on),
+        lambda exponent: Hook(scene, what, switching, gain=unit * 10.0**exponent),
+    )
+
+
+def best_balance(switching: Switching, scene: Scene) -> Feedback:
+    """Search what the balance switches on, or its gain over four decades."""
+    return _search_semi_active(
+        scene,
+        switching,
+        lambda on: Balance(scene, switching, on=on),
+        lambda exponent: Balance(scene, switching, gain=10.0**exponent),
+    )
+
+
+def best_clipped_optimal(switching: Switching, scene: Scene) -> Feedback:
+    """Search the price of the clipped-optimal control over six decades."""
+    return _search(scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), PRICES)
+
+
+def _search_semi_active(
+    scene: Scene,
+    switching: Switching,
+    switched: Callable[[float], Law],
+    followed: Callable[[float], Law],
+) -> Feedback:
+    """Search the damping of an on-off law, or the exponent of the gain of a continuous one."""
+    if switching == "continuous":
+        return _search(scene, followed, DECADES)
+    return _search(scene, switched, _dampings(scene)[2::2])
+
+
+def best_energy_shaping(scene: Scene) -> Feedback:
+    """Search the frequency of the sphere and the damping of the slip, over four decades."""
+    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
+    m2 = middle(scene, "sphere.mass")
+
+    def make(ratio: float, damping: float) -> Law:
+        rate = ratio * np.sqrt(k1 / m1)
+        return EnergyShaping(scene, m2 * rate**2, damping * m2 * rate)
+
+    return _search_pair(scene, make, RATIOS)
+
+
+SEMI_ACTIVE: Mapping[str, Callable[[Scene], Feedback]] = {
+    f"{what}, {switching}": make
+    for switching in SWITCHINGS
+    for what, make in (
+        *((hook, partial(best_hook, hook, switching)) for hook in HOOKS),
+        ("balance", partial(best_balance, switching)),
+        ("clipped-optimal", partial(best_clipped_optimal, switching)),
+    )
+}
+"""Laws for a damping by name."""
 
 
 def best_on_off_stiffness(scene: Scene) -> Feedback:
@@ -363,6 +443,12 @@ def _stretches(scene: Scene) -> NDArray[np.float64]:
     return np.linspace(actuator.minimum, actuator.maximum, 33)
 
 
+def _dampings(scene: Scene) -> NDArray[np.float64]:
+    actuator = scene.actuation.damping
+    assert actuator is not None  # noqa: S101 - the callers' scenes have one
+    return np.linspace(actuator.minimum, actuator.maximum, 33)
+
+
 def _search(
     scene: Scene,
     make: Callable[[float], Law],
@@ -386,12 +472,18 @@ def _search(
     return controller(float(refined.x) if refined.fun < costs[best] else float(grid[best]))
 
 
-def _search_pair(scene: Scene, make: Callable[[float, float], Law]) -> Feedback:
-    """Search a stretch on a coarse grid, with prices over four decades, then the price finely."""
+def _search_pair(
+    scene: Scene, make: Callable[[float, float], Law], first: NDArray[np.float64] | None = None
+) -> Feedback:
+    """Search a first value on a coarse grid, by default a stretch, and a second over four decades.
+
+    Then search the second finely.
+    """
     source = ObservedState(scene)
-    pairs = [(s, 10.0**e) for s in _stretches(scene)[4::4] for e in DECADES[::4]]
-    stretch, _ = min(pairs, key=lambda pair: _cost(scene, Feedback(scene, make(*pair), source)))
-    return _search(scene, lambda exponent: make(stretch, 10.0**exponent), DECADES)
+    coarse = _stretches(scene)[4::4] if first is None else first
+    pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
+    best, _ = min(pairs, key=lambda pair: _cost(scene, Feedback(scene, make(*pair), source)))
+    return _search(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
 
 
 def _cost(scene: Scene, controller: Controller, seed: int = VALIDATION_SEED) -> float:

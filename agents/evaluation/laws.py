@@ -12,9 +12,11 @@ from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
     FURTHER,
+    SEMI_ACTIVE,
     TRACKERS,
     best_clipped_lqr,
     best_constant,
+    best_energy_shaping,
     best_feedforward_lqr_with_clipped_lqr,
     best_lqr_at_constant_stretch,
     best_lqr_with_clipped_lqr,
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     Make = Callable[[Scene], Controller]
 
 RANDOM, MATCHING = "random", "matching-stretch"
+BETWEEN = "energy-shaping"
 FEEDFORWARD = "feedforward-lqr-and-clipped-lqr"
 
 NOISES = ("noise", "kanai_tajimi", "clough_penzien")
@@ -62,6 +65,7 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "lqr": regulator,
         "lqg": LQG,
         "velocity-feedback": best_velocity_feedback,
+        BETWEEN: best_energy_shaping,
     },
     ("stretch",): {
         "phase-law": best_phase_law,
@@ -75,6 +79,9 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "lqr-and-clipped-lqr": best_lqr_with_clipped_lqr,
         FEEDFORWARD: best_feedforward_lqr_with_clipped_lqr,
     },
+    ("damping",): {
+        name.replace(", ", "-").replace(" ", "-"): make for name, make in SEMI_ACTIVE.items()
+    },
 }
 """Laws for the actuators that a scene has, beside those of `FURTHER`."""
 
@@ -85,6 +92,16 @@ PRICED = (
 """Laws that need a force with a price, commanded by value."""
 
 
+REASONS: Mapping[str, str] = {
+    **dict.fromkeys(
+        TRACKERS, "which looks for the frequency of a harmonic, and the excitation is another one"
+    ),
+    MATCHING: f"which reads {FREQUENCY}, and randomization does not draw it",
+    BETWEEN: "which is for a force between the masses, and this one acts against the ground",
+}
+"""Why laws for the actuators of a scene do not apply to it all the same."""
+
+
 def laws(scene: Scene) -> dict[str, Make]:
     """Return the laws that apply to a scene, by name."""
     found = {**ALWAYS, **LAWS.get(columns(scene), {}), **FURTHER.get(columns(scene), {})}
@@ -92,6 +109,8 @@ def laws(scene: Scene) -> dict[str, Make]:
     if force is not None and (scene.objective.effort_weight == 0.0 or force.command == "rate"):
         for name in PRICED:
             found.pop(name, None)
+    if not scene.actuation.is_between:
+        found.pop(BETWEEN, None)
     kinds = {part.kind for part in scene.excitation}
     if not kinds.intersection(NOISES):
         found.pop(FEEDFORWARD, None)
@@ -104,17 +123,15 @@ def laws(scene: Scene) -> dict[str, Make]:
 
 def obstacle(name: str, scene: Scene) -> str | None:
     """Return why a law does not apply to a scene, or None for a name that is no law's."""
-    groups = {kinds: {*LAWS[kinds], *FURTHER[kinds]} for kinds in LAWS}
+    groups = {kinds: {*LAWS[kinds], *FURTHER.get(kinds, {})} for kinds in LAWS}
     groups["stretch",] |= {*TRACKERS, MATCHING}
     suited = [" and ".join(kinds) for kinds, names in groups.items() if name in names]
     if not suited:
         return None
     if name not in groups.get(columns(scene), ()):
         return f"which is for other actuators: {' or '.join(suited)}"
-    if name in TRACKERS:
-        return "which looks for the frequency of a harmonic, and the excitation is another one"
-    if name == MATCHING:
-        return f"which reads {FREQUENCY}, and randomization does not draw it"
+    if name in REASONS:
+        return REASONS[name]
     if name in PRICED:
         try:
             force_price(scene)

@@ -29,7 +29,7 @@ from agents.controllers.frequency_estimators import (
     ShortTimeFourier,
 )
 from agents.controllers.frequency_tracking import FrequencyTracking, reachable_band
-from agents.controllers.lead import STRETCHES, Lead
+from agents.controllers.lead import GRID, Lead
 from agents.controllers.matching_stretch import MatchingStretch
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
@@ -232,11 +232,11 @@ def test_laws_that_tune_springs_refuse_an_unstable_middle_by_name(
 
 def test_lead_moves_the_state_as_the_plant_does() -> None:
     lead, plant = Lead(PRE_STRETCH_SHOCK), compile_scene(PRE_STRETCH_SHOCK)
-    state = np.random.default_rng(7).normal(size=(STRETCHES, 4))
-    stretches = np.linspace(1.0, 3.0, STRETCHES)
+    state = np.random.default_rng(7).normal(size=(GRID, 4))
+    stretches = np.linspace(1.0, 3.0, GRID)
     ahead = lead(state, stretches)
     # Half of the 2 that the springs cross, at 100 a second.
-    for k in (0, 11, STRETCHES - 1):
+    for k in (0, 11, GRID - 1):
         a, _ = plant.linear(float(stretches[k]))
         np.testing.assert_allclose(ahead[k], expm(0.01 * a) @ state[k], rtol=1e-11)
 

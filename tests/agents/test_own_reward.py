@@ -129,9 +129,8 @@ def pushed(disturbance_force):
 
 def test_predictive_control_refuses_what_its_model_does_not_show():
     scene = rewarded(PRE_STRETCH, OwnReward(pushed))
-    law = predictive_control(scene, uncontrolled(scene).law)
     with pytest.raises(DesignError, match="reads disturbance_force; the model of predictive"):
-        law.law.begin(2)
+        predictive_control(scene, uncontrolled(scene).law)
 
 
 def test_plans_by_squares_refuse_it_by_name():

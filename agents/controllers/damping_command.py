@@ -1,0 +1,96 @@
+"""Semi-active dampers: the command towards a wanted damping, and towards a wanted force."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from agents.controllers.actuators import Actuators
+from agents.controllers.controller import columns, require_actuator, require_number
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
+
+Switching: TypeAlias = Literal["on-off", "continuous"]
+
+
+class DampingCommand:
+    """Turn a wanted damping into the action towards it, whether position or rate is commanded.
+
+    Attributes
+    ----------
+    low, high
+        Limits of the damping [N s/m].
+    column
+        Place of the damping among the actuators.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        require_actuator(scene, "damping")
+        actuators, self.column = Actuators(scene), columns(scene).index("damping")
+        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
+        self.travel = float(actuators.travel[self.column])
+        self.is_rate = bool(actuators.is_rate[self.column])
+
+    def __call__(self, wanted: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards dampings (lanes,) from the present ones (lanes,)."""
+        if self.is_rate:
+            action = (wanted - present) / self.travel
+        else:
+            action = (wanted - 0.5 * (self.high + self.low)) / (0.5 * (self.high - self.low))
+        return np.clip(action, -1.0, 1.0)[:, None]
+
+
+class Damper:
+    """A semi-active damper as a device for a wanted force.
+
+    Its force is c r, against the relative velocity r of its ends: v2 - v1 of the interface's
+    damper, v1 of the carriage's. The force on the carriage is +c r and on the sphere -c r, or -c r
+    on the carriage. It only takes energy out, so a wanted force of the other sign than r gets the
+    least damping.
+
+    Parameters
+    ----------
+    scene
+        A scene with an actuated damping.
+    switching
+        "continuous" has the damping whose force is nearest to the wanted one, c = F / r within the
+        limits. "on-off" has one damping wherever F and r agree in sign.
+    on
+        That one [N s/m]; by default the greatest.
+
+    Raises
+    ------
+    DesignError
+        If no damping is actuated, or `on` is beyond its limits.
+    """
+
+    def __init__(self, scene: Scene, switching: Switching, on: float | None = None) -> None:
+        self.command, self.is_on_off = DampingCommand(scene), switching == "on-off"
+        self.on = self.command.high if on is None else on
+        require_number("on", self.on, self.command.low, self.command.high)
+        self.of_interface = scene.actuation.damped == "interface.damping"
+
+    def present(self, applied: Values) -> Values:
+        """Return the dampings (lanes,) [N s/m] among what the actuators have (lanes, k)."""
+        return applied[:, self.command.column]
+
+    def velocity(self, state: Values) -> Values:
+        """Return the relative velocities (lanes,) [m/s] of the damper's ends."""
+        return state[:, 3] - state[:, 2] if self.of_interface else state[:, 2]
+
+    def stroke(self, state: Values) -> Values:
+        """Return the relative displacements (lanes,) [m] of the damper's ends."""
+        return state[:, 1] - state[:, 0] if self.of_interface else state[:, 0]
+
+    def towards(self, force: Values, velocity: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards forces (lanes,) [N], positive as the velocities are."""
+        low, high = self.command.low, self.command.high
+        agree = force * velocity > 0.0
+        wanted = np.where(agree, self.on, low)
+        if not self.is_on_off:
+            ratio = np.divide(force, velocity, out=np.full_like(force, low), where=agree)
+            wanted = np.clip(ratio, low, high)
+        return self.command(wanted, present)

@@ -1,0 +1,66 @@
+"""Energy shaping: a force between the masses that replaces the springs, and takes energy out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.controller import require_actuator, require_number
+from agents.controllers.spring_force import sphere_springs
+from mm_gym import DesignError
+
+if TYPE_CHECKING:
+    from agents.controllers.controller import Values
+    from mm_gym import Scene
+
+
+class EnergyShaping:
+    """Give the sphere another potential energy, and damp its motion relative to the carriage.
+
+    u = k e - s(e) + g w on the carriage, -u on the sphere, with relative displacement e = x2 - x1,
+    slip velocity w = v2 - v1 and the springs' force s. The energy of the motion with k e^2 / 2 in
+    place of the springs' then only falls: by g w^2, and by what interface and carriage dissipate,
+    while the force stays within its limit. All are relative displacements and velocities, so the
+    ground may move. Jankovic, Fontaine and Kokotovic, *TORA example: cascade- and passivity-based
+    control designs*, IEEE Trans. Control Syst. Technol. 4 (1996).
+
+    Parameters
+    ----------
+    scene
+        A scene with a force between the masses.
+    stiffness, gain
+        k [N/m] and g [N s/m], at least 0.
+
+    Raises
+    ------
+    DesignError
+        If there is no force, it acts against the ground or is commanded by its rate.
+    """
+
+    def __init__(self, scene: Scene, stiffness: float, gain: float) -> None:
+        require_actuator(scene, "force")
+        actuator = scene.actuation.force
+        assert actuator is not None  # noqa: S101 - as required
+        wanted = {"between": "masses", "command": "position"}
+        for field, value in wanted.items():
+            if getattr(actuator, field) != value:
+                msg = (
+                    f"actuation.force.{field}: got {getattr(actuator, field)!r}; allowed for "
+                    f"energy shaping: {value!r}"
+                )
+                raise DesignError(msg)
+        require_number("stiffness", stiffness)
+        require_number("gain", gain)
+        self.name = f"energy shaping, {stiffness:.3g} N/m and {gain:.2g} N s/m"
+        self.springs, self.limit = sphere_springs(scene), actuator.limit
+        self.stiffness, self.gain = stiffness, gain
+
+    def begin(self, lanes: int) -> None:
+        """Nothing to prepare."""
+
+    def action(self, state: Values, applied: Values) -> Values:
+        """Return the force over the limit."""
+        offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
+        force = self.stiffness * offset - self.springs(offset) + self.gain * slip
+        return np.clip(force / self.limit, -1.0, 1.0)[:, None]
