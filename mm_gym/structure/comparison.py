@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.simulate import Policy
     from mm_gym.structure.reduction import Reduction
 
     Array = NDArray[np.float64]
@@ -151,12 +152,14 @@ def compare(
     ground: ArrayLike | Record,
     *,
     duration: float | None = None,
+    action: ArrayLike | Policy | None = None,
 ) -> Comparison:
     """Compare a scene with the whole structure that carries the same device.
 
-    The ground's motion takes the place of the scene's excitation. Actuators exert no force and
-    keep the stretch. A linear device on the structure is exact but for round-off, by a matrix
-    exponential from sample to sample; any other is integrated by SciPy to 1e-8.
+    The ground's motion takes the place of the scene's excitation. Without an action, actuators
+    exert no force and keep stretch and damping. A linear device on the structure is exact but for
+    round-off, by a matrix exponential from sample to sample; any other is integrated by SciPy to
+    1e-8.
 
     Parameters
     ----------
@@ -169,11 +172,19 @@ def compare(
         between, zero before and after.
     duration
         Of the motion [s]; by default that of the record.
+    action
+        Commands to the actuators, as for `mm_gym.simulate`: a force, or the damping of a viscous
+        interface. A function of time [s] and state (4,) is called for the scene's motion first,
+        then for the structure's, with the displacement and velocity of the device's degree of
+        freedom in place of x1 and v1. Each time it begins at 0 s. The device must be linear.
 
     Raises
     ------
     StructureError
-        If the scene has another carriage or ranges, or the comparison is too long.
+        If the scene has another carriage or ranges, the comparison is too long, or the whole
+        structure has no counterpart of what is actuated.
+    ActionError
+        If the action does not fit the actuators.
     SimulationError
         If the ground's motion is not of numbers, or a motion cannot be completed.
     SceneError
@@ -185,8 +196,10 @@ def compare(
     )
     samples = checked_motion(motion)
     time = _instants(reduction, samples, duration)
-    short = reduction.simulate(scene.replace(excitation=[]), samples, times=time)
-    whole = FullModel(reduction, scene).motion(time, samples)
+    model = FullModel(reduction, scene, action)
+    still = scene.replace(excitation=[])
+    short = reduction.simulate(still, samples, times=time, action=action)
+    whole = model.motion(time, samples)
     x1, x2 = short.state[:, 0], short.state[:, 1]
     reduced = np.outer(x1, reduction.shape)
     place, own = reduction.place, whole.displacement[:, reduction.device - 1]

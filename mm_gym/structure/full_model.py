@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -25,9 +25,11 @@ from mm_gym.scene.mechanics import GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.scene.actuators import Actuator
     from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.simulate import Policy
     from mm_gym.structure.reduction import Reduction
 
     Array = NDArray[np.float64]
@@ -73,10 +75,21 @@ class FullModel:
     reduction
         The reduction that the scene was made from.
     scene
-        The scene, whose sphere, interface and springs are the device.
+        The scene, whose sphere, interface, springs and actuators are the device.
+    action
+        The commands to the actuators, as for `mm_gym.simulate`; a function of time and state gets
+        x1 and v1 of the device's degree of freedom.
+
+    Raises
+    ------
+    StructureError
+        If an action is given to a device that is not linear, or to an actuator that the whole
+        structure has no counterpart of.
     """
 
-    def __init__(self, reduction: Reduction, scene: Scene) -> None:
+    def __init__(
+        self, reduction: Reduction, scene: Scene, action: ArrayLike | Policy | None = None
+    ) -> None:
         structure = reduction.structure
         self.place = reduction.device - 1
         self.count = structure.count
@@ -86,6 +99,13 @@ class FullModel:
         self.stiffness, self.damping = structure.stiffness, structure.damping
         self.device = Device(scene)
         self.ground = -np.append(structure.influence, reduction.ground)
+        self.push = np.append(self.by_mass[:, self.place], 0.0)
+        if scene.actuation.is_between:
+            self.push[-1] = -1.0 / self.m2
+        self.control = None if action is None else Control(scene, action)
+        if self.control is not None and not self.device.is_linear:
+            msg = "action: the device is not linear; allowed: None"
+            raise StructureError(msg)
 
     def motion(self, times: Array, ground: Array) -> Motion:
         """Return the motion at evenly spaced times (k,) [s] that begin at 0.
@@ -102,18 +122,25 @@ class FullModel:
         SimulationError
             If SciPy cannot integrate a nonlinear device, or the motion is not finite.
         """
-        stops = _stops(times, ground)
-        follow = self._propagate if self.device.is_linear else self._integrate
-        states = follow(stops, ground)
-        states = states[np.searchsorted(stops, times)]
+        corners = ground[:, 0]
+        if self.control is not None:
+            corners = np.concatenate([corners, self.control.starts(float(times[-1]))])
+        stops = _stops(times, corners)
+        held = np.zeros((len(stops), 2))
+        if self.device.is_linear:
+            states = self._propagate(stops, ground, held)
+        else:
+            states = self._integrate(stops, ground)
+        chosen = np.searchsorted(stops, times)
+        states, held = states[chosen], held[chosen]
         if not np.isfinite(states).all():
             msg = "full model: the motion is not finite"
             raise SimulationError(msg)
         n, j = self.count, self.place
-        inner = np.array([self._inner(state) for state in states])
+        inner = np.array([self._inner(*both) for both in zip(states, held[:, 1], strict=True)])
         q, v = states[:, :n], states[:, n + 1 : 2 * n + 1]
         resisting = q @ self.stiffness + v @ self.damping
-        resisting[:, j] -= inner
+        resisting[:, j] -= inner + held[:, 0]
         return Motion(q, states[:, n] - q[:, j], -(resisting @ self.by_mass)[:, j])
 
     def _start(self) -> Array:
@@ -121,16 +148,19 @@ class FullModel:
         own = np.zeros(self.device.states)
         return np.concatenate([shape * x1, [x2], shape * v1, [v2], own])
 
-    def _inner(self, state: Array) -> float:
-        """Return the device's force [N] on the structure."""
+    def _inner(self, state: Array, more: float = 0.0) -> float:
+        """Return the force [N] of springs and interface, with more damping [N s/m] than its own."""
         n, j = self.count, self.place
         offset, slip = state[n] - state[j], state[2 * n + 1] - state[n + 1 + j]
-        return self.device.force(offset, slip, state[-1])
+        return self.device.force(offset, slip, state[-1]) + more * slip
 
-    def rates(self, state: Array, ground: float) -> Array:
-        """Return the rates of the state under an acceleration of the ground [m/s^2]."""
+    def rates(self, state: Array, ground: float, more: float = 0.0) -> Array:
+        """Return the rates of the state under an acceleration of the ground [m/s^2].
+
+        The interface has more damping [N s/m] than its own, if that is actuated.
+        """
         n, j = self.count, self.place
-        inner = self._inner(state)
+        inner = self._inner(state, more)
         q, v = state[:n], state[n + 1 : 2 * n + 1]
         resisting = self.stiffness @ q + self.damping @ v
         resisting[j] -= inner
@@ -139,24 +169,38 @@ class FullModel:
         both = [state[n + 1 : 2 * n + 2], accelerations + self.ground * ground, own]
         return np.concatenate(both)
 
-    def _propagate(self, stops: Array, ground: Array) -> Array:
-        """Return the states of a linear device: exact under ground motion linear in each step."""
+    def _propagate(self, stops: Array, ground: Array, held: Array) -> Array:
+        """Return the states of a linear device: exact under ground motion linear in each step.
+
+        What the actuators hold from each stop on is written to `held` (k, 2): the force [N], and
+        the damping beyond the interface's own [N s/m].
+        """
+        begins, ends = _sampled(stops, ground)
+        transitions: dict[tuple[float, float], Array] = {}
+        states = np.empty((len(stops), 2 * self.count + 2))
+        states[0] = self._start()
+        seen = [self.place, self.count, self.count + 1 + self.place, 2 * self.count + 1]
+        for k, step in enumerate(np.diff(stops)):
+            if self.control is not None:
+                held[k:] = self.control.at(float(stops[k]), states[k, seen])
+            force, more = held[k]
+            rounded = float(f"{step:.{DIGITS}g}")
+            if (rounded, more) not in transitions:
+                transitions[rounded, more] = self._transition(rounded, more)
+            slope = (ends[k] - begins[k]) / rounded
+            inputs = np.array([*states[k], begins[k], slope, force])
+            states[k + 1] = transitions[rounded, more] @ inputs
+        return states
+
+    def _transition(self, step: float, more: float) -> Array:
+        """Return the matrix from state, ground's acceleration, its slope and force to the state."""
         size = 2 * self.count + 2
-        generator = np.zeros((size + 2, size + 2))
-        generator[:size, :size] = np.column_stack([self.rates(e, 0.0) for e in np.eye(size)])
+        generator = np.zeros((size + 3, size + 3))
+        generator[:size, :size] = np.column_stack([self.rates(e, 0.0, more) for e in np.eye(size)])
         generator[self.count + 1 : size, size] = self.ground
         generator[size, size + 1] = 1.0
-        begins, ends = _sampled(stops, ground)
-        transitions: dict[float, Array] = {}
-        states = np.empty((len(stops), size))
-        states[0] = self._start()
-        for k, step in enumerate(np.diff(stops)):
-            rounded = float(f"{step:.{DIGITS}g}")
-            if rounded not in transitions:
-                transitions[rounded] = np.asarray(expm(generator * rounded)[:size], np.float64)
-            slope = (ends[k] - begins[k]) / rounded
-            states[k + 1] = transitions[rounded] @ np.array([*states[k], begins[k], slope])
-        return states
+        generator[self.count + 1 : size, size + 2] = self.push
+        return np.asarray(expm(generator * step)[:size], np.float64)
 
     def _integrate(self, stops: Array, ground: Array) -> Array:
         """Return the states of a nonlinear device, by SciPy from stop to stop at most."""
@@ -192,6 +236,86 @@ class FullModel:
             msg = f"full model: {solution.message}"
             raise SimulationError(msg)
         return np.asarray(solution.y.T, np.float64)
+
+
+class Control:
+    """What force and damping actuators hold in each control step, without the kernels of mm_gym.
+
+    Parameters
+    ----------
+    scene, action
+        As of `FullModel`. The action has passed `mm_gym.simulate`, which checks its shape.
+
+    Raises
+    ------
+    StructureError
+        If the stretch or the carriage's damping is actuated.
+    """
+
+    def __init__(self, scene: Scene, action: ArrayLike | Policy) -> None:
+        actuation = scene.actuation
+        force, damping = actuation.force, actuation.damping
+        others = [name for name in actuation.names if name not in ("force", "damping")]
+        if others or actuation.damped == "carriage.damping":
+            name = (*others, "damping")[0]
+            msg = f"actuation.{name}: allowed with an action: a force, the interface's damping"
+            raise StructureError(msg)
+        self.step, self.action, self.next = scene.control.time_step, action, 0
+        self.own, self.driven = np.zeros(2), list[Driven]()
+        if force is not None:
+            self.driven.append(Driven(0, force, -force.limit, force.limit))
+        if damping is not None:
+            self.own[1] = _value(scene, "damping")
+            self.driven.append(Driven(1, damping, damping.minimum, damping.maximum))
+        self.present = self.own.copy()
+
+    def starts(self, end: float) -> Array:
+        """Return the starts [s] of the control steps until an end [s]."""
+        return np.asarray(self.step * np.arange(1, int(end / self.step) + 1), np.float64)
+
+    def at(self, time: float, state: Array) -> Array:
+        """Return the force [N] and the damping beyond the interface's own [N s/m] from a time on.
+
+        Parameters
+        ----------
+        time
+            [s], not before that of the last call.
+        state
+            (4,) x1, x2 [m], v1, v2 [m/s] of the device and its degree of freedom.
+        """
+        if time >= self.next * self.step * (1.0 - SAME_TIME):
+            wanted = np.atleast_1d(np.asarray(self._command(state), np.float64))
+            for driven, value in zip(self.driven, wanted, strict=True):
+                present = float(self.present[driven.place])
+                self.present[driven.place] = driven.reached(present, float(value), self.step)
+            self.next += 1
+        return self.present - self.own
+
+    def _command(self, state: Array) -> ArrayLike:
+        if callable(self.action):
+            return self.action(self.next * self.step, state)
+        given = np.asarray(self.action, np.float64)
+        k = len(self.driven)
+        return given if given.shape in ((), (k,)) else given.reshape(-1, k)[self.next]
+
+
+class Driven(NamedTuple):
+    """An actuator, its place among force and damping, and its limits [N] or [N s/m]."""
+
+    place: int
+    part: Actuator
+    low: float
+    high: float
+
+    def reached(self, present: float, wanted: float, step: float) -> float:
+        """Return what it reaches in a control step [s]: of its lag, its rate, its limits."""
+        part, aim = self.part, wanted
+        if part.lag > 0.0:
+            aim = present - np.expm1(-step / part.lag) * (wanted - present)
+        if part.rate_limit is not None:
+            most = part.rate_limit * step
+            aim = min(max(aim, present - most), present + most)
+        return min(max(aim, self.low), self.high)
 
 
 class Device:
@@ -277,12 +401,14 @@ def _line(scene: Scene) -> Callable[..., float]:
     return force
 
 
-def _stops(times: Array, ground: Array) -> Array:
-    """Return the times, and the corners of the ground's motion between them."""
-    corners = ground[(ground[:, 0] > times[0]) & (ground[:, 0] < times[-1]), 0]
+def _stops(times: Array, corners: Array) -> Array:
+    """Return the times, and corners of the ground's motion and of commands between them."""
+    near = SAME_TIME * times[-1]
+    corners = np.sort(corners[(corners > times[0]) & (corners < times[-1])])
+    corners = corners[np.diff(corners, prepend=-np.inf) > near]
     after = np.clip(np.searchsorted(times, corners), 1, len(times) - 1)
     gap = np.minimum(np.abs(corners - times[after - 1]), np.abs(corners - times[after]))
-    return np.sort(np.concatenate([times, corners[gap > SAME_TIME * times[-1]]]))
+    return np.sort(np.concatenate([times, corners[gap > near]]))
 
 
 def _sampled(stops: Array, ground: Array) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mm_gym import SceneError, SimulationError
+from mm_gym import ActionError, SceneError, SimulationError
 from mm_gym.records import Record
 from mm_gym.structure import (
     Structure,
@@ -70,6 +70,50 @@ def test_one_storey_with_any_device_moves_as_its_scene(interface, springs, bound
     assert {row.name for row in found.rows} == SHAPES | {"drift of storey 1"}
     for row in found.rows:
         assert row.difference_rms < bound, row
+
+
+DAMPER = {"minimum": 0.05, "maximum": 2.0}
+
+
+def switched(_time, state):
+    return 1.5 if state[2] * (state[2] - state[3]) > 0.0 else 0.1
+
+
+def pushed(_time, state):
+    return 0.5 * state[0] - 3.0 * state[2] - 4.0 * state[3]
+
+
+@pytest.mark.parametrize(
+    ("actuation", "action"),
+    [
+        ({"damping": DAMPER | {"rate_limit": 20.0}}, switched),
+        ({"damping": DAMPER | {"lag": 0.05}}, switched),
+        ({"force": {"limit": 0.2, "between": "masses", "lag": 0.02}}, pushed),
+        ({"force": {"limit": 1.0, "rate_limit": 3.0}}, pushed),
+        ({"force": {"limit": 1.0}}, np.random.default_rng(8).normal(size=67)),
+        (
+            {"force": {"limit": 1.0, "between": "masses"}, "damping": DAMPER},
+            lambda *now: [pushed(*now), switched(*now)],
+        ),
+        ({"force": {"limit": 1.0}, "damping": DAMPER}, [0.3, 1.2]),
+    ],
+)
+def test_one_storey_moves_as_its_scene_under_control(actuation, action):
+    # A control step of 0.03 s: commands change between the ground's samples, 0.02 s apart.
+    reduction = ONE.reduce(1)
+    scene = reduction.scene(
+        0.5,
+        interface=VISCOUS,
+        springs={"kind": "linear", "stiffness": 8.0},
+        actuation=actuation,
+        control={"time_step": 0.03, "steps": 67},
+    )
+    found = compare(reduction, scene, GROUND, action=action)
+    idle = compare(reduction, scene, GROUND)
+    for row in found.rows:
+        # Both are exact, as without control.
+        assert row.difference_rms < 1e-10, row
+        assert abs(row.full_rms - idle[row.name].full_rms) > 1e-3 * row.full_rms
 
 
 def test_start_of_the_scene_is_that_of_the_whole_structure():
@@ -162,6 +206,71 @@ def test_errors_of_the_examples_under_white_noise_are_as_documented(name):
         assert found[row].difference_rms == pytest.approx(difference, abs=6e-4), row
 
 
+def controlled(name, share):
+    """An example with a semi-active or, with a share of its weight as the limit, active damper."""
+    made = example(name)
+    tuned = made.scene().interface.damping
+    if not share:
+        damper = {"minimum": 0.2 * tuned, "maximum": 3.0 * tuned}
+        return (
+            made.scene(actuation={"damping": damper}),
+            lambda _, x: 3.0 * tuned if x[2] * (x[2] - x[3]) > 0.0 else 0.2 * tuned,
+        )
+    scale = {"three_storeys": 0.001, "five_storeys": 0.05}[name]
+    limit = share * made.reduction.mass * 9.81
+    scene = made.scene(
+        actuation={"force": {"limit": limit, "between": "masses"}},
+        objective={
+            "displacement_scale": scale,
+            "stroke_weight": 0.01,
+            "stroke_scale": scale,
+            "effort_weight": 0.3,
+        },
+    )
+    gain = pytest.importorskip("agents.controllers.lqr").design(scene).gain
+    return scene, lambda _, x: -gain @ x
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "displacement", "stroke"),
+    [
+        ("five_storeys", 0.0, (-0.017, -0.009, 0.075), (0.023, 0.024, 0.082)),
+        ("five_storeys", 0.01, (-0.027, -0.004, 0.079), (-0.013, -0.000, 0.040)),
+        ("five_storeys", 0.05, (0.005, -0.001, 0.098), (0.016, -0.001, 0.075)),
+        *(
+            pytest.param("three_storeys", *rest, marks=pytest.mark.slow)
+            for rest in (
+                (0.0, (-0.041, 0.022, 0.197), (0.014, 0.092, 0.239)),
+                (0.01, (-0.054, -0.013, 0.109), (-0.025, -0.001, 0.042)),
+                (0.05, (-0.476, -0.497, 0.817), (-0.205, -0.102, 0.635)),
+            )
+        ),
+    ],
+)
+def test_errors_of_the_examples_under_control_are_as_documented(name, share, displacement, stroke):
+    scene, action = controlled(name, share)
+    reduction = example(name).reduction
+    found = compare(reduction, scene, white_noise(20.0, 0.02, seed=1), action=action)
+    for row, stated in ((found.rows[0], displacement), (found.rows[2], stroke)):
+        # Stated with three decimals.
+        got = (row.peak_error, row.rms_error, row.difference_rms)
+        np.testing.assert_allclose(got, stated, rtol=0, atol=6e-4, err_msg=row.name)
+
+
+def test_strong_regulator_makes_higher_modes_of_the_frame_unstable():
+    """Spillover, as documented."""
+    scene, action = controlled("three_storeys", 0.05)
+    model = FullModel(example("three_storeys").reduction, scene, action)
+    gain = np.array([action(0.0, unit)[0] for unit in np.eye(4)])
+    # The state is q (3), x2 and their velocities; the regulator sees x1 = q3.
+    free = np.column_stack([model.rates(unit, 0.0) for unit in np.eye(8)])
+    push = np.concatenate([np.zeros(4), model.push])
+    closed = free + np.outer(push, gain @ np.eye(8)[[2, 3, 6, 7]])
+    poles = np.linalg.eigvals(closed)
+    poles = poles[np.argsort(-poles.imag)][1::-1]
+    np.testing.assert_allclose(-poles.real / np.abs(poles), [-0.0033, -0.0013], atol=5e-5)
+
+
 def test_examples_have_the_published_modes():
     five = example("five_storeys")
     periods = 2.0 * np.pi / five.structure.frequencies
@@ -246,6 +355,30 @@ def test_bad_comparisons_are_named(changes, ground, options, error, words):
     with pytest.raises(error) as caught:
         compare(FRAME.reduce(3), scene_of(**changes), ground, **options)
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"springs": FINITE, "actuation": {"force": {"limit": 1.0}}}, ["action", "not linear"]),
+        ({"actuation": {"stretch": {}}}, ["actuation.stretch", "force"]),
+        ({"actuation": {"damping": {"of": "carriage"}}}, ["actuation.damping", "interface"]),
+    ],
+)
+def test_actions_without_a_counterpart_are_named(fields, words):
+    reduction = FRAME.reduce(3)
+    device = {"interface": VISCOUS, "springs": SPRINGS, "control": CONTROL}
+    scene = reduction.scene(0.3, **(device | fields))
+    with pytest.raises(StructureError) as caught:
+        compare(reduction, scene, GROUND, action=1.5)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_action_that_does_not_fit_is_named():
+    reduction = FRAME.reduce(3)
+    scene = scene_of(actuation={"force": {"limit": 1.0}})
+    with pytest.raises(ActionError, match=r"action: got shape \(3, 1\)"):
+        compare(reduction, scene, GROUND, action=[1.0, 2.0, 3.0])
 
 
 def test_integration_that_takes_too_long_ends(monkeypatch):

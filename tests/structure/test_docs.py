@@ -41,6 +41,12 @@ def test_errors_are_those_of_the_page(capsys):
     assert capsys.readouterr().out == SHOWN[1]
 
 
+def test_errors_under_control_are_those_of_the_page(capsys):
+    pytest.importorskip("control")
+    exec(compile(PROGRAMS[2], "docs/structures.md, program 3", "exec"), {})  # noqa: S102
+    assert capsys.readouterr().out == SHOWN[2]
+
+
 def test_page_lists_every_example():
     rows = PAGE.partition("## Examples")[2]
     assert re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE) == list(EXAMPLES)
