@@ -51,7 +51,8 @@ class NewtonPredictiveControl:
 
     The plans are the rest of the last step's, some around it and some drawn at random: each alone
     leads to a local optimum. The model has no excitation; what the disturbance adds to the motion
-    is its conditional mean, see `PushForecast`. Tassa, Erez and Todorov, *Synthesis and
+    is its conditional mean, see `PushForecast`. Plans stay within the limits at which an episode
+    ends, where they can. Tassa, Erez and Todorov, *Synthesis and
     stabilization of complex behaviors through online trajectory optimization*, IROS 2012; the real
     time iteration of Diehl, Bock and Schlöder, SIAM J. Control Optim. 43 (2005).
 
@@ -66,7 +67,8 @@ class NewtonPredictiveControl:
     ------
     DesignError
         If there is an own reward, accelerations of the carriage are weighed under excitation, an
-        actuator has a lag, or is priced and limited in its rate but commanded by value.
+        actuator has a lag and a rate limit, or has a weight on its effort and a rate limit but is
+        commanded by value.
     """
 
     def __init__(self, scene: Scene, steps: Steps | None = None) -> None:
@@ -78,16 +80,7 @@ class NewtonPredictiveControl:
             raise DesignError(msg)
         self.steps = steps or Steps()
         self.name = f"predictive control, {self.steps.horizon} steps ahead"
-        self.scene = scene.replace(
-            **{
-                "excitation": [],
-                "randomization": {},
-                "initial": {},
-                "sensors": {},
-                "objective.displacement_limit": None,
-                "objective.rail_half_length": None,
-            }
-        )
+        self.scene = scene.replace(excitation=[], randomization={}, initial={}, sensors={})
         self.forecast = PushForecast(scene)
         self._prepare(1)  # refuses actuators that it cannot plan for
 

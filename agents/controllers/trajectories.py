@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mm_gym import Plant, Scene
+    from mm_gym.scene import Objective
     from mm_gym.sensitivity import Actuator
 
     Array = NDArray[np.float64]
@@ -23,11 +24,23 @@ if TYPE_CHECKING:
 EASIER, HARDER = 1.0 / 3.0, 4.0
 """What the stiffness is multiplied by after a step that is an improvement, and after another."""
 
-GAIN, PATIENCE = 1e-9, 4
-"""A search ends when in so many steps no lane has gained this part of its cost."""
+GAIN, PATIENCE, AT_ENDS = 1e-9, 4, 8
+"""A search ends when in so many steps no lane has gained this part of its cost.
+
+Where episodes can end early there are more: at the edge of a limit's cost, steps have to become
+shorter before they are any good."""
 
 LEAST, MOST = 1e-8, 1e8
 """Bounds of the stiffness."""
+
+MARGIN = 0.02
+"""Fraction of a limit that plans keep off it.
+
+What is within the margin costs its square: 1 a step at the limit. So plans that touch the margin go
+into it a little. A narrower margin is a steeper cost, in which searches find less."""
+
+ENDED = 1e6
+"""What a plan costs besides that ends its episode early: more than any that lasts."""
 
 
 class Trajectory(NamedTuple):
@@ -40,13 +53,14 @@ class Trajectory(NamedTuple):
     states
         (steps + 1, 4 + k, lanes): x1, x2 [m], v1, v2 [m/s] and what is applied [N, -].
     reactions
-        (steps, m, 1 + 4 + k, lanes): what the objective squares of what follows from the motion
-        after a step (`Plant.scored_reactions`), and its derivatives with respect to the state then;
-        m is 0 where it has no weight.
+        (steps, m, 1 + 4 + k, lanes): what is squared besides after a step, and its derivatives with
+        respect to the state then. It is what the objective weighs of what follows from the motion
+        (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is
+        0 where there is neither.
     controls, actions
         (steps, k, lanes) [-]: see `Trajectories`; and what the environment is given.
     cost
-        (lanes,) sum of -reward [-].
+        (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit.
     """
 
     motion: Array
@@ -60,9 +74,10 @@ class Trajectory(NamedTuple):
 class Trajectories:
     """Episodes that have begun, with their disturbance to come.
 
-    A control in [-1, 1] is the action, or, for a stretch or force that is commanded with a rate
+    A control in [-1, 1] is the action, or, for an actuator that is commanded by value with a rate
     limit, the change of what is applied over the largest change: there most actions ask for more
-    than can be reached, and have no derivative.
+    than can be reached, and have no derivative. Plans keep `MARGIN` off the limits at which an
+    episode ends.
 
     Parameters
     ----------
@@ -98,9 +113,7 @@ class Trajectories:
             )
             raise DesignError(msg)
         objective = scene.objective
-        if objective.displacement_limit or objective.rail_half_length:
-            msg = "objective: the planner needs episodes that do not end early"
-            raise DesignError(msg)
+        self.ends = _ends(objective)
         self.start = start["values"], start["streams"]
         self.support, self.constants = plant.support, (plant.model, plant.task)
         self.plant = plant
@@ -110,22 +123,19 @@ class Trajectories:
         self.count, self.steps = start["values"].shape[1], ahead or scene.control.steps
         self.actuators = self._lanes(np.zeros(1, np.intp)).actuators
         for actuator in self.actuators:
-            price = objective.effort_weight if not actuator.is_rate else 0.0
-            if actuator.lag_factor < 1.0 or (price > 0.0 and np.isfinite(actuator.rate)):
-                msg = (
-                    f"actuation.{actuator.name}: the planner needs actuators without lag, and no "
-                    "objective.effort_weight beside a rate limit of what is commanded by value"
-                )
-                raise DesignError(msg)
-        low, high, rate = np.array([(a.low, a.high, a.rate) for a in self.actuators]).T
+            _require_plannable(actuator, objective.effort_weight)
+        low, high, rate, share = np.array(
+            [(a.low, a.high, a.rate, a.lag_factor) for a in self.actuators]
+        ).T
         at_once = ~np.isfinite(rate)
         self.middle, self.half = 0.5 * (high + low), 0.5 * (high - low)
-        kept, step = np.where(at_once, 0.0, 1.0), np.where(at_once, self.half, rate)
-        self._limits = np.stack([low, high, kept, step])
+        kept, step = np.where(at_once, 1.0 - share, 1.0), np.where(at_once, share * self.half, rate)
         self._by_change = ~at_once & np.array([not a.is_rate for a in self.actuators])
-        # What is applied at once has no bounds but those of its control.
-        bounds = np.where(at_once, -np.inf, low), np.where(at_once, np.inf, high), step
-        self._bounds = np.stack(bounds)[:, :, None]
+        # What follows a value has no bounds but those of its control.
+        low, high = np.where(at_once, -np.inf, low), np.where(at_once, np.inf, high)
+        self._limits = np.stack([low, high, kept, step])
+        self._bounds = np.stack([low, high, step])[:, :, None]
+        self._at_rest = np.where(at_once, share * self.middle, 0.0)
         self.weights = np.array(
             [
                 objective.displacement_weight / objective.displacement_scale**2,
@@ -143,8 +153,7 @@ class Trajectories:
         kept, step = self._limits[2:, :, None]
         first = self._lanes(np.arange(self.count)).state[None, 4:]
         before = np.concatenate([first, values[:-1]])
-        middle = np.where(kept > 0.0, 0.0, self.middle[:, None])
-        return np.clip((values - kept * before - middle) / step, -1.0, 1.0)
+        return np.clip((values - kept * before - self._at_rest[:, None]) / step, -1.0, 1.0)
 
     def follow(
         self,
@@ -160,10 +169,11 @@ class Trajectories:
         """
         lanes, count, columns = self._lanes(episodes), len(episodes), len(self.actuators)
         n = 4 + columns
+        squared = 2 * self.plant.scores_reactions + len(self.ends)
         found = Trajectory(
             np.empty((self.steps, 4, n, count)),
             np.empty((self.steps + 1, n, count)),
-            np.empty((self.steps, 2 * self.plant.scores_reactions, 1 + n, count)),
+            np.empty((self.steps, squared, 1 + n, count)),
             np.empty((self.steps, columns, count)),
             np.empty((self.steps, columns, count)),
             np.zeros(count),
@@ -180,7 +190,8 @@ class Trajectories:
                 lanes.lanes[:4] += self.pushes[k][:, episodes]
             state = found.states[k + 1] = lanes.state
             if self.plant.scores_reactions:
-                found.reactions[k] = self._reactions(lanes.lanes)
+                found.reactions[k, :2] = self._reactions(lanes.lanes)
+        self._near_limits(found)
         found.cost[:] += (found.reactions[:, :, 0] ** 2).sum(axis=(0, 1))
         x1, x2, v1 = np.moveaxis(found.states[1:, :3], 1, 0)
         for weight, value in zip(self.weights, (x1, v1, x2 - x1), strict=True):
@@ -196,9 +207,9 @@ class Trajectories:
         extra = np.full(len(episodes), stiffness)
         change = np.empty_like(controls)
         gain = np.empty((*controls.shape[:2], best.states.shape[1], len(episodes)))
-        idle = 0
+        idle, patience = 0, AT_ENDS if self.ends else PATIENCE
         for _ in range(rounds):
-            if idle == PATIENCE:
+            if idle == patience:
                 break
             trajectory = best.motion, best.states, best.controls, best.reactions
             sweep(trajectory, self._limits, self.weights, self.effort, extra, change, gain)
@@ -220,6 +231,20 @@ class Trajectories:
         slopes = central_differences(squared, lanes, rows, self._differences)
         return np.concatenate([squared(lanes)[:, None], slopes], axis=1)
 
+    def _near_limits(self, found: Trajectory) -> None:
+        """Write how far each step's end is within the margin of a limit; add the cost of ends."""
+        beyond = np.zeros(len(found.cost), np.bool_)
+        rows = found.reactions[:, found.reactions.shape[1] - len(self.ends) :]
+        rows[:] = 0.0
+        for j, (limit, (by_x1, by_x2)) in enumerate(self.ends):
+            x = by_x1 * found.states[1:, 0] + by_x2 * found.states[1:, 1]
+            unit = MARGIN * limit
+            over = np.maximum(np.abs(x) - (1.0 - MARGIN) * limit, 0.0)
+            slope = np.where(over > 0.0, np.sign(x), 0.0) / unit
+            rows[:, j, 0], rows[:, j, 1], rows[:, j, 2] = over / unit, by_x1 * slope, by_x2 * slope
+            beyond |= (np.abs(x) > limit).any(axis=0)
+        found.cost[:] += ENDED * beyond
+
     def _lanes(self, episodes: Indices) -> Sensitivities:
         values, streams = self.start
         lanes = values[:, episodes], streams[:, episodes]
@@ -239,6 +264,27 @@ class Trajectories:
         reached = applied + self._limits[3][:, None] * controls
         asked = np.clip((reached - self.middle[:, None]) / self.half[:, None], -1.0, 1.0)
         return np.where(self._by_change[:, None], asked, controls)
+
+
+def _ends(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
+    """Return the limits [m] at which episodes end, each with what it limits, in x1 and x2."""
+    stated = (
+        (objective.displacement_limit, (1.0, 0.0)),
+        (objective.rail_half_length, (-1.0, 1.0)),
+    )
+    return [(limit, of) for limit, of in stated if limit is not None]
+
+
+def _require_plannable(actuator: Actuator, effort: float) -> None:
+    """Refuse an actuator whose control is not a smooth function of what it applies."""
+    limited = np.isfinite(actuator.rate)
+    if limited and (actuator.lag_factor < 1.0 or (effort > 0.0 and not actuator.is_rate)):
+        msg = (
+            f"actuation.{actuator.name}: the planner needs actuators without a lag beside a rate "
+            "limit, and no objective.effort_weight beside a rate limit of what is commanded by "
+            "value"
+        )
+        raise DesignError(msg)
 
 
 def difference_steps(scene: Scene, actuators: Sequence[Actuator]) -> Array:

@@ -29,6 +29,9 @@ SPREADS = (0.3, 1.0, 2.0)
 LITTLE, MORE = 0.1, 0.3
 """Standard deviations of the noise that is added to the best plans."""
 
+AT_LIMIT = 10.0
+"""What a step at a limit costs in the search of a start that keeps off it."""
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -96,7 +99,9 @@ class Planner:
     def reset(self, env: MovingMassVectorEnv) -> None:
         """Search the plans of the lanes."""
         self.noise = np.random.default_rng(self.effort.seed)
-        self.problem = Trajectories(self.scene, env.plant, env.get_state())
+        start = env.get_state()
+        self.problem = Trajectories(self.scene, env.plant, start)
+        self.careful = Trajectories(_careful(self.scene), env.plant, start)
         self.cost = np.full(env.num_envs, np.inf)
         self.origins = [""] * env.num_envs
         columns = env.single_action_space.shape[0]
@@ -128,7 +133,12 @@ class Planner:
     def _starts(self) -> Iterator[tuple[str, Array]]:
         for name, applied in self.starts.items():
             yield name, self.problem.controls_of(applied)
-        yield "no control", np.zeros(self.controls.shape)
+        still = np.zeros(self.controls.shape)
+        yield "no control", still
+        if self.problem.ends:
+            lanes = np.arange(self.controls.shape[2])
+            found = self.careful.improve(lanes, still, self.effort.first)
+            yield "far from the limits", found.controls
         for k in range(self.effort.random):
             correlation = CORRELATIONS[k % len(CORRELATIONS)]
             spread = SPREADS[k // len(CORRELATIONS) % len(SPREADS)]
@@ -189,3 +199,16 @@ class Planner:
         first = (self.noise.random(lanes) * (steps - length)).astype(np.int64)
         k = np.arange(steps)[:, None]
         return ((first <= k) & (k < first + length)).astype(np.float64)
+
+
+def _careful(scene: Scene) -> Scene:
+    """Return a scene without limits, in which the cost of being near them is high."""
+    o, weights = scene.objective, {}
+    if o.displacement_limit is not None:
+        near = (o.displacement_scale / o.displacement_limit) ** 2
+        weights["objective.displacement_weight"] = o.displacement_weight + AT_LIMIT * near
+    if o.rail_half_length is not None:
+        near = (o.stroke_scale / o.rail_half_length) ** 2
+        weights["objective.stroke_weight"] = o.stroke_weight + AT_LIMIT * near
+    limits = ("objective.displacement_limit", "objective.rail_half_length")
+    return scene.replace(**weights, **dict.fromkeys(limits))

@@ -98,13 +98,14 @@ def test_plans_of_a_silent_scene_do_not_depend_on_the_lanes_beside():
 
 def test_it_is_taken_where_a_force_acts_and_time_allows():
     damper = VelocityFeedback(CARRIAGE_FORCE, 5.0)
-    lagging = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.02})
+    slow = {"actuation.force.lag": 0.02, "actuation.force.rate_limit": 9.0}
+    lagging = CARRIAGE_FORCE.replace(**slow)
     laws = [
         predictive_control(scene, damper).law
         for scene in (CARRIAGE_FORCE, HYBRID, TASKS["mm_gym/CarriageForceDuffing-v0"], lagging)
     ]
     assert [isinstance(law, NewtonPredictiveControl) for law in laws] == [True, True, False, False]
     assert isinstance(laws[-1], PredictiveControl)
-    with pytest.raises(DesignError, match="without lag"):
+    with pytest.raises(DesignError, match="without a lag"):
         NewtonPredictiveControl(lagging)
     assert Feedback(CARRIAGE_FORCE, laws[0], TrueState()).reads == "full state"
