@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from tasks import CARRIAGE_FORCE, TASKS
+from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE, TASKS
 
 from agents import headroom as command
 from agents.controllers.constant import ConstantAction, constant_stretch
@@ -69,25 +69,31 @@ def test_interval_is_that_of_the_central_limit() -> None:
 SHORT = Effort(random=2, rounds=1, first=8, second=15, steps=8, last=15)
 
 
-def test_planner_reaches_the_riccati_value_where_the_force_limit_does_not_bind() -> None:
+@pytest.mark.parametrize("lag", [0.0, 0.01])
+def test_planner_reaches_the_riccati_value_where_the_force_limit_does_not_bind(lag) -> None:
     # From small displacements: there the force stays within its limit.
     changes = {"initial.carriage_displacement": [-1e-3, 1e-3], "initial.sphere_offset": 0.0}
-    scene = CARRIAGE_FORCE.replace(**changes)
+    scene = CARRIAGE_FORCE.replace(**changes, **{"actuation.force.lag": lag})
     planned = evaluate(scene, Planner(scene, {}, SHORT), episodes=5)
     assert np.abs(planned.applied).max() < scene.actuation.force.limit
-    a, b = compile_scene(scene).discrete()
-    goal, limit = scene.objective, scene.actuation.force.limit
-    q = np.zeros((4, 4))
+    goal, limit, share = scene.objective, scene.actuation.force.limit, 1.0
+    if lag:
+        share -= np.exp(-scene.control.time_step / lag)
+    # The fifth state is the force, which goes a share of the way to its command in a step.
+    (motion, push), a, b = compile_scene(scene).discrete(), np.zeros((5, 5)), np.zeros((5, 1))
+    a[:4, :4], a[:4, 4:], a[4, 4] = motion, (1.0 - share) * push, 1.0 - share
+    b[:4], b[4] = share * push, share
+    q = np.zeros((5, 5))
     q[0, 0] = goal.displacement_weight / goal.displacement_scale**2
     q[2, 2] = goal.velocity_weight / goal.velocity_scale**2
-    r, p = goal.effort_weight / limit**2, np.zeros((4, 4))
+    r, p = goal.effort_weight / limit**2, np.zeros((5, 5))
     for _ in range(scene.control.steps):  # the cost is that of the states at the steps' ends
         p += q
         gain = b.T @ p @ a / (r + b.T @ p @ b)
         p = a.T @ p @ (a - b @ gain)
     env = MovingMassVectorEnv(scene, 5)
     _, info = env.reset(seed=HELD_OUT_SEED)
-    value = np.einsum("li,ij,lj->l", info["state"], p, info["state"])
+    value = np.einsum("li,ij,lj->l", info["state"], p[:4, :4], info["state"])
     np.testing.assert_allclose(planned.penalties * scene.control.steps, value, rtol=1e-6)
 
 
@@ -118,15 +124,31 @@ def test_no_committed_score_is_better_than_the_best_known_plan(name) -> None:
     assert np.sqrt((costs**2).mean()) == pytest.approx(best["cost"], rel=1e-5)
 
 
-def test_planner_refuses_episodes_that_end_early() -> None:
-    scene = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.01})
-    with pytest.raises(ValueError, match="end early"):
-        evaluate(scene, Planner(scene, {}, SHORT), episodes=1)
+def test_planner_uses_the_rail_to_its_end_and_not_beyond() -> None:
+    rail, strong = 0.02, {"excitation.0.rms": 1.2, "excitation.1.rms": 0.5}
+    scene = ACTIVE_MASS_DAMPER.replace(
+        randomization={}, **strong, **{"objective.stroke_weight": 0.0, "control.steps": 80}
+    )
+    reached, costs = [], []
+    for limit in (None, rail):
+        limited = scene.replace(**{"objective.rail_half_length": limit})
+        planner = Planner(limited, {}, SHORT)
+        planned = evaluate(limited, planner, episodes=4)
+        # The environment ended no episode: a terminal cost would more than double the penalty.
+        np.testing.assert_allclose(planner.cost, 80 * planned.penalties, rtol=0.01)
+        states = planner.problem.follow(np.arange(4), planner.controls).states
+        reached.append(np.abs(states[:, 1] - states[:, 0]).max(axis=0))
+        costs.append(planned.penalties)
+    assert np.all(reached[0] > 1.5 * rail)
+    # Plans keep off the limit by a fiftieth of it, but for a little of that.
+    np.testing.assert_allclose(reached[1], 0.98 * rail, rtol=5e-3)
+    assert np.all(costs[1] > costs[0])
 
 
-def test_planner_refuses_actuators_that_lag() -> None:
-    scene = CARRIAGE_FORCE.replace(**{"actuation.force.lag": 0.01})
-    with pytest.raises(ValueError, match=r"actuation\.force: .* without lag"):
+def test_planner_refuses_a_lag_with_a_rate_limit() -> None:
+    changes = {"actuation.force.lag": 0.01, "actuation.force.rate_limit": 9.0}
+    scene = CARRIAGE_FORCE.replace(**changes)
+    with pytest.raises(ValueError, match=r"actuation\.force: .* without a lag beside a rate limit"):
         evaluate(scene, Planner(scene, {}, SHORT), episodes=1)
 
 
