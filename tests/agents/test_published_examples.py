@@ -60,7 +60,7 @@ def row(source, quantity, printed, ours, digits):
     """The row of the page."""
     difference = f"{round(ours - printed, digits) + 0.0:.{digits}f}"  # not -0.0
     cells = (source, quantity, f"{printed:.{digits}f}", f"{ours:.{digits}f}", difference)
-    return f"| {' | '.join(cells)} |".replace("| -", "| −")
+    return f"| {' | '.join(cells)} |".replace("| -", "| \N{MINUS SIGN}")
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ PRICE = FORCE_WEIGHT * CAR["carriage"]["stiffness"] ** 2
             lambda: Hook(STILL, "skyhook", "continuous", gain=8000.0),
             (40.1, 50.7, None),
         ),
-        ("skyhook, on–off [P3]", lambda: Hook(STILL, "skyhook", "on-off"), (8.4, -12.0, -42.2)),
+        ("skyhook, on-off [P3]", lambda: Hook(STILL, "skyhook", "on-off"), (8.4, -12.0, -42.2)),
         (
             "clipped LQR [P3]",
             lambda: ClippedOptimal(STILL, "continuous", PRICE),
