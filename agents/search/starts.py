@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.clipped_optimal import ClippedOptimal
 from agents.controllers.constant import ConstantDamping
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
@@ -35,6 +36,9 @@ FLOOR = 1e-3
 
 STRETCH, PRICE = 0.125, 1.0
 """Where a clipped LQR is designed: fraction of the stretch's range, and price of its force."""
+
+PRICES = 1e-3, 1e-2, 0.1, 1.0
+"""Of the force of clipped-optimal controls that are tried."""
 
 GAIN = 2.0
 """Of a switching function: the action is full as soon as it is beyond a half."""
@@ -66,7 +70,7 @@ they are of order one, and a hundredth changes the frequency by as much as the s
 IN_WORDS: dict[str, str] = {
     "regulator": "the LQR of the force",
     "lqg": "the LQG of the force",
-    "switching": "the clipped LQR of the stretch",
+    "switching": "the clipped LQR of the stretch, or of the damping",
     "tracking": "the absorber tuned to the frequency that it finds",
     "none": "no control",
 }
@@ -173,6 +177,8 @@ def _best_start(scene: Scene, shown: Shown) -> Start:
 
 def natural_law(scene: Scene) -> LawName:
     """Return the law for a scene's actuators and excitation."""
+    if scene.actuation.names == ("damping",):
+        return "switching"
     if scene.actuation.stretch is None:
         return "regulator"
     harmonic = {part.kind for part in scene.excitation} == {"harmonic"}
@@ -210,6 +216,15 @@ class Shown:
         state = np.zeros((4, self.count))
         first = self.count - (age + 1) * self.frame
         state[:, first : first + self.frame] = inverse
+        return state
+
+    def moving(self, time_step: float) -> Values:
+        """Return `state`; velocities that no channel shows are differences of two frames'."""
+        state = self.state.copy()
+        if self.history > 1:
+            passed = (state[:2] - self.frame_state(1)[:2]) / time_step
+            hidden = ~state[2:].any(axis=1)
+            state[2:][hidden] = passed[hidden]
         return state
 
     def stretch(self) -> Values | None:
@@ -261,7 +276,12 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     if law == "none":
         return _none(scene, shown)
     if actuation.damping is not None:
-        msg = f"law: {law!r} controls no damping; actuation.damping is there"
+        if law == "switching" and actuation.names == ("damping",):
+            return _clipped_optimal(scene, shown)
+        msg = (
+            f"law: got {law!r}; allowed where actuation.damping is: 'none', and without other "
+            "actuators 'switching'"
+        )
         raise DesignError(msg)
     if law == "lqg":
         return _lqg(scene, shown)
@@ -345,11 +365,34 @@ def _switching(scene: Scene, shown: Shown) -> Start:
     """
     law = ClippedLQR(scene, _design_stretch(scene), PRICE)
     ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ shown.state
-    pair = np.stack([law.gain @ ahead, ahead[1] - ahead[0]])
-    pair /= np.linalg.norm(pair, axis=1, keepdims=True)
+    return _switched_by(np.stack([law.gain @ ahead, ahead[1] - ahead[0]]), shown)
+
+
+def _switched_by(pair: Values, shown: Shown) -> Start:
+    """Return one switching function: where two values (2, n) of an observation have like signs."""
+    pair = pair / np.linalg.norm(pair, axis=1, keepdims=True)
     direct = np.zeros((shown.actions, 2 + shown.count))
     direct[-1, -1] = GAIN
     return Start(pair[None], np.array([[0.0, FLOOR, 0.0, 1.0]]), direct, np.array([COARSE]))
+
+
+def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
+    """Return clipped-optimal control on or off, as one switching function, at the best price.
+
+    The damping is the greatest where the wanted force and the device's velocity have like signs.
+    """
+    state = shown.moving(scene.control.time_step)
+    found: list[Start] = []
+    for price in PRICES:
+        law = ClippedOptimal(scene, "on-off", price)
+        ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
+        pair = np.stack([law.force(ahead.T), law.device.velocity(ahead.T)])
+        if not pair.any(axis=1).all():
+            msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
+            msg += ": channels that show it, or displacements with sensors.history of at least 2"
+            raise DesignError(msg)
+        found.append(_switched_by(pair, shown))
+    return min(found, key=lambda start: _cost(scene, start))
 
 
 def _tracking(scene: Scene, shown: Shown) -> Start:

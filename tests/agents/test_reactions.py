@@ -14,6 +14,7 @@ from agents.controllers.lqr import LQR, design
 from agents.controllers.model import Model
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.on_off_stiffness import OnOffStiffness
+from agents.controllers.predictive_control import PredictiveControl
 from agents.controllers.trajectories import Trajectories
 from agents.value_iteration.problem import problem_of
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
@@ -230,7 +231,7 @@ def test_designs_that_cannot_weigh_them_refuse_them_by_name(name):
 def test_models_without_the_disturbance_refuse_what_it_changes_at_once():
     ground = HYBRID.replace(**{"objective.carriage_acceleration_weight": 1.0})
     with pytest.raises(DesignError, match="carriage_acceleration_weight: allowed for predictive"):
-        Model(ground, 2)
+        PredictiveControl(ground, LQR(CARRIAGE_FORCE))
     with pytest.raises(DesignError, match="carriage_acceleration_weight: allowed for plans"):
         NewtonPredictiveControl(ground)
     sphere = HYBRID.replace(**{"objective.sphere_acceleration_weight": 1.0})

@@ -8,17 +8,24 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from agents.controllers.clipped_optimal import ClippedOptimal
+from agents.controllers.constant import no_control
 from agents.controllers.energy_shaping import EnergyShaping
 from agents.controllers.feedback import Feedback
 from agents.controllers.ground_velocity import CORNER, GroundVelocity
 from agents.controllers.lead import GRID, Lead
+from agents.controllers.learned import Learned
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.semi_active import Balance, Hook
 from agents.controllers.spring_force import sphere_springs
 from agents.evaluation.baselines import classical, classical_laws
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.laws import laws, obstacle
-from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.policies import load_policy
+from agents.search.starts import start_of
+from agents.training.runs import Run
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.analysis import spring_energy
 from mm_gym.lanes import layout as at
 
@@ -71,6 +78,8 @@ def every_law(scene):
     return found
 
 
+DAMPER = "mm_gym/SemiActiveDamper-v0"
+HIDDEN = ["carriage_displacement", "sphere_offset"]
 GAINS = {"skyhook": 2.0, "groundhook": 5.0, "displacement groundhook": 400.0}
 
 
@@ -225,10 +234,10 @@ def device_power(scene, env):
     x1, offset = v[at.X1], v[at.X2] - v[at.X1]
     slip, inertia = v[at.V2] - v[at.V1], v[at.M2] * v[at.SPHERE_ACCELERATION]
     if scene.actuation.damping.of == "interface":
-        forces, velocity = (inertia, 36.0 * offset), slip
+        forces, velocity = (inertia, scene.springs.stiffness * offset), slip
     else:
         carriage = v[at.M1] * v[at.CARRIAGE_ACCELERATION]
-        forces, velocity = (inertia, carriage, 400.0 * x1), v[at.V1]
+        forces, velocity = (inertia, carriage, scene.carriage.stiffness * x1), v[at.V1]
     return -sum(forces) * velocity, sum(map(np.abs, forces)) * np.abs(velocity)
 
 
@@ -248,26 +257,75 @@ def require_passive(scene, controller, episodes):
         assert (power >= -1e-14 * size.max()).all(), controller.name
         most = max(most, power.max())
         applied = info["applied"][:, 0]
-        assert (applied >= LOW).all()
-        assert (applied <= HIGH).all()
+        assert (applied >= scene.actuation.damping.minimum).all()
+        assert (applied <= scene.actuation.damping.maximum).all()
     assert most > 0.0
 
 
+SHOWN = {
+    "sensors.channels": [
+        *("carriage_displacement", "sphere_offset", "carriage_velocity", "slip_velocity"),
+        *("damping", "carriage_acceleration", "sphere_acceleration"),
+    ],
+    "sensors.noise": {},
+}
+
+
 def watched(of, steps):
-    channels = ["carriage_displacement", "sphere_offset", "carriage_velocity", "slip_velocity"]
-    channels += ["damping", "carriage_acceleration", "sphere_acceleration"]
     limited = {"actuation.damping.rate_limit": 300.0, "actuation.damping.lag": 0.004}
-    changes = {"sensors.channels": channels, "control.steps": steps, **limited}
-    return scene_of(of, **changes)
+    return scene_of(of, **SHOWN, **limited, **{"control.steps": steps})
+
+
+def started(scene):
+    """Return the start of a search, whose hidden units take part by chance."""
+    start = start_of(scene, EvolveSettings(law="switching"), np.random.default_rng(0))
+    inputs = start.direct.shape[1]
+    units = np.random.default_rng(1).normal(size=(4, inputs + 1))
+    return Learned(start.policy(units))
 
 
 @pytest.mark.parametrize("of", OF)
-def test_device_only_absorbs_power_under_every_law(of):
+def test_device_only_absorbs_power_under_every_law_and_network(of):
     scene = watched(of, 40)
     found = [Feedback(scene, law) for law in every_law(scene)]
     assert len(found) == {"interface": 10, "carriage": 6}[of]
-    for controller in [*found, RandomActions(scene)]:
+    for controller in [*found, RandomActions(scene), started(scene)]:
         require_passive(scene, controller, 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", OF)
+def test_device_only_absorbs_power_in_ten_thousand_episodes(of):
+    scene = watched(of, 200)
+    found = [Feedback(scene, law) for law in every_law(scene)]
+    for controller in [*found, RandomActions(scene), started(scene)]:
+        require_passive(scene, controller, 10_000)
+
+
+@pytest.mark.slow
+def test_device_only_absorbs_power_under_an_evolved_network(tmp_path):
+    changes = {**SHOWN, "control.steps": 250}
+    small = {"candidates": 8, "episodes": 8, "generations": 5, "evaluations": 1, "threads": 1}
+    settings = EvolveSettings(task=DAMPER, name="passive", changes=changes, **small)
+    run = Run("passive", tmp_path)
+    evolve(settings, run, bar=False)
+    scene = load_scene(DAMPER).replace(**changes)
+    require_passive(scene, Learned(load_policy(run.policy)), 10_000)
+
+
+def test_network_begins_as_clipped_optimal_control():
+    """Nearly: on where force and velocity agree, whatever shows the velocities."""
+    shown = scene_of(**SHOWN)
+    hidden = shown.replace(**{"sensors.channels": HIDDEN, "sensors.history": 2})
+    for scene in (shown, hidden):
+        start = start_of(scene, EvolveSettings(law="switching"), np.random.default_rng(0))
+        still = evaluate(scene, Feedback(scene, no_control(scene)), episodes=30).cost
+        assert evaluate(scene, Learned(start.policy()), episodes=30).cost < 0.9 * still
+    blind = shown.replace(**{"sensors.channels": HIDDEN})
+    with pytest.raises(DesignError, match="switching needs the velocity of the damper's ends"):
+        start_of(blind, EvolveSettings(law="switching"), np.random.default_rng(0))
+    with pytest.raises(DesignError, match=r"law: got 'regulator'; allowed where actuation.damping"):
+        start_of(shown, EvolveSettings(law="regulator"), np.random.default_rng(0))
 
 
 def test_energy_shaping_takes_out_what_its_gain_says():
