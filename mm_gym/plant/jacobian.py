@@ -12,6 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.support import MASSLESS
 from mm_gym.plant.idle_friction import require_stick
 from mm_gym.plant.point import lane_at, require_parameters
+from mm_gym.sensitivity.actuators import actuators_of
 from mm_gym.sensitivity.jacobian import Jacobian, Sensitivities
 from mm_gym.sensitivity.layout import CAUSED
 from mm_gym.step.episodes import complete
@@ -50,9 +51,12 @@ def jacobian_of(
     rows = {name: _followed_row(support, name) for name in parameters}
     values, streams, is_snapshot = _lanes(support, model, task, place)
     state, action = motion
-    given = None if state is None else _array("state", state, len(support.state_rows), SceneError)
-    columns = int((task[[at.HAS_FORCE, at.HAS_STRETCH, at.HAS_DAMPING]] > 0.0).sum())
-    actions = _array("action", action, columns, ActionError)
+    actuators = actuators_of(task)
+    every = [*support.state_rows, *(a.row for a in actuators)]
+    every += [a.asked_row for a in actuators if a.has_memory_of_command]
+    sizes, columns = (len(support.state_rows), len(every)), len(actuators)
+    given = None if state is None else _array("state", state, sizes, SceneError)
+    actions = _array("action", action, (columns,), ActionError)
     counts = {len(a) for a in (given, actions) if a is not None and a.ndim > 1}
     if is_snapshot:
         counts.add(values.shape[1])
@@ -62,7 +66,10 @@ def jacobian_of(
     count = counts.pop() if counts else 1
     values = np.array(np.broadcast_to(values, (len(values), count)))
     if given is not None:
-        values[support.state_rows] = given.T if given.ndim > 1 else given[:, None]
+        values[every[: given.shape[-1]]] = given.T if given.ndim > 1 else given[:, None]
+        if given.shape[-1] == len(every):  # without a lag, what a rate adds up to is applied
+            at_once = [a for a in actuators if not a.has_memory_of_command]
+            values[[a.asked_row for a in at_once]] = values[[a.row for a in at_once]]
     require_stick(support, values, "state" if given is not None else "at")
     streams = np.array(np.broadcast_to(streams, (2, count)))
     lanes = Sensitivities(support, constants, (values, streams), rows)
@@ -124,14 +131,14 @@ def _lanes(
     return lanes, streams, False
 
 
-def _array(what: str, values: ArrayLike, size: int, error: type[SceneError | ActionError]) -> Array:
+def _array(
+    what: str, values: ArrayLike, sizes: tuple[int, ...], error: type[SceneError | ActionError]
+) -> Array:
     array = np.asarray(values)
-    fits = array.ndim in (1, 2) and array.shape[-1] == size
+    fits = array.ndim in (1, 2) and array.shape[-1] in sizes
     if array.dtype.kind not in "fiu" or not fits or not np.isfinite(array).all():
-        msg = (
-            f"{what}: got shape {array.shape} of {array.dtype}; "
-            f"allowed: ({size},) or (lanes, {size}) finite numbers"
-        )
+        allowed = " or ".join(f"({size},) or (lanes, {size})" for size in dict.fromkeys(sizes))
+        msg = f"{what}: got shape {array.shape} of {array.dtype}; allowed: {allowed} finite numbers"
         raise error(msg)
     return array.astype(np.float64)
 

@@ -236,7 +236,8 @@ class Plant:
         ----------
         state
             (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4), with the interface's
-            own state behind them if it has one; None for those of `at`.
+            own state behind them if it has one; or all that `Jacobian.names` lists, as the end of
+            the step before; None for those of `at`.
         action
             (k,) in [-1, 1], as `actuators` has them, or (lanes, k). Beyond [-1, 1] it is clipped,
             and changes nothing.

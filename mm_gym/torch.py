@@ -1,0 +1,307 @@
+"""Control steps that torch differentiates, by the exact Jacobians of the motion.
+
+`step` is one control step as a function of state, action and parameters; `Episodes` are episodes
+side by side, whose observations and costs carry gradients to all actions before them. So any torch
+policy, with or without a memory, is trained by the gradient of what its episodes cost.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from mm_gym.compiler.jit import plain
+from mm_gym.env.vector import MovingMassVectorEnv
+from mm_gym.errors import SceneError
+from mm_gym.lanes import layout as at
+from mm_gym.sensitivity import Sensitivities
+from mm_gym.step.channels import CHANNELS
+from mm_gym.step.task import state_cost, state_weights
+
+try:
+    import torch
+    from torch.autograd import Function
+    from torch.autograd.function import once_differentiable
+except ImportError as error:
+    msg = 'torch is not installed, run `pip install "mm-gym[agents]"`'
+    raise DependencyNotInstalled(msg) from error
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
+
+    from numpy.typing import ArrayLike, NDArray
+    from torch import Tensor
+
+    from mm_gym.plant.plant import Plant
+    from mm_gym.scene.scene import Scene
+
+    Array = NDArray[np.float64]
+
+RELATIVE_STEP = float(np.cbrt(np.finfo(float).eps))
+"""Of central differences, relative to the size of what is changed: their error is some 1e-10."""
+
+
+def step(
+    plant: Plant,
+    state: Tensor,
+    action: Tensor,
+    *,
+    at: Mapping[str, Any] | ArrayLike | None = None,
+    parameters: Mapping[str, Tensor] | None = None,
+) -> Tensor:
+    """Return the state at a control step's end; see `Plant.jacobian`.
+
+    Parameters
+    ----------
+    plant
+        Of `compile_scene`.
+    state
+        (n,) or (lanes, n) double, as `Plant.jacobian` takes it.
+    action
+        (k,) or (lanes, k) in [-1, 1].
+    at
+        The rest of the start, as `Plant.jacobian` takes it.
+    parameters
+        Dotted name -> number, which the step has and is differentiated by. `at` must be values by
+        name then, or None. The plant must be compiled for them (`randomization`).
+
+    Returns
+    -------
+    Tensor
+        (m,) or (lanes, m) double: all that `Jacobian.names` lists, with which the next step may
+        begin.
+
+    Raises
+    ------
+    SceneError, ActionError, CompileError, SimulationError
+        As `Plant.jacobian`.
+    """
+    named = parameters or {}
+    if named and not (at is None or (hasattr(at, "keys") and "values" not in at)):  # pyright: ignore[reportOperatorIssue]
+        msg = "at: with parameters it must be values by dotted name, or None"
+        raise SceneError(msg)
+    if named:
+        at = {**(at or {}), **{name: value.item() for name, value in named.items()}}  # pyright: ignore[reportGeneralTypeIssues, reportUnknownVariableType]
+    return _applied(_Step, (plant, at, tuple(named)), state, action, *named.values())
+
+
+class _Step(Function):
+    """A control step, and the way back through it."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch does not name it
+        which: tuple[Plant, Any, tuple[str, ...]],
+        state: Tensor,
+        action: Tensor,
+        *_: Tensor,
+    ) -> Tensor:
+        plant, place, names = which
+        given = state.detach().double().numpy(), action.detach().double().numpy()
+        found = plant.jacobian(*given, at=place, parameters=names)
+        own = _tensor(found.state)[..., : state.shape[-1]]
+        by_parameters = [_tensor(found.parameters[name]) for name in names]
+        ctx.save_for_backward(own, _tensor(found.action), *by_parameters)
+        ctx.shapes = state.shape, action.shape
+        return _tensor(found.end)
+
+    @staticmethod
+    @once_differentiable
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - the decorator loses its names
+        ctx: Any,  # noqa: ANN401 - as above
+        *slopes: Tensor,
+    ) -> tuple[Tensor | None, ...]:
+        (slope,), (by_state, by_action, *by_parameters) = slopes, ctx.saved_tensors
+        pulled = (torch.einsum("...i,...ij->...j", slope, by) for by in (by_state, by_action))
+        shaped = [
+            value.reshape(-1, *shape).sum(0) if value.ndim > len(shape) else value
+            for value, shape in zip(pulled, ctx.shapes, strict=True)
+        ]
+        return None, *shaped, *((slope * by).sum() for by in by_parameters)
+
+
+class Episodes:
+    """Episodes of a scene, side by side, that torch follows back.
+
+    The numbers are those of `MovingMassVectorEnv`: observations with delay, noise and history, and
+    costs. What they change by with the motion is found by central differences at a step's end, and
+    what the motion changes by with earlier motion and actions by its exact Jacobians.
+
+    Slopes of parametric springs grow without bound near a switching controller, in few lanes by
+    many orders of magnitude: `fade` and `most` hold them, at the price of an exact gradient.
+
+    Parameters
+    ----------
+    scene, num_envs
+        As `MovingMassVectorEnv` takes them.
+    fade
+        Factor of the slopes over the motion in each step back; 1 forgets nothing.
+    most
+        Largest size of a lane's slopes over the median of all lanes; by default without bound.
+
+    Attributes
+    ----------
+    steps
+        Control steps of an episode.
+
+    Raises
+    ------
+    SceneError
+        If an episode may end early: such ends have no slopes.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | str | PathLike[str],
+        num_envs: int = 1,
+        *,
+        fade: float = 1.0,
+        most: float = np.inf,
+    ) -> None:
+        self.env = MovingMassVectorEnv(scene, num_envs, autoreset_mode="Disabled", info="none")
+        objective = self.env.scene.objective
+        if objective.displacement_limit or objective.rail_half_length:
+            msg = "objective: gradients need episodes that do not end early; remove its limits"
+            raise SceneError(msg)
+        self.steps = self.env.scene.control.steps
+        self.fade, self.most = fade, most
+        plant = self.env.plant
+        self._delay, self._shown = plant.delay, plant.history * len(plant.observed)
+        self._effort = 0.0 if self.env.scene.own_reward else objective.effort_weight
+
+    def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
+        """Begin episodes; return the observations (num_envs, n) float32."""
+        observation, _ = self.env.reset(seed=seed if isinstance(seed, int | None) else list(seed))
+        start, plant = self.env.get_state(), self.env.plant
+        lanes: tuple[Any, Any] = start["values"], start["streams"]
+        self._physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
+        rows = [*plant.support.state_rows, *(a.row for a in self._physics.actuators)]
+        self._outputs = _Outputs(self.env, rows)
+        asked = sum(a.has_memory_of_command for a in self._physics.actuators)
+        self._state = torch.zeros(len(observation), len(rows) + asked, dtype=torch.float64)
+        frames = plant.history + self._delay
+        empty = torch.zeros(len(observation), len(plant.observed), dtype=torch.float64)
+        self._frames = [empty] * frames  # oldest first
+        return _tensor(observation)
+
+    def step(self, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Make a control step.
+
+        Parameters
+        ----------
+        action
+            (num_envs, k); it is clipped to [-1, 1], beyond which it changes nothing.
+
+        Returns
+        -------
+        observation
+            (num_envs, n) float32.
+        cost
+            (num_envs,) double: what the step costs, which is minus its reward.
+        """
+        action = action.double().clamp(-1.0, 1.0)
+        how = self._physics, self.fade, self.most
+        self._state = _applied(_Move, how, self._state, action)
+        observation, rewards, *_ = self.env.step(action.detach().numpy())
+        slopes = _tensor(self._outputs.slopes())  # (lanes, channels + 1, rows)
+        motion = self._state[:, : slopes.shape[2]]
+        changes = torch.einsum("lij,lj->li", slopes, motion)
+        self._frames = [*self._frames[1:], changes[:, :-1]]
+        frames = self._frames[: len(self._frames) - self._delay]
+        shown = torch.cat(frames, dim=1)
+        effort = self._effort * (action**2).sum(dim=1)
+        return (
+            _with_slopes(_tensor(observation), shown.float()),
+            _with_slopes(_tensor(-rewards), changes[:, -1] + effort),
+        )
+
+    def detach(self) -> None:
+        """Cut the way back: later costs have no slopes over actions so far (short horizons)."""
+        self._state = self._state.detach()
+        self._frames = [frame.detach() for frame in self._frames]
+
+
+def _applied(function: type[Function], *given: object) -> Tensor:
+    return function.apply(*given)  # pyright: ignore[reportUnknownMemberType, reportReturnType, reportUnknownVariableType]
+
+
+def _tensor(array: NDArray[Any]) -> Tensor:
+    """Return a copy, whatever writes into the array later."""
+    return torch.tensor(array)
+
+
+def _with_slopes(value: Tensor, changes: Tensor) -> Tensor:
+    """Return a value that changes as `changes` do."""
+    return value + (changes - changes.detach())
+
+
+class _Move(Function):
+    """The motion of `Episodes` over a control step, and the way back through it."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - as above
+        how: tuple[Sensitivities, float, float],
+        _: Tensor,
+        action: Tensor,
+    ) -> Tensor:
+        physics, *ctx.hold = how
+        found = physics.jacobian(action.detach().numpy().T)[1]
+        ctx.save_for_backward(_tensor(found.state), _tensor(found.action))
+        return _tensor(found.end)
+
+    @staticmethod
+    @once_differentiable
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as above
+        ctx: Any,  # noqa: ANN401 - as above
+        *slopes: Tensor,
+    ) -> tuple[Tensor | None, ...]:
+        (slope,), (by_state, by_action), (fade, most) = slopes, ctx.saved_tensors, ctx.hold
+        state = torch.einsum("li,lij->lj", slope, by_state)
+        if most < np.inf:
+            sizes = state.abs().sum(dim=1)
+            limit = most * sizes.median().clamp_min(torch.finfo(sizes.dtype).tiny)
+            state = state * (limit / sizes.clamp_min(limit))[:, None]
+        return None, fade * state, torch.einsum("li,lij->lj", slope, by_action)
+
+
+class _Outputs:
+    """What lanes show and cost at a control step's end, and its slopes over rows of the lanes."""
+
+    def __init__(self, env: MovingMassVectorEnv, rows: Sequence[int]) -> None:
+        self.env, self.rows = env, list(rows)
+        self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
+        scales = env.scene.objective
+        sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
+        self.sizes = [*sizes, *[1.0] * (len(self.rows) - len(sizes))]
+
+    def slopes(self) -> Array:
+        """Return the slopes (lanes, channels + 1, rows) at the present step's end."""
+        values = np.asarray(self.env.get_state()["values"])
+        count, steps = values.shape[1], RELATIVE_STEP * np.array(self.sizes)
+        changed = np.tile(values, 2 * len(self.rows))
+        for k, (row, one) in enumerate(zip(self.rows, steps, strict=True)):
+            changed[row, 2 * k * count : (2 * k + 1) * count] += one
+            changed[row, (2 * k + 1) * count : (2 * k + 2) * count] -= one
+        pairs = self._values(changed).reshape(-1, len(self.rows), 2, count)
+        found = (pairs[:, :, 0] - pairs[:, :, 1]) / (2.0 * steps[:, None])
+        return np.ascontiguousarray(np.moveaxis(found, -1, 0))
+
+    def _values(self, lanes: Array) -> Array:
+        """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""
+        plant, own = self.env.plant, self.env.scene.own_reward
+        plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
+        shown = [
+            factor * (lanes[c.row] - (0.0 if c.subtracted == at.NO_ROW else lanes[c.subtracted]))
+            for c, factor in self.channels
+        ]
+        if own is not None:
+            return np.stack([*shown, own.costs(lanes)])
+        weights = plain(state_weights)(plant.task)
+        cost = plain(state_cost)(weights, lanes[at.X1], lanes[at.X2], lanes[at.V1])
+        if plant.scores_reactions:
+            cost = cost + (plant.scored_reactions(lanes) ** 2).sum(axis=0)
+        return np.stack([*shown, cost])
