@@ -65,7 +65,7 @@ class Hook(SemiActive):
     """The force of a damper that is not there, from a mass to the sky or to the ground.
 
     Skyhook (Karnopp, Crosby and Harwood, *Vibration control using semi-active force generators*,
-    J. Eng. Ind. 96 (1974)), with the velocity v_g of the ground::
+    J. Eng. Ind. 96 (1974), doi:10.1115/1.3438373), with the velocity v_g of the ground::
 
         F = gain (v2 + v_g), where v2 (v2 - v1) > 0    the interface's damper holds the sphere
         F = gain (v1 + v_g), where v1 (v1 + v_g) > 0   the carriage's damper holds the carriage
@@ -74,10 +74,10 @@ class Hook(SemiActive):
     where the ground rests.
 
     Groundhook (Valášek, Novák, Šika and Vaculín, *Extended ground-hook*, Veh. Syst. Dyn. 27
-    (1997)): the interface's damper holds the carriage, whose velocity is relative to the ground. On
-    displacement, for semi-active absorbers: Koo, Ahmadian, Setareh and Murray, *In search of
-    suitable control methods for semi-active tuned vibration absorbers*, J. Vib. Control 10
-    (2004)::
+    (1997), doi:10.1080/00423119708969333): the interface's damper holds the carriage, whose
+    velocity is relative to the ground. On displacement, for semi-active absorbers: Koo, Ahmadian,
+    Setareh and Murray, *In search of suitable control methods for semi-active tuned vibration
+    absorbers*, J. Vib. Control 10 (2004)::
 
         F = -gain v1, where v1 (v2 - v1) < 0           groundhook
         F = -gain x1, where x1 (v2 - v1) < 0           displacement groundhook
@@ -149,9 +149,10 @@ class Balance(SemiActive):
 
     F = -gain s, with the spring's force s at the relative displacement e of the damper's ends: it
     acts while e shrinks, e r < 0, and with a gain of 1 the mass that spring and damper move does
-    not feel either. Displacements are relative to the ground by nature, so it may move. Rakheja and
-    Sankar, *Vibration and shock isolation performance of a semi-active "on-off" damper*, J. Vib.
-    Acoust. 107 (1985).
+    not feel either. Displacements are relative to the ground by nature, so it may move. On or off:
+    Rakheja and Sankar, *Vibration and shock isolation performance of a semi-active "on-off"
+    damper*, J. Vib. Acoust. 107 (1985); continuous: Alanoly and Sankar, *A new concept in
+    semi-active vibration isolation*, J. Mech. Trans. Autom. Des. 109 (1987).
 
     Parameters
     ----------
