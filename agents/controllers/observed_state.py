@@ -76,12 +76,27 @@ class ObservedActuators:
         return observation[:, -self.frame :] * self.unit + self.zero
 
     def _first_applied(self, frame: Values) -> Values:
-        """Return first stretch and damping where they are observed, else the middle; no force."""
+        """Return first stretch and damping as observed, else as the scene begins; no force."""
         actuators, lanes = self.actuators, len(frame)
-        applied = np.tile(0.5 * (actuators.low + actuators.high), (lanes, 1))
+        begun = [_beginning(self.scene, name) for name in columns(self.scene)]
+        applied = np.tile(np.clip(begun, actuators.low, actuators.high), (lanes, 1))
         for k, channel in self.tuned.items():
             applied[:, k] = np.clip(frame[:, channel], actuators.low[k], actuators.high[k])
         return applied
+
+
+def _beginning(scene: Scene, name: str) -> float:
+    """Return what an actuator has when an episode begins, the middle of a range."""
+    if name == "stretch":
+        start = scene.initial.stretch
+        values = scene.springs.stretch if start is None else start
+    elif name == "damping":
+        damped = str(scene.actuation.damped)
+        part, field = damped.split(".")
+        values = scene.range_of(damped, getattr(getattr(scene, part), field))
+    else:
+        return 0.0
+    return float(np.mean(values))
 
 
 class ObservedState(ObservedActuators):

@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Entry = Mapping[str, object] | Part
 
-STRETCH = 1.5
-"""Stretch of the springs that `Reduction.scene` chooses for an absorber, the scene's default."""
-
 MOST_SHOWN = 12
 """Values of a mode shape that are shown without leaving some out."""
 
@@ -302,8 +299,7 @@ class Reduction:
         }
         k2 = absorber.stiffness(mass, self.frequency)
         if k2 > 0.0:
-            k0 = k2 / (2.0 * (1.0 + 2.0 / STRETCH**3))  # (5) of docs/model.md
-            parts["springs"] = {"kind": "small_on_large", "stiffness": k0, "stretch": STRETCH}
+            parts["springs"] = {"kind": "linear", "stiffness": k2}
         return parts
 
     def simulate(

@@ -17,7 +17,7 @@ from agents.controllers.learned import Learned
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.semi_active import Balance, Hook
 from agents.controllers.spring_force import sphere_springs
-from agents.evaluation.baselines import classical, classical_laws
+from agents.evaluation.baselines import classical, classical_laws, uncontrolled
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.laws import laws, obstacle
 from agents.evolution.search import evolve
@@ -382,6 +382,14 @@ def test_springs_of_a_controller_are_those_of_the_engine():
     hard = {"kind": "linear", "stiffness": 30.0, "cubic_coefficient": 1e3}
     found = sphere_springs(STILL.replace(springs=hard))(offset)
     np.testing.assert_allclose(found, 30.0 * offset + 3e4 * offset**3, rtol=1e-14)
+
+
+def test_no_control_holds_the_damping_of_the_beginning_where_none_is_shown():
+    begins = 0.8 * LOW + 0.2 * HIGH
+    scene = scene_of(**{"interface.damping": begins, "control.steps": 3})
+    scene = scene.replace(**{"sensors.channels": HIDDEN})
+    held = evaluate(scene, uncontrolled(scene), episodes=2).applied
+    np.testing.assert_allclose(held, begins, rtol=1e-12)
 
 
 def test_every_law_is_tuned_and_named():
