@@ -23,7 +23,7 @@ from mm_gym.methods.taylor import blocks_kernel as motion
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as step_size
-from mm_gym.sensitivity.generator_kernel import (
+from mm_gym.sensitivity.causes_kernel import (
     ACCELERATION,
     COUPLING,
     OFFSET,

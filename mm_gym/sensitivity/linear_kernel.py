@@ -1,24 +1,45 @@
-"""Motion of linear plants and its deviations by parameters, LANES lanes at a time.
+"""Motion of linear plants and its deviations, LANES lanes at a time.
 
-Both are Taylor series of the exponential. A deviation is driven by the motion: the derivative of
-the exponential along that of its generator, without a matrix of twice the size. Najfeld and Havel,
-*Derivatives of the matrix exponential and their computation*, Adv. Appl. Math. 16 (1995).
+Motion and deviations by parameters are Taylor series of the exponential. A deviation is driven by
+the motion: the derivative of the exponential along that of its generator, without a matrix of twice
+the size. Najfeld and Havel, *Derivatives of the matrix exponential and their computation*, Adv.
+Appl. Math. 16 (1995).
 
-States and series are those of `generator_kernel`; the unit of time is a piece of the sample
-interval.
+Deviations by the state at a control step's start and by the force held in it do not depend on the
+motion. All follow from the responses to a held acceleration of either mass: a displaced mass is
+pushed by a held force, and the response to a velocity is the slope of that to an acceleration.
+
+States and series are those of `mm_gym.law.linear_motion`; the unit of time is a piece of the sample
+interval. Arguments of several kernels: `b`, rows of vectors, room for the series of a group of
+lanes; `g`, the generator; `weights`, 1 / n!; `piece` [s]; `i, count`, the lanes i .. i + count - 1.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.groups import read, write, write_state
 from mm_gym.lanes.memory import on_cache_line
-from mm_gym.lanes.simd import LANES, everywhere
-from mm_gym.lanes.simd_memory import rows_of
+from mm_gym.lanes.simd import LANES, alike, everywhere
+from mm_gym.lanes.simd_memory import from_row, rows_of, rows_on_stack
+from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
+from mm_gym.law.linear_motion import add, derivative, generator, state_of
 from mm_gym.law.motion import control_forces
-from mm_gym.sensitivity.generator_kernel import (
+from mm_gym.law.springs import stiffness
+from mm_gym.methods.linear_series.kernel import (
+    FORCE,
+    GROUND,
+    HARMONIC,
+    continue_drive,
+    load_drive,
+    parameters_of,
+    rows_of_drive,
+    write_drive,
+)
+from mm_gym.sensitivity.causes_kernel import (
     ACCELERATION,
     COUPLING,
     OFFSET,
@@ -26,15 +47,10 @@ from mm_gym.sensitivity.generator_kernel import (
     V1,
     X1,
     W,
-    add,
-    coefficients,
-    derivative,
-    deviate,
     slope,
     take_impulses,
-    weights_of,
-    write_column,
 )
+from mm_gym.sensitivity.columns_kernel import read_rows
 from mm_gym.sensitivity.layout import (
     CAUSES,
     DEGREE,
@@ -44,16 +60,18 @@ from mm_gym.sensitivity.layout import (
     MOST_SERIES,
     PIECES,
     STATES,
+    STEP_DEGREE,
+    STEP_PIECES,
     TANGENTS,
     TIME,
     WIDTH,
 )
 
-# Rows of scratch behind the series of the motion: force on the carriage over m1 and the ground's
-# acceleration; what an amplitude, frequency or phase drives; the force held between the masses over
-# m1. Behind them cosine and sine of each harmonic, then the jets.
-_FORCE, _GROUND, _SIGNAL, _PAIR = 4 * ORDERS, 5 * ORDERS, 6 * ORDERS, 7 * ORDERS
-_HARMONIC = _PAIR + 1
+# Rows of b behind the series of the motion: what an amplitude, frequency or phase drives; then what
+# excites the lanes.
+_SIGNAL, _DRIVE = 4 * ORDERS, 5 * ORDERS
+
+_lane = rows_on_stack(2 * (at.HARMONICS + STATES))
 
 
 @kernel
@@ -61,7 +79,7 @@ def propagate(model, lanes, first, last):
     """Advance motion and deviations by one sample interval."""
     if model[PIECES] > MOST_SERIES:
         return at.TOO_MANY_SERIES
-    rows = _HARMONIC + 2 * int(model[at.HARMONIC_COUNT]) + 2 * int(model[at.TERMS])
+    rows = _DRIVE + rows_of_drive(model)
     scratch, weights, status = on_cache_line(rows * LANES), weights_of(ORDERS), at.OK
     for i in range(first, last, LANES):
         count = min(LANES, last - i)
@@ -71,46 +89,31 @@ def propagate(model, lanes, first, last):
 
 @borrowing_kernel
 def _propagate(model, lanes, weights, b, i, count):
-    """Advance a group of lanes.
-
-    Parameters
-    ----------
-    model, lanes
-        (m,) read; (rows, count) read, and state and deviations written.
-    weights
-        (ORDERS,) read: 1 / n!.
-    b
-        Rows of vectors: room.
-    i, count
-        The lanes: count from i on.
-
-    Returns
-    -------
-    int
-        Status.
-    """
+    """Advance a group of lanes; return their status."""
     prefer_widest_vectors()
     pieces, degree, width = int(model[PIECES]), int(model[DEGREE]), int(model[WIDTH])
-    own = int(model[FIRST_ROW])
+    own, drive = int(model[FIRST_ROW]), from_row(b, _DRIVE)
     piece = model[at.SAMPLE_INTERVAL] / pieces
-    g, by_m1 = coefficients(lanes, piece, i, count)
+    g, by_m1 = _coefficients(lanes, piece, i, count)
+    scale = piece * piece * by_m1
+    pair, held = control_forces(model, scale * read(lanes, at.FORCE, i, count))
     take_impulses(model, lanes, by_m1, i, count)
-    _load_drive(model, lanes, b, i, count)
-    z = _state(lanes, piece, i, count)
+    load_drive(model, lanes, drive, pieces, i, count)
+    z = state_of(lanes, piece, i, count)
     for k in range(pieces):
-        terms = _write_drive(model, lanes, b, weights, by_m1, piece, i, count)
-        z = _move(b, g, weights, z, degree, terms)
+        terms = write_drive(model, lanes, drive, scale, piece, degree, i, count)
+        z = _move(b, g, weights, z, (held, pair), degree, terms)
         for j in range(STATES, width):
             if model[CAUSES + j] != at.FORCE:
                 row, to_v1, to_w = _drive(
                     model, lanes, b, int(model[CAUSES + j]), piece, k, i, count
                 )
-                tangent = own + TANGENTS + j
-                y = _column(lanes, tangent, width, piece, i, count)
-                y = deviate(b, g, weights, row, to_v1, to_w, degree, y)
-                write_column(lanes, tangent, width, piece, i, count, y)
+                column = own + TANGENTS + j
+                y = _column(lanes, column, width, piece, i, count)
+                y = _deviate(b, g, weights, row, to_v1, to_w, degree, y)
+                _write_column(lanes, column, width, piece, i, count, y)
         if k < pieces - 1:
-            _continue_drive(model, lanes, b, piece, i, count)
+            continue_drive(model, lanes, drive, piece, degree, i, count)
     v1, v2 = z[2] * (1.0 / piece), (z[2] + z[3]) * (1.0 / piece)
     write(lanes, own + LAST_V1, i, count, v1)
     write(lanes, own + LAST_V2, i, count, v2)
@@ -118,13 +121,6 @@ def _propagate(model, lanes, weights, b, i, count):
         lanes, own + TIME, i, count, read(lanes, own + TIME, i, count) + model[at.SAMPLE_INTERVAL]
     )
     return write_state(lanes, i, count, z[0], z[0] + z[1], v1, v2)
-
-
-@inlined_kernel
-def _state(lanes, piece, i, count):
-    x1, v1 = read(lanes, at.X1, i, count), read(lanes, at.V1, i, count)
-    offset, w = read(lanes, at.X2, i, count) - x1, read(lanes, at.V2, i, count) - v1
-    return x1, offset, piece * v1, piece * w
 
 
 @inlined_kernel
@@ -136,55 +132,33 @@ def _column(lanes, row, width, piece, i, count):
 
 
 @borrowing_kernel
-def _move(b, g, weights, z, degree, terms):
-    """Return where a piece ends; write the motion's series.
+def _move(b, g, weights, z, forces, degree, terms):
+    """Return where a piece ends, and write the motion's series.
 
-    Parameters
-    ----------
-    b
-        Rows of vectors: the drive's series are read, those of the motion written.
-    g, weights
-        Coefficients of the generator, and 1 / n!.
-    z
-        State at the start.
-    degree, terms
-        Of the series, and how many terms those of the drive have.
+    Forces are held on the carriage and between the masses; what excites has so many terms.
     """
     prefer_widest_vectors()
-    total, zero = z, everywhere(0.0)
-    b[X1], b[OFFSET] = z[0], z[1]
+    total, drive, zero = z, from_row(b, _DRIVE), everywhere(0.0)
+    (push, pair), b[X1], b[OFFSET] = forces, z[0], z[1]
     for n in range(degree):
         b[V1 + n], b[W + n] = z[2], z[3]
-        is_driven = n < terms
-        z, coupling = derivative(g, z, b[_FORCE + n] if is_driven else zero)
-        if n == 0:
-            z = z[0], z[1], z[2] + b[_PAIR], fma(-1.0 - g[4], b[_PAIR], z[3])
-            coupling = coupling + b[_PAIR]
-        b[ACCELERATION + n], b[COUPLING + n] = z[2], coupling
-        if is_driven:
-            z = z[0], z[1], z[2] - b[_GROUND + n], z[3]
+        if n < terms:
+            push = push + drive[FORCE + n]
+        z, b[COUPLING + n] = derivative(g, z, push, pair)
+        b[ACCELERATION + n] = z[2]
+        if n < terms:
+            z = z[0], z[1], z[2] - drive[GROUND + n], z[3]
         total = add(total, weights[n + 1], z)
+        push = pair = zero
     return total
 
 
 @borrowing_kernel
 def _drive(model, lanes, b, cause, piece, k, i, count):
-    """Return which series drives the deviation of a parameter, and its factors; see `deviate`.
+    """Return which series drives the deviation of a parameter in piece k, and its factors.
 
-    They are the slopes of (1) and (2) of docs/model.md over the parameter.
-
-    Parameters
-    ----------
-    model, lanes
-        (m,) and (rows, count), read.
-    b
-        Rows of vectors: written, if a harmonic drives it.
-    cause
-        Row of the parameter.
-    piece, k
-        Length of a piece [s], and its number.
-    i, count
-        The lanes: count from i on.
+    See `_deviate`. They are the slopes of (1) and (2) of docs/model.md over the parameter, whose
+    row is the cause; what a harmonic drives is written to b.
     """
     if cause < at.HARMONICS:
         m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
@@ -200,16 +174,11 @@ def _drive(model, lanes, b, cause, piece, k, i, count):
 
 @borrowing_kernel
 def _write_signal(model, lanes, b, cause, piece, k, i, count):
-    """Write the slope of a harmonic over its amplitude, frequency or phase.
-
-    Parameters
-    ----------
-    model, lanes, b, cause, piece, k, i, count
-        As for `_drive`.
-    """
+    """Write the slope of a harmonic over its amplitude, frequency or phase, as `_drive` asks."""
     which, own = (cause - at.HARMONICS) // at.HARMONIC_ROWS, int(model[FIRST_ROW])
     harmonic = at.HARMONICS + at.HARMONIC_ROWS * which
-    cosine, sine = b[_HARMONIC + 2 * which], b[_HARMONIC + 2 * which + 1]
+    row = _DRIVE + HARMONIC + 2 * which
+    cosine, sine = b[row], b[row + 1]
     turn = piece * read(lanes, harmonic + at.FREQUENCY, i, count)
     amplitude = read(lanes, harmonic + at.AMPLITUDE, i, count)
     time, before = read(lanes, own + TIME, i, count) + k * piece, everywhere(0.0)
@@ -223,92 +192,158 @@ def _write_signal(model, lanes, b, cause, piece, k, i, count):
         before, cosine, sine = cosine, -turn * sine, turn * cosine
 
 
-@borrowing_kernel
-def _load_drive(model, lanes, b, i, count):
-    """Load the harmonics' phases, and the jets as coefficients of (t / piece)^n."""
-    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
-    for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        b[_HARMONIC + 2 * j] = read(lanes, harmonic + at.COSINE, i, count)
-        b[_HARMONIC + 2 * j + 1] = read(lanes, harmonic + at.SINE, i, count)
-    row, jet = int(model[at.JETS]), _HARMONIC + 2 * harmonics
-    for k in range(2 * terms):
-        b[jet + k] = read(lanes, row + k, i, count) * model[PIECES] ** -(k % terms)
+@inlined_kernel
+def _coefficients(lanes, piece, i, count):
+    """Return the generator's coefficients in units of a piece, and 1 / m1."""
+    m1, m2, k1, d, c, k0 = parameters_of(lanes, i, count)
+    k2 = stiffness(k0, read(lanes, at.STRETCH, i, count))
+    return generator(piece, m1, m2, k1, d, c, k2), 1.0 / m1
+
+
+@kernel
+def weights_of(count):
+    """Return 1 / n! of the terms before the given one."""
+    weights = np.empty(count)
+    weights[0] = 1.0
+    for n in range(1, count):
+        weights[n] = weights[n - 1] / n
+    return weights
+
+
+@inlined_kernel
+def _write_column(lanes, row, width, piece, i, count, z):
+    """Write a column of deviations as those of x1, x2, v1 and v2."""
+    rate = 1.0 / piece
+    write(lanes, row, i, count, z[0])
+    write(lanes, row + width, i, count, z[0] + z[1])
+    write(lanes, row + 2 * width, i, count, rate * z[2])
+    write(lanes, row + 3 * width, i, count, rate * (z[2] + z[3]))
 
 
 @borrowing_kernel
-def _continue_drive(model, lanes, b, piece, i, count):
-    """Turn the harmonics by a piece, and shift both jets by it: (t + 1)^n by Horner's scheme.
+def _deviate(b, g, weights, row, to_v1, to_w, degree, z):
+    """Return a column z of deviations at a piece's end.
 
-    Parameters
-    ----------
-    model, lanes
-        (m,) and (rows, count), read.
-    b
-        Rows of vectors: phases and jets are read and written.
-    piece
-        Length of a piece [s].
-    i, count
-        The lanes: count from i on.
+    The series in b from `row` on drives it, by a factor each in the accelerations of x1 and w.
     """
-    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
-    for j in range(harmonics):
-        row = _HARMONIC + 2 * j
-        frequency = read(lanes, at.HARMONICS + at.HARMONIC_ROWS * j + at.FREQUENCY, i, count)
-        cosine, sine = cosines, sines = b[row], b[row + 1]
+    prefer_widest_vectors()
+    total = z
+    for n in range(degree):
+        z, _ = derivative(g, z, 0.0, 0.0)
+        z = z[0], z[1], fma(to_v1, b[row + n], z[2]), fma(to_w, b[row + n], z[3])
+        total = add(total, weights[n + 1], z)
+    return total
+
+
+@kernel
+def write_held(model, lanes, first, last):
+    """Write the deviations by the state and the force of a control step that has been made."""
+    if model[PIECES] > MOST_SERIES:
+        return
+    weights = weights_of(ORDERS)
+    for i in range(first, last, LANES):
+        _write_held(model, lanes, weights, i, min(LANES, last - i))
+
+
+@borrowing_kernel
+def _write_held(model, lanes, weights, i, count):
+    """Write those of the lanes i .. i + count - 1, with 1 / n! (ORDERS,)."""
+    prefer_widest_vectors()
+    pieces, degree, width = int(model[STEP_PIECES]), int(model[STEP_DEGREE]), int(model[WIDTH])
+    piece = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS] / pieces
+    g, by_m1 = _coefficients(lanes, piece, i, count)
+    zero, one = everywhere(0.0), everywhere(1.0)
+    carriage, sphere = (zero, zero, one, -one), (zero, zero, zero, one)
+    once = _held(g, weights, carriage, degree), _held(g, weights, sphere, degree)
+    by_carriage, by_sphere = once
+    for _ in range(pieces - 1):
+        by_carriage = _sum(once[0], _continued(g, once, by_carriage))
+        by_sphere = _sum(once[1], _continued(g, once, by_sphere))
+    both, row = (by_carriage, by_sphere), int(model[FIRST_ROW]) + TANGENTS
+    rest = everywhere(piece)
+    _write_column(lanes, row, width, piece, i, count, _continued(g, both, (one, -one, zero, zero)))
+    _write_column(
+        lanes, row + 1, width, piece, i, count, _continued(g, both, (zero, one, zero, zero))
+    )
+    _write_column(
+        lanes, row + 2, width, piece, i, count, _continued(g, both, (zero, zero, rest, -rest))
+    )
+    _write_column(
+        lanes, row + 3, width, piece, i, count, _continued(g, both, (zero, zero, zero, rest))
+    )
+    for j in range(STATES, width):
+        if model[CAUSES + j] == at.FORCE:
+            push = piece * piece * by_m1
+            pull = -model[at.BETWEEN] * g[4] * push  # of the sphere, by its reaction
+            z = add(add((zero, zero, zero, zero), push, by_carriage), pull, by_sphere)
+            _write_column(lanes, row + j, width, piece, i, count, z)
+
+
+@borrowing_kernel
+def _held(g, weights, z, degree):
+    """Return the response to an acceleration z that is held, from rest."""
+    prefer_widest_vectors()
+    zero = everywhere(0.0)
+    total = add((zero, zero, zero, zero), weights[1], z)
+    for n in range(1, degree):
+        z, _ = derivative(g, z, 0.0, 0.0)
+        total = add(total, weights[n + 1], z)
+    return total
+
+
+@inlined_kernel
+def _continued(g, held, z):
+    """Return what becomes of a deviation while two accelerations had these responses."""
+    k1, _, _, k2, ratio = g
+    x1, offset, v1, w = z
+    by_carriage, by_sphere = held
+    pull, speed2 = k2 * offset, v1 + w
+    total = add(z, fma(-k1, x1, pull), by_carriage)
+    total = add(total, -ratio * pull, by_sphere)
+    total = add(total, v1, derivative(g, by_carriage, 0.0, 0.0)[0])
+    return add(total, speed2, derivative(g, by_sphere, 0.0, 0.0)[0])
+
+
+@inlined_kernel
+def _sum(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+@borrowing_kernel
+def respond(model, lanes, time, v1, v2, i):
+    """Add to motion and deviations of lane i what follows from velocities [m/s] at rest.
+
+    That is after a time [s], at most the sample interval.
+    """
+    own, width, c = int(model[FIRST_ROW]), int(model[WIDTH]), tangents_of(_lane())
+    for first in range(0, width, LANES):
+        read_rows(model, lanes, i, 0, at.HARMONICS, c, first)
+        end = _response(model, c, time, v1, v2)
+        for part in range(STATES):
+            c[at.HARMONICS + part] = end[part]
+            for j in range(min(width - first, LANES)):
+                row = own + TANGENTS + part * width + first + j
+                lanes[row, i] += c[at.HARMONICS + part, j]
+    for part in range(STATES):
+        lanes[part, i] += value_of(c[at.HARMONICS + part])
+    lanes[own + LAST_V1, i] += value_of(c[at.HARMONICS + at.V1])
+    lanes[own + LAST_V2, i] += value_of(c[at.HARMONICS + at.V2])
+
+
+@borrowing_kernel
+def _response(model, lane, time, v1, v2):
+    """Return x1, x2, v1 and v2 from those of a lane's rows, all as numbers with tangents."""
+    piece, m1 = time / model[PIECES], lane[at.M1]
+    k1, k2 = lane[at.K1] * lane[at.ALPHA], stiffness(lane[at.K0], lane[at.STRETCH])
+    g = generator(piece, m1, lane[at.M2], k1, lane[at.D], lane[at.C], k2)
+    # The impulse on the carriage changed v1 by its size over the mass.
+    late, rest = slopes_of((v1 - v2) * value_of(m1) * (piece / m1)), alike(m1, 0.0)
+    total = rest, rest, tangent(piece * v1, late), tangent(piece * (v2 - v1), -late)
+    for _ in range(int(model[PIECES])):
+        term, weight = total, 1.0
         for n in range(int(model[DEGREE])):
-            turn = frequency * (piece / (n + 1.0))
-            cosine, sine = -turn * sine, turn * cosine
-            cosines, sines = cosines + cosine, sines + sine
-        b[row], b[row + 1] = cosines, sines
-    jet = _HARMONIC + 2 * harmonics
-    for first in range(jet, jet + 2 * terms, max(terms, 1)):
-        for start in range(terms - 1):
-            for n in range(first + terms - 2, first + start - 1, -1):
-                b[n] = b[n] + b[n + 1]
-
-
-@borrowing_kernel
-def _write_drive(model, lanes, b, weights, by_m1, piece, i, count):
-    """Write the drive's series over a piece; return how many terms they have.
-
-    Parameters
-    ----------
-    model, lanes
-        (m,) and (rows, count), read.
-    b
-        Rows of vectors: jets and phases are read, the series written.
-    weights
-        (ORDERS,) read: 1 / n!.
-    by_m1
-        1 / m1 [1/kg].
-    piece
-        Length of the series [s].
-    i, count
-        The lanes: count from i on.
-    """
-    harmonics, terms, square = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS]), piece * piece
-    degree = int(model[DEGREE])
-    scale, zero = square * by_m1, everywhere(0.0)
-    jet = _HARMONIC + 2 * harmonics
-    written = degree if harmonics > 0 else max(min(terms, degree), 1)
-    for n in range(written):
-        b[_FORCE + n] = b[_GROUND + n] = zero
-        if n < terms:
-            factor = 1.0 / weights[n]
-            b[_FORCE + n] = factor * scale * b[jet + n]
-            b[_GROUND + n] = factor * square * b[jet + terms + n]
-    pair, held = control_forces(model, read(lanes, at.FORCE, i, count))
-    b[_PAIR], b[_FORCE] = scale * pair, fma(scale, held, b[_FORCE])
-    for j in range(harmonics):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        is_ground = (int(model[at.GROUND]) >> j) & 1
-        target = _GROUND if is_ground else _FORCE
-        per_size = everywhere(square) if is_ground else scale
-        size = per_size * read(lanes, harmonic + at.AMPLITUDE, i, count)
-        turn = piece * read(lanes, harmonic + at.FREQUENCY, i, count)
-        cosine, sine = size * b[_HARMONIC + 2 * j], size * b[_HARMONIC + 2 * j + 1]
-        for n in range(degree):
-            b[target + n] = b[target + n] + sine
-            cosine, sine = -turn * sine, turn * cosine
-    return written
+            weight /= n + 1.0
+            term, _coupling = derivative(g, term, 0.0, 0.0)
+            total = add(total, weight, term)
+    x1, offset, way, slip = total
+    return x1, x1 + offset, way * (1.0 / piece), (way + slip) * (1.0 / piece)

@@ -13,8 +13,8 @@ from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation import noise
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Settings, degree, header
-from mm_gym.methods.exponential_action.method import LONGEST_PIECE
 from mm_gym.methods.linear.kernel import TRANSITION
+from mm_gym.methods.linear_series.method import LONGEST_PIECE
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.support import fastest_rate
 from mm_gym.methods.taylor import layout as series
@@ -60,6 +60,7 @@ def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> 
     model[own.FIRST_ROW], model[own.WIDTH] = rows, width
     phase = fastest_rate(support) * support.sample_interval
     model[own.PIECES], model[own.DEGREE] = _pieces(phase)
+    model[own.DEGREE] += max(support.terms - 1, 0)  # a jet's last term begins so much later
     phase *= support.intervals_per_step
     model[own.STEP_PIECES], model[own.STEP_DEGREE] = _pieces(phase)
     model[own.CAUSES :] = own.NONE

@@ -10,7 +10,6 @@ from mm_gym.excitation.kinds import excite, excited, has_corners
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import copy_row, fill, span
 from mm_gym.sensitivity import cubic_kernel, linear_kernel, series_kernel
-from mm_gym.sensitivity.held_kernel import write_held
 from mm_gym.sensitivity.layout import (
     FIRST_ROW,
     LAST_V1,
@@ -20,7 +19,6 @@ from mm_gym.sensitivity.layout import (
     TIME,
     WIDTH,
 )
-from mm_gym.sensitivity.response_kernel import respond
 from mm_gym.step.crossing import by_pieces, by_superposition
 from mm_gym.step.outputs import pass_frame
 from mm_gym.step.task import command, hold
@@ -83,16 +81,6 @@ def step_by(
     return step
 
 
-@borrowing_kernel
-def begin_motion(model, lanes, own, first, last):
-    """Write the time, and the velocities before impulses, to the rows from `own` on."""
-    length = model[at.SAMPLE_INTERVAL] * model[at.INTERVALS]
-    copy_row(lanes, at.V1, own + LAST_V1, first, last)
-    copy_row(lanes, at.V2, own + LAST_V2, first, last)
-    for i in span(first, last):
-        lanes[own + TIME, i] = (lanes[at.NOW, first] - lanes[at.BEGAN, i]) * length
-
-
 def beginning_with(states: int) -> Callable[..., None]:
     """Return a kernel that begins with deviations of so many states, and of nothing else."""
 
@@ -120,7 +108,7 @@ def _begin_motion(model, lanes, first, last):
 
 @borrowing_kernel
 def _begin_causes(model, lanes, first, last):
-    """Begin with no deviations in the columns that have causes; `write_held` writes the others."""
+    """Begin without deviations where there is a cause; `linear_kernel` writes the other columns."""
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     _begin_motion(model, lanes, first, last)
     for part in range(STATES):
@@ -132,5 +120,7 @@ _begin = beginning_with(STATES)
 by_series = step_by(by_pieces(series_kernel.propagate, has_corners), _begin)
 by_cubic_series = step_by(by_pieces(cubic_kernel.propagate, has_corners), _begin)
 by_linear_series = step_by(
-    by_superposition(linear_kernel.propagate, respond), _begin_causes, write_held
+    by_superposition(linear_kernel.propagate, linear_kernel.respond),
+    _begin_causes,
+    linear_kernel.write_held,
 )

@@ -12,7 +12,7 @@ from oracle import System
 from mm_gym import Scene, compile_scene, simulate
 from mm_gym.methods.cayley_hamilton import kernel as ch
 from mm_gym.methods.cayley_hamilton.method import CayleyHamilton
-from mm_gym.methods.exponential_action.method import ExponentialAction
+from mm_gym.methods.linear_series.method import ExponentialAction
 from mm_gym.methods.support import fastest_rate
 
 STEPS = 60

@@ -11,8 +11,8 @@ from oracle import error
 from mm_gym import CompileError, Scene, compile_scene, load_scene, simulate
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.simd import LANES
-from mm_gym.methods.truncated_series import kernel
-from mm_gym.methods.truncated_series.method import TIGHTEST, degree_of
+from mm_gym.methods.linear_series import kernel
+from mm_gym.methods.linear_series.method import TIGHTEST, degree_of
 from mm_gym.simulation.lanes import Lanes
 
 from .conftest import assert_lanes_equal_single

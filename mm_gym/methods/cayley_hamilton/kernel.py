@@ -17,7 +17,7 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors
 from mm_gym.lanes.memory import span
-from mm_gym.law.free_motion import ROUND_OFF
+from mm_gym.law.linear_motion import ROUND_OFF
 from mm_gym.law.springs import stiffness
 
 COEFFICIENTS = 10

@@ -1,28 +1,34 @@
-"""A Taylor series with as many terms as the tolerance asks for, for an actuated stretch."""
+"""Taylor series of a linear plant's motion: to round-off, or to a tolerance."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from mm_gym.errors import CompileError
 from mm_gym.lanes import layout as at
-from mm_gym.law.free_motion import respond
-from mm_gym.methods.base import Method, Option, Settings, header
-from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
-from mm_gym.methods.truncated_series import kernel
+from mm_gym.law.linear_motion import respond
+from mm_gym.methods.base import ExactMethod, Method, Option, Settings, degree, header
+from mm_gym.methods.linear_series import kernel
+from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_rate
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
 
-LONGEST_STEP = 2.0
-"""Largest product of the fastest rate and the sample interval."""
+LONGEST_PIECE = 2.0
+"""Largest product of the fastest rate and a piece, the equal part of a sample interval that one
+series covers. The terms of a series grow up to exp of it, and round-off with them."""
+
+MOST_PIECES = 1000
+"""Largest number of pieces in a sample interval; scenes that need more would run for minutes."""
 
 TIGHTEST = 1e-12
-"""Smallest tolerance: its degree is 19 in the longest step, where the terms lose no digits."""
+"""Smallest tolerance: its degree is 19 in the longest piece, where the terms lose no digits."""
 
 TIGHT = 1e-9
 """Tolerance up to which `auto` prefers the exact methods: they cost little more than the series,
@@ -31,6 +37,37 @@ some 13 products with the generator, and the default stays what it was."""
 MARGIN = 0.25
 """Part of the tolerance that what is cut off may reach in units of energy: an error of one mass may
 be larger relative to the motion, in the worst of two thousand random scenes by a factor of two."""
+
+
+class ExponentialAction(ExactMethod):
+    """A Taylor series of the exponential acting on the state, cut off below round-off."""
+
+    name = "exact"
+    title = "the exponential's action"
+    how = "exponential acting on the state as a Taylor series, cut off below round-off"
+    kinds = (PARAMETRIC_LINEAR, LINEAR)
+    entries = build(kernel.propagate, respond=respond)
+    held = "a held force and stretch"
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the number of pieces in a sample interval and the degree of the series."""
+        phase = _phase(support)
+        pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
+        if not pieces <= MOST_PIECES:
+            msg = (
+                f"control.time_step: a sample interval of {support.sample_interval} s spans "
+                f"{phase:.3g} times the scene's shortest time constant "
+                f"{support.sample_interval / phase:.3g} s; the series allows "
+                f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the control step, "
+                "or fix what is randomised or actuated"
+            )
+            raise CompileError(msg)
+        # What the last term of a jet causes begins so much later.
+        return _model(support, pieces, degree(phase / pieces) + max(support.terms - 1, 0))
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the number of products with A."""
+        return f"{int(model[kernel.PIECES])} x {int(model[kernel.DEGREE])} products with A"
 
 
 class TruncatedSeries(Method):
@@ -43,7 +80,7 @@ class TruncatedSeries(Method):
         "lanes side by side"
     )
     kinds = (PARAMETRIC_LINEAR,)
-    entries = build(kernel.propagate, respond=respond)
+    entries = ExponentialAction.entries
     option = Option("tolerance", tuple(float(f"1e-{digits}") for digits in range(1, 13)))
     tightest = TIGHTEST
 
@@ -61,23 +98,13 @@ class TruncatedSeries(Method):
         if support.terms or any(support.ground) or len(support.ground) > 1:
             return "of all excitation it takes only impulses and one harmonic force"
         phase = _phase(support)
-        if not phase <= LONGEST_STEP:
-            return f"fastest rate times sample interval is {phase:.3g}, above {LONGEST_STEP:g}"
+        if not phase <= LONGEST_PIECE:
+            return f"fastest rate times sample interval is {phase:.3g}, above {LONGEST_PIECE:g}"
         return None
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the degree, the generator, and the weights of the derivatives."""
-        model = header(support, kernel.END - at.MODEL_OWN)
-        p, h = support.low, support.sample_interval
-        unit = h * h / p[at.M1]
-        model[kernel.DEGREE] = degree_of(_phase(support), settings.tolerance)
-        model[kernel.K1] = p[at.K1] * p[at.ALPHA] * unit
-        model[kernel.D], model[kernel.C] = p[at.D] * h / p[at.M1], p[at.C] * h / p[at.M1]
-        model[kernel.K0], model[kernel.PUSH] = p[at.K0] * unit, unit
-        model[kernel.BOTH] = 1.0 + p[at.M1] / p[at.M2]
-        weights = [1.0 / math.factorial(n) for n in range(kernel.MOST + 1)]
-        model[kernel.WEIGHTS : kernel.END] = weights
-        return model
+        """Return the degree of the series."""
+        return _model(support, 1.0, degree_of(_phase(support), settings.tolerance))
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
@@ -95,6 +122,14 @@ class TruncatedSeries(Method):
 def _phase(support: Support) -> float:
     """Return the largest product of a rate and the sample interval."""
     return fastest_rate(support) * support.sample_interval
+
+
+def _model(support: Support, pieces: float, terms: int) -> NDArray[np.float64]:
+    model = header(support, kernel.END - at.MODEL_OWN)
+    model[kernel.PIECES], model[kernel.DEGREE] = pieces, terms
+    model[kernel.UNIFORM] = all(support.fixed(row) for row in range(at.M1, at.HARMONICS))
+    model[kernel.WEIGHTS : kernel.END] = [1.0 / math.factorial(n) for n in range(kernel.MOST + 1)]
+    return model
 
 
 def degree_of(phase: float, tolerance: float) -> int:

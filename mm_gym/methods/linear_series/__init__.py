@@ -1,0 +1,1 @@
+"""Taylor series of a linear plant's motion."""

@@ -1,1 +1,0 @@
-"""A Taylor series with as many terms as the tolerance asks for, for an actuated stretch."""
