@@ -1,4 +1,11 @@
-"""The methods of propagation, one folder each: domain, order, cost and bound, and the kernel."""
+"""The methods of propagation, one folder each: domain, order, cost and bound, and the kernel.
+
+Arguments that kernels of methods and of sensitivities have in common: `model` (m,), read; `lanes`
+(rows, count), read, and the state written; `first, last`, the lanes first .. last - 1; `i, count`
+or `first, count`, so many lanes from there on; `i`, one lane; `j`, the number of a harmonic; `n`,
+the number of a term; `degree` or `order`, that of a series. A kernel that returns an integer and
+says no more of it returns a status, see `mm_gym.lanes.layout`.
+"""
 
 from mm_gym.methods.base import Method as Method
 from mm_gym.methods.base import Settings as Settings

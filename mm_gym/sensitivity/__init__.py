@@ -1,4 +1,8 @@
-"""Sensitivities: the exact derivatives of control steps, and what a plan's search makes of them."""
+"""Sensitivities: the exact derivatives of control steps, and what a plan's search makes of them.
+
+Arguments that kernels have in common are those of `mm_gym.methods`; of `lanes`, the deviations are
+written too.
+"""
 
 from mm_gym.sensitivity.actuators import Actuator as Actuator
 from mm_gym.sensitivity.jacobian import Jacobian as Jacobian

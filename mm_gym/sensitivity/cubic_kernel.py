@@ -92,19 +92,8 @@ def _propagate(model, lanes, c, b, i, count):
 
     Parameters
     ----------
-    model, lanes
-        (m,) read; (rows, count) read, and state and deviations written.
-    c
-        (rows.SIZE,) read: 1 / n.
     b
         Rows of vectors: coefficients and state are read, the series written.
-    i, count
-        The lanes: count from i on.
-
-    Returns
-    -------
-    int
-        Status.
     """
     prefer_widest_vectors()
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
@@ -212,14 +201,10 @@ def _deviate_all(model, lanes, c, b, unit, order, i, count):
 
     Parameters
     ----------
-    model, lanes, c
-        (m,), (rows, count) and (rows.SIZE,), read.
     b
         Rows of vectors: the motion's series and the columns' starts are read, their ends written.
     unit, order
         Length [s] and order of the series.
-    i, count
-        The lanes: count from i on.
     """
     prefer_widest_vectors()
     zero, width = everywhere(0.0), int(model[WIDTH])
@@ -252,16 +237,12 @@ def _write_signal(lanes, b, cause, unit, order, i, count):
 
     Parameters
     ----------
-    lanes
-        (rows, count) read.
     b
         Rows of vectors: the motion's series are read.
     cause
         Row of the parameter.
     unit, order
         Length [s] and order of the series.
-    i, count
-        The lanes: count from i on.
 
     Returns
     -------
@@ -338,8 +319,6 @@ def _deviate(b, c, row, target, unit, order, has_springs, is_driven):
     ----------
     b
         Rows of vectors: coefficients, slopes, signal, column and drive are read.
-    c
-        (rows.SIZE,) read: 1 / n.
     row, target
         Of the column's start and of its end: there are the drive's factors, and a held
         acceleration.

@@ -94,7 +94,7 @@ def _move_along_line(model, lanes, first, last):
 
 @inlined_kernel
 def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i):
-    """Do so in lane i.
+    """Advance lane i under the held force and jets that are linear in time.
 
     Parameters
     ----------
@@ -110,8 +110,6 @@ def _step_along_line(generator, cubic, stiffnesses, push, times, lanes, jets, i)
         (rows, lanes) float64; the state is written.
     jets
         Row of the first jet.
-    i
-        The lane.
     """
     (k0, middle, scale), (h, by_h, square), (push, part) = stiffnesses, times, push
     k2 = stiffness(k0, lanes[at.STRETCH, i])
@@ -190,16 +188,8 @@ def _shift(model, lanes, j, is_end, first, last):
 
     Parameters
     ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read, and the state written.
-    j
-        Number of the harmonic.
     is_end
         Whether the motion at the interval's end is put on, or that at its start taken off.
-    first, last
-        The lanes first .. last - 1.
     """
     prefer_widest_vectors()
     h, generator, k0 = model[at.SAMPLE_INTERVAL], _generator(model), model[K0]

@@ -130,8 +130,6 @@ def _push_score_and_show(task, model, lanes, frames, actions, rewards, first, la
 
     Parameters
     ----------
-    task, model
-        (t,) and (m,), read.
     lanes
         (rows, count) read and written: state and force [N].
     frames
@@ -140,8 +138,6 @@ def _push_score_and_show(task, model, lanes, frames, actions, rewards, first, la
         (count,) read, in [-1, 1] or beyond.
     rewards
         (count,) float64, written.
-    first, last
-        The lanes first .. last - 1.
     """
     prefer_widest_vectors()
     limit, weight, weights = task[at.FORCE_LIMIT], task[at.WEIGHT_EFFORT], state_weights(task)

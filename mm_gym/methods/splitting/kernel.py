@@ -9,6 +9,9 @@ that does not happen the Taylor series takes over.
 
 Lanes are taken LANES at a time, without branches. A lane's result follows from its own numbers.
 Constants of the plant are numbers where all lanes share them, and vectors where they are drawn.
+
+Arguments of several kernels: `last`, the last column; `turn`, what `_turn` returns; `b` (of.ROWS,
+LANES), the columns' states, what is drawn, what excites.
 """
 
 from __future__ import annotations
@@ -54,16 +57,10 @@ def _advance(model, lanes, b, columns, first, last):
 
     Parameters
     ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read, and the state written.
     b
         (of.ROWS, LANES) written: the columns' states, and the constants of drawn plants.
     columns
         How many there are.
-    first, last
-        The lanes first .. last - 1.
 
     Returns
     -------
@@ -95,7 +92,7 @@ def _advance(model, lanes, b, columns, first, last):
 
 @borrowing_kernel
 def _advance_by_one(model, lanes, b, first, last):
-    """Do the same with one column."""
+    """Advance lanes by one column, while it does; return as `_advance`."""
     prefer_widest_vectors()
     stay_apart()
     furthest = model[of.FURTHEST]
@@ -118,16 +115,10 @@ def _finish(model, lanes, b, done, i, count):
 
     Parameters
     ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read, and the state written.
     b
         (of.ROWS, LANES) read and written: the columns' states, what is drawn, what excites.
     done
         How many columns are in b already.
-    i, count
-        The first lane, and how many, at most LANES.
     """
     prefer_widest_vectors()
     stay_apart()
@@ -239,16 +230,10 @@ def _is_within(model, slot, b, last, turn, size, speed):
 
     Parameters
     ----------
-    model
-        (m,) read.
     slot
         Slot of the weights.
     b
         (of.ROWS, LANES) read: the columns' states.
-    last
-        The last column.
-    turn
-        As `_turn` returns it.
     size, speed
         The largest position [m] and velocity [m/s] at the start and at the end.
     """
@@ -266,14 +251,8 @@ def _is_little_pushed(model, last, push, turn, size):
 
     Parameters
     ----------
-    model
-        (m,) read.
-    last
-        The last column.
     push
         Acceleration by the force, at its strongest [m/s^2].
-    turn
-        As `_turn` returns it.
     size
         The largest position at the start and at the end [m].
     """
@@ -294,8 +273,6 @@ def _strongest(model, b, push):
 
     Parameters
     ----------
-    model, b
-        As for `_finish`; read.
     push
         Accelerations by the held force, added up [m/s^2].
     """
@@ -314,8 +291,6 @@ def _is_short_way(model, push, size, x1, y1):
 
     Parameters
     ----------
-    model
-        (m,) read.
     push
         Acceleration by the force [m/s^2].
     size

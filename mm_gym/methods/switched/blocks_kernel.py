@@ -149,8 +149,6 @@ def _take_piece(model, waiting, b, kind, first):
 
     Parameters
     ----------
-    model
-        (m,) read.
     waiting
         (_ROWS, n) read: the lanes of a list.
     b
@@ -216,8 +214,6 @@ def _expand(model, k, b, z, degree):
         (_SIZE, LANES) written: both series.
     z
         Six vectors: x1, x2 - x1 [m], v1, w [m/s], direction of slip, force held [N].
-    degree
-        Of the series.
     """
     ratio, v_before, w_before = model[k + slots.RATIO], z[2], z[3]
     outer = fma(model[k], z[0], fma(model[k + 1], z[2], -model[k + 2] * z[5]))
@@ -307,8 +303,6 @@ def _evaluate(model, k, b, z, t, degree):
 
     Parameters
     ----------
-    model, k, z, degree
-        As for `_expand`; read.
     b
         (_SIZE, LANES) read: the series.
     t

@@ -197,14 +197,8 @@ def _add_harmonic(model, lanes, scratch, j, first, count):
 
     Parameters
     ----------
-    model, lanes
-        (m,) and (rows, count), read.
     scratch
         (_SCRATCH_ROWS,) read and written: rows from _ADDED on, of `count` lanes.
-    j
-        Number of the harmonic.
-    first, count
-        The lanes: count from first on.
     """
     vr, stick, slip = model[slots.VR], int(model[slots.STICK]), int(model[slots.SLIP])
     harmonic, own = at.HARMONICS + at.HARMONIC_ROWS * j, slots.HARMONICS + slots.HARMONIC_SIZE * j
@@ -256,8 +250,6 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
         (m,) read: the levels of both regimes.
     lanes
         (rows, count) read and written: the state, force and harmonics of lane i.
-    i
-        The lane.
     z
         (7 + 2 harmonics,) written: room for the inputs, see `_load_inputs`.
     p
@@ -268,11 +260,6 @@ def _propagate_by_intervals(model, lanes, i, z, p, c, part):
         Length [s] of a part of a sample interval, or None for a whole one. For that this is
         compiled without the parts' second call of `walk`, which would keep the compiler from
         inlining the first.
-
-    Returns
-    -------
-    int
-        Status.
     """
     last_level, size, degree = (
         int(model[slots.LAST_LEVEL]),

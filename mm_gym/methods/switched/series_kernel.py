@@ -93,8 +93,6 @@ def _expand(model, c, p, z, regime, duration, degree):
     ----------
     c
         (SERIES,) written, but for the series of force [N] and ground acceleration [m/s^2], read.
-    model, p, z, regime, duration, degree
-        As for `walk`; read.
     """
     by_m1, by_m2, k1, d, k2 = 1.0 / p[_M1], 1.0 / p[_M2], p[_K1], p[_D], p[_K2]
     damping, friction = interface_line(regime, p[_STICK], p[_CHI], p[_INTERCEPT])

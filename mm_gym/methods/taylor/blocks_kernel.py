@@ -63,16 +63,10 @@ def _propagate(model, lanes, c, b, first, last):
 
     Parameters
     ----------
-    model
-        (m,) read.
-    lanes
-        (rows, count) read, and the state written.
     c
         (rows.SIZE,) read: 1 / n; the coefficients of one lane are written.
     b
         (END * LANES,) written: room for LANES slots.
-    first, last
-        The lanes first .. last - 1.
     """
     most, status, waiting, busy = int(model[rows.ORDER]), at.OK, first, 0
     for i in range(LANES):
@@ -97,8 +91,6 @@ def _occupy(model, lanes, c, b, i, lane, last):
 
     Parameters
     ----------
-    model, lanes
-        (m,) and (rows, count), read.
     c
         (rows.SIZE,) written: the coefficients of the lane.
     b

@@ -197,8 +197,6 @@ def _accelerate(c, n, step, plant, inner, outer, velocities, friction):
     ----------
     c
         (rows.SIZE,) read: the series of force and ground acceleration; written: those of v1, v2, w.
-    n
-        Order of the terms given.
     step
         Unit of time over n + 1 [s].
     plant

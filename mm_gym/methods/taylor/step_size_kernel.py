@@ -82,14 +82,10 @@ def _step_of_one(c, reciprocals, row, other, log, order):
     ----------
     c
         (rows.SIZE,) or rows of vectors, read: the series.
-    reciprocals
-        (rows.SIZE,) read: 1 / n.
     row, other
         Rows of this velocity and of the other [m/s].
     log
         Logarithm of the tolerance.
-    order
-        Of the series.
     """
     lead0 = log + _lead(c, row, other)
     lead1, lead2 = log + _lead(c, row + 1, other + 1), log + _lead(c, row + 2, other + 2)
@@ -115,8 +111,6 @@ def _allowed(reciprocals, term, lead0, lead1, lead2, n):
 
     Parameters
     ----------
-    reciprocals
-        (rows.SIZE,) read: 1 / n.
     term
         Logarithm of the term.
     lead0, lead1, lead2

@@ -1,4 +1,8 @@
-"""Energy rates of a piecewise linear plant, integrated exactly: (11) of docs/model.md."""
+"""Energy rates of a piecewise linear plant, integrated exactly: (11) of docs/model.md.
+
+Arguments of several kernels are those of `step_integrals`, and of the functions that
+`piecewise_linear_kernel` has.
+"""
 
 from __future__ import annotations
 
@@ -87,8 +91,6 @@ def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
 
     Parameters
     ----------
-    p, model, duration
-        As for `step_integrals`; read.
     k2
         Stiffness of the springs [N/m].
     in_slip
@@ -120,8 +122,6 @@ def _weigh(p, harmonics, ground, terms, in_slip, weights):
 
     Parameters
     ----------
-    p, harmonics, ground, terms, in_slip
-        As for `piecewise_linear_kernel.generator`; read.
     weights
         (2, n, n) written, zeroed before.
     """
@@ -167,8 +167,6 @@ def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
 
     Parameters
     ----------
-    p, k2, model, duration
-        As for `_prepare`; read.
     levels, forms, rows
         (2, depth + 1, n, n), (2, 2, depth + 1, n, n) and (2, 2, n), read: of stick, then slip.
     z
@@ -177,11 +175,6 @@ def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
         (n,) written: scratch.
     work
         (2,) written [J].
-
-    Returns
-    -------
-    int
-        Status.
     """
     harmonics, ground, terms = (
         int(model[at.HARMONIC_COUNT]),

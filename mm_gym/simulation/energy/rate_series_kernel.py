@@ -86,11 +86,6 @@ def _walk(model, lane, c, z, duration, work):
         Of the step [s].
     work
         (2,) written [J].
-
-    Returns
-    -------
-    int
-        Status.
     """
     vr = threshold(lane[at.VR, 0])
     regime = sign_of(vr, z[3])
