@@ -129,37 +129,28 @@ def _constant(context, _builder, _kind, _interface):
     return context.get_dummy_value()
 
 
-def force_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
-    """Return the force [N] of an interface on the carriage."""
-    return interface.force(p, offset, slip, own)
+def _kernel_of(answer: Callable[[Interface], Callable[..., Any]]) -> Callable[..., Any]:
+    """Return a function (interface, p, offset, slip, own) that calls a kernel of an interface."""
+
+    def ask(interface, p, offset, slip, own):
+        return answer(interface)(p, offset, slip, own)
+
+    @overload(ask)
+    def _(interface, p, offset, slip, own):
+        function = answer(_known[interface.name])
+        return lambda interface, p, offset, slip, own: function(p, offset, slip, own)
+
+    return ask
 
 
-@overload(force_of)
-def _force_of(interface, p, offset, slip, own):
-    force = _known[interface.name].force
-    return lambda interface, p, offset, slip, own: force(p, offset, slip, own)
+force_of = _kernel_of(lambda interface: interface.force)
+"""Return the force [N] of an interface on the carriage."""
 
+rate_of = _kernel_of(lambda interface: interface.rate or zero)
+"""Return the rate [1/s] of the own state, 0 without one."""
 
-def rate_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
-    """Return the rate [1/s] of the own state, 0 without one."""
-    return (interface.rate or zero)(p, offset, slip, own)
-
-
-@overload(rate_of)
-def _rate_of(interface, p, offset, slip, own):
-    rate = _known[interface.name].rate or zero
-    return lambda interface, p, offset, slip, own: rate(p, offset, slip, own)
-
-
-def springs_of(interface: Interface, p: Any, offset: Any, slip: Any, own: Any) -> Any:  # noqa: ANN401
-    """Return the share of springs in that force [N]."""
-    return interface.springs(p, offset, slip, own)
-
-
-@overload(springs_of)
-def _springs_of(interface, p, offset, slip, own):
-    springs = _known[interface.name].springs
-    return lambda interface, p, offset, slip, own: springs(p, offset, slip, own)
+springs_of = _kernel_of(lambda interface: interface.springs)
+"""Return the share of springs in that force [N]."""
 
 
 def resolves(interface: Interface, p: Any, before: Any, after: Any, way: float) -> Any:  # noqa: ANN401

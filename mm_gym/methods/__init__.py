@@ -11,13 +11,11 @@ from mm_gym.methods.base import Method as Method
 from mm_gym.methods.base import Settings as Settings
 from mm_gym.methods.cayley_hamilton.method import CayleyHamilton
 from mm_gym.methods.fixed_step.method import RK4, SemiImplicitEuler
-from mm_gym.methods.linear.massless import Massless
-from mm_gym.methods.linear.method import Linear
+from mm_gym.methods.linear.method import Linear, Massless
 from mm_gym.methods.linear_series.method import ExponentialAction, TruncatedSeries
 from mm_gym.methods.runge_kutta.method import RungeKutta
 from mm_gym.methods.splitting.method import Splitting
-from mm_gym.methods.switched.method import Switched
-from mm_gym.methods.switched.series_method import SwitchedSeries
+from mm_gym.methods.switched.method import Switched, SwitchedSeries
 from mm_gym.methods.taylor.method import Taylor
 
 METHODS: tuple[Method, ...] = (

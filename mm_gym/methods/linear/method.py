@@ -1,4 +1,4 @@
-"""Transition matrix of the linear plant."""
+"""Transition matrix of the linear plant, and of that whose carriage has no mass."""
 
 from __future__ import annotations
 
@@ -10,9 +10,18 @@ from mm_gym.excitation.kinds import IMPULSES
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
-from mm_gym.methods.support import LINEAR
-from mm_gym.state_space.coefficients import linear_system
-from mm_gym.state_space.transition import halved_transitions, harmonic, jet, response, transition
+from mm_gym.methods.support import LINEAR, MASSLESS
+from mm_gym.state_space.coefficients import linear_system, values_of
+from mm_gym.state_space.transition import (
+    halved_massless_transitions,
+    halved_transitions,
+    harmonic,
+    jet,
+    massless_response,
+    massless_transition,
+    response,
+    transition,
+)
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
@@ -24,7 +33,7 @@ if TYPE_CHECKING:
     from mm_gym.state_space.transition import Exosystem
 
 
-def linear_model(
+def _linear_model(
     support: Support,
     transition: NDArray[np.float64],
     respond: Callable[[Exosystem, bool], NDArray[np.float64]],
@@ -64,7 +73,7 @@ class Linear(ExactMethod):
         """Return the transition matrix and the responses to all excitation."""
         system, time = linear_system(support.low), support.sample_interval
         with refuse_overflow(support):
-            return linear_model(
+            return _linear_model(
                 support,
                 transition(system, time, is_between=support.is_between),
                 lambda source, ground: response(system, source, ground=ground, time=time),
@@ -74,3 +83,32 @@ class Linear(ExactMethod):
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the number of products."""
         return f"{20 + 8 * int(model[at.HARMONIC_COUNT] + model[at.TERMS])} products"
+
+
+class Massless(Linear):
+    """Transition matrix of the three states x1, x2, v2: v1 balances the forces on the carriage."""
+
+    title = "the transition matrix of three states"
+    how = "transition matrix of the three states x1, x2, v2; v1 balances the forces on the carriage"
+    kinds = (MASSLESS,)
+
+    def limit(self, support: Support) -> str | None:
+        """Return what the method needs and the scene does not have, or None."""
+        if support.slips or support.is_nonlinear:
+            return "needs a viscous interface, or none, and linear springs"
+        if support.varying:
+            return "needs parameters, stretch and frequencies that have one value each"
+        if not support.low[at.C] + support.low[at.D] > 0.0:
+            return "needs interface.damping + carriage.damping > 0, or nothing resists its motion"
+        return None
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the transition matrix and the responses to all excitation."""
+        values, time = values_of(support.low), support.sample_interval
+        with refuse_overflow(support):
+            return _linear_model(
+                support,
+                massless_transition(values, time, is_between=support.is_between),
+                lambda source, ground: massless_response(values, source, ground=ground, time=time),
+                lambda levels: halved_massless_transitions(values, time, levels),
+            )

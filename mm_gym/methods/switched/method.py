@@ -1,4 +1,4 @@
-"""Transition matrices for stick and slip: dry friction with every crossing found to round-off."""
+"""Dry friction, every crossing found to round-off: transition matrices or series of each regime."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from mm_gym.errors import CompileError
 from mm_gym.lanes import layout as at
 from mm_gym.law import dry_friction
 from mm_gym.methods.base import ROUND_OFF, ExactMethod, Settings, degree, header, refuse_overflow
-from mm_gym.methods.support import SWITCHED_LINEAR, fastest_oscillation, fastest_rate
-from mm_gym.methods.switched import kernel
+from mm_gym.methods.support import (
+    PARAMETRIC_SWITCHED_LINEAR,
+    SWITCHED_LINEAR,
+    fastest_oscillation,
+    fastest_rate,
+)
+from mm_gym.methods.switched import kernel, series_kernel
 from mm_gym.methods.switched import layout as switched
 from mm_gym.state_space.coefficients import values_of
 from mm_gym.state_space.equations import slip_space
@@ -32,6 +37,9 @@ harmonic follow."""
 LONGEST_SERIES = 2.0
 """Longest interval of the last level, in units of the shortest time constant: its Taylor series
 loses no digits."""
+
+LONGEST_INTERVAL = 10_000.0
+"""Longest sample interval, in units of the shortest time constant: some 0.01 s of work."""
 
 LONGEST_OSCILLATION = 2.0**12
 """Longest sample interval, in units of 1 / the fastest undamped or excited frequency: each unit
@@ -80,11 +88,11 @@ class Switched(ExactMethod):
                 plain(dry_friction.kinetic_force)(mu2, normal), chi, vr
             )
         phase = fastest_rate(support) * support.sample_interval
-        refuse_long_interval(
+        _refuse_long_interval(
             support, phase, LONGEST_DECAY, "the shortest time constant of the friction"
         )
         oscillation = max(fastest_oscillation(support), support.frequencies.max(initial=0.0))
-        refuse_long_interval(
+        _refuse_long_interval(
             support,
             oscillation * support.sample_interval,
             LONGEST_OSCILLATION,
@@ -118,7 +126,36 @@ class Switched(ExactMethod):
         return f"7 products with {inputs} inputs; a series of degree {terms} per change of regime"
 
 
-def refuse_long_interval(support: Support, phase: float, longest: float, unit: str) -> None:
+class SwitchedSeries(ExactMethod):
+    """A Taylor series for each regime, on which crossings of the reference velocity are found."""
+
+    name = "switched"
+    title = "a series for stick and slip"
+    how = (
+        "a Taylor series, cut off below round-off, for each regime; "
+        "crossings of the reference velocity found on it"
+    )
+    kinds = (PARAMETRIC_SWITCHED_LINEAR, SWITCHED_LINEAR)
+    entries = build(series_kernel.propagate, stops_at_corners=True)
+    held = "a held force and stretch, every crossing found"
+
+    def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
+        """Return the degree of the series."""
+        phase = fastest_rate(support) * support.sample_interval
+        _refuse_long_interval(
+            support, phase, LONGEST_INTERVAL, "the shortest time constant that the scene can have"
+        )
+        model = header(support, 1)
+        model[series_kernel.DEGREE] = degree(LONGEST_SERIES)
+        return model
+
+    def cost(self, model: NDArray[np.float64]) -> str:
+        """Return the work of a time constant, and of a change of regime."""
+        degree = int(model[series_kernel.DEGREE])
+        return f"a series of degree {degree} per time constant and change of regime"
+
+
+def _refuse_long_interval(support: Support, phase: float, longest: float, unit: str) -> None:
     """Raise `CompileError` if a sample interval would take more than some 0.1 s of work."""
     if not phase <= longest:
         msg = (
