@@ -93,7 +93,7 @@ def test_auto_takes_it_above_the_default_tolerance_only() -> None:
     [
         ({"randomization": {"sphere.mass": (0.03, 0.05)}}, "sphere.mass is randomised"),
         ({"control.time_step": 0.1}, "fastest rate times sample interval is"),
-        ({"solver.tolerance": 0.5 * TIGHTEST}, "solver.tolerance is below 1e-12"),
+        ({"solver.tolerance": 0.5 * TIGHTEST}, "solver.tolerance is 1e-09 or less"),
         (
             {"excitation": [{"kind": "noise", "rms": 1.0, "high_frequency": 60.0}]},
             "it takes only impulses and one",
