@@ -1,6 +1,9 @@
 """Do the programs of docs/structures.md run, and print what the page shows?"""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +12,9 @@ import pytest
 from mm_gym import load_scene
 from mm_gym.structure import EXAMPLES
 
-PAGE = (Path(__file__).parents[2] / "docs" / "structures.md").read_text("utf-8")
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "structures.md").read_text("utf-8")
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 SHOWN = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
 
@@ -45,6 +50,35 @@ def test_errors_under_control_are_those_of_the_page(capsys):
     pytest.importorskip("control")
     exec(compile(PROGRAMS[2], "docs/structures.md, program 3", "exec"), {})  # noqa: S102
     assert capsys.readouterr().out == SHOWN[2]
+
+
+@pytest.mark.slow
+def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, tmp_path, capsys):
+    for name in ("matplotlib", "cma"):
+        pytest.importorskip(name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "RSN953.AT2").write_text(record())
+    (tmp_path / "frame.py").write_text(PROGRAMS[3])
+    exec(compile(PROGRAMS[3], "frame.py", "exec"), {})  # noqa: S102
+    assert [len(load_scene(f"{name}.toml").excitation) for name in ("train", "quake")] == [1, 2]
+    commands = re.findall(r"^    python -m (agents\..*)$", PAGE, re.MULTILINE)
+    shorter = {"agents.evolve": "--generations 1 --threads 1", "agents.evaluate": "--episodes 2"}
+    for command in commands:
+        # All baselines take minutes to tune.
+        words = command.replace("baselines", "no-control").split()
+        words += shorter.pop(words[0]).split()
+        subprocess.run([sys.executable, "-m", *words], check=True, cwd=tmp_path, env=ENVIRONMENT)
+    assert not shorter
+    assert (tmp_path / "comparison" / "costs.png").stat().st_size > 10_000
+    exec(compile(PROGRAMS[4], "docs/structures.md, program 5", "exec"), {})  # noqa: S102
+    told = capsys.readouterr().out
+    assert [line[:13].strip() for line in told.splitlines()] == [
+        "tuned damper",
+        "semi-active",
+        "learned",
+    ]
+    assert (tmp_path / "comparison.png").stat().st_size > 10_000
 
 
 def test_page_lists_every_example():
