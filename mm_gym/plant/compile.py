@@ -35,6 +35,8 @@ def compile_scene(scene: Scene) -> Plant:
     CompileError
         If no plant covers the scene within its bound, or the method asked for does not apply to it.
         The message lists every finding.
+    SceneError
+        If a record cannot be read: the field, the file, and its line and column.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a rate that overflows is refused later
         return _compiled(scene)

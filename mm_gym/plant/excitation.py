@@ -425,3 +425,32 @@ KINDS: dict[str, Kind[Any]] = {
     ),
 }
 """Kind of excitation, by the name that a scene gives it -> how it is compiled."""
+
+
+def samples_of(name: str, part: Any) -> tuple[Any, Array, float]:  # noqa: ANN401 - of any kind
+    """Return a part whose pattern of files is replaced by what it found, and its samples.
+
+    Parameters
+    ----------
+    name
+        Its dotted name, such as "excitation.0".
+    part
+        The part.
+
+    Returns
+    -------
+    The part, and what `Kind.samples` returned.
+
+    Raises
+    ------
+    SceneError
+        If a record cannot be read: the field, the file, and its line and column.
+    """
+    field = "file" if getattr(part, "files", None) is None else "files"
+    try:
+        if isinstance(part, Recorded) and part.files is not None:
+            part = part.model_copy(update={"files": part.paths})
+        return part, *KINDS[part.kind].samples(part)
+    except SceneError as error:
+        msg = f"{name}.{field}: {error}"
+        raise SceneError(msg) from error

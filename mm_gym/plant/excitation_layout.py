@@ -13,7 +13,7 @@ from mm_gym.errors import CompileError
 from mm_gym.excitation import interpolation
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout as at
-from mm_gym.plant.excitation import HARMONIC, KINDS, NUMBER, Placed, motions_of
+from mm_gym.plant.excitation import HARMONIC, KINDS, NUMBER, Placed, motions_of, samples_of
 from mm_gym.scene.excitation import Recorded, Sampled
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
     Raises
     ------
     SceneError
-        If a record cannot be read.
+        If a record cannot be read; the message names its field.
     CompileError
         If a control step has too many sample intervals.
     """
@@ -146,11 +146,9 @@ def _parts(scene: Scene) -> list[Placed[Any]]:
     data = kernels.FIRST + kernels.SIZE * sum(kind.code != HARMONIC for kind in kinds)
     parts: list[Placed[Any]] = []
     for k, kind in enumerate(kinds):
-        part = scene.excitation[k]
-        if isinstance(part, Recorded) and part.files is not None:  # a pattern is looked for once
-            part = part.model_copy(update={"files": part.paths})
-        samples, step = kind.samples(part)
-        name, values = f"excitation.{k}", _values(scene, k, part)
+        name = f"excitation.{k}"
+        part, samples, step = samples_of(name, scene.excitation[k])
+        values = _values(scene, k, part)
         parts.append(Placed(kind, part, name, 0, values, samples, step, data))
         data += samples.size
     return parts

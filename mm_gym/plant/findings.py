@@ -11,7 +11,7 @@ from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout as at
 from mm_gym.law.hardening_springs import CUBIC
 from mm_gym.methods.support import MASSLESS
-from mm_gym.plant.excitation import KINDS
+from mm_gym.plant.excitation import samples_of
 from mm_gym.plant.idle_friction import without_idle_friction
 from mm_gym.plant.method_choice import choose
 from mm_gym.plant.support_of import support_of
@@ -64,10 +64,9 @@ def _record_findings(scene: Scene, wrong: frozenset[str]) -> Iterator[str]:
     for k, part in enumerate(scene.excitation):
         if is_whole([f"excitation.{k}"], wrong):
             try:
-                KINDS[part.kind].samples(part)
+                samples_of(f"excitation.{k}", part)
             except SceneError as error:
-                field = "files" if part.kind == "record" and part.files is not None else "file"
-                yield f"excitation.{k}.{field}: {error}"
+                yield str(error)
 
 
 def scene_findings(scene: Scene, wrong: frozenset[str] = frozenset()) -> Iterator[str]:

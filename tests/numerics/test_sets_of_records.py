@@ -271,10 +271,17 @@ def test_files_that_do_not_fit_are_refused(folder):
         scene = scene_of(folder, files=files, scale_to={"peak": 1.0})
         with pytest.raises(SceneError) as caught:
             compile_scene(scene)
-        assert words in str(caught.value)
         (finding,) = compile_findings(scene)
+        assert str(caught.value) == finding
         assert finding.startswith("excitation.0.files: ")
         assert words in finding
+
+
+def test_file_that_does_not_fit_is_refused_with_its_field(folder):
+    (folder / "bad.csv").write_text("0,1\n1,x\n")
+    scene = scene_of(folder, files=None, file=str(folder / "bad.csv"))
+    with pytest.raises(SceneError, match=r"^excitation\.0\.file: .*bad\.csv:2: column 2: got 'x'"):
+        compile_scene(scene)
 
 
 def test_time_scale_of_a_spectral_acceleration_is_not_drawn(folder):
