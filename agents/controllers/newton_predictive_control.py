@@ -89,6 +89,8 @@ class NewtonPredictiveControl:
         self.forecast.begin(lanes)
         self._prepare(lanes)
         self.plan: Values = np.zeros((self.steps.horizon, len(self.problem.actuators), lanes))
+        # The interface's own state, which nothing shows, is what the model makes of it.
+        self.own: Values = np.zeros((len(self.problem.support.own_rows), lanes))
         self.noise = np.random.default_rng(SEED)
 
     def _prepare(self, lanes: int) -> None:
@@ -102,6 +104,7 @@ class NewtonPredictiveControl:
         steps, problem, count = self.steps, self.problem, len(state)
         values = problem.start[0]
         values[:4] = state.T
+        values[self.problem.support.own_rows] = self.own
         for actuator, has in zip(problem.actuators, applied.T, strict=True):
             values[actuator.row] = values[actuator.asked_row] = has
         problem.pushes = self.forecast.ahead(state, applied, steps.horizon)
@@ -113,6 +116,7 @@ class NewtonPredictiveControl:
         found = problem.improve(episodes, together, steps.rounds, steps.stiffness)
         best = found.cost.reshape(len(plans), count).argmin(axis=0) * count + np.arange(count)
         self.plan = np.concatenate([found.controls[1:, :, best], np.zeros_like(self.plan[:1])])
+        self.own = found.states[1, 4 : found.motion.shape[1], best].T
         return found.actions[0][:, best].T
 
     def _drawn(self, plans: int) -> Values:

@@ -49,11 +49,12 @@ class Trajectory(NamedTuple):
     Attributes
     ----------
     motion
-        (steps, 4, 4 + k, lanes): derivatives of x1, x2, v1, v2 after a step.
+        (steps, s, s + k, lanes): derivatives of the motion after a step.
     states
-        (steps + 1, 4 + k, lanes): x1, x2 [m], v1, v2 [m/s] and what is applied [N, -].
+        (steps + 1, s + k, lanes): x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of
+        its own, and what is applied [N, -].
     reactions
-        (steps, m, 1 + 4 + k, lanes): what is squared besides after a step, and its derivatives with
+        (steps, m, 1 + s + k, lanes): what is squared besides after a step, and its derivatives with
         respect to the state then. It is what the objective weighs of what follows from the motion
         (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is
         0 where there is neither.
@@ -121,7 +122,8 @@ class Trajectories:
             self.support, model, values = expected(plant.support, plant.model, start["values"])
             self.start, self.constants = (values, start["streams"]), (model, plant.task)
         self.count, self.steps = start["values"].shape[1], ahead or scene.control.steps
-        self.actuators = self._lanes(np.zeros(1, np.intp)).actuators
+        first = self._lanes(np.zeros(1, np.intp))
+        self.actuators, self._motion = first.actuators, len(first.state_rows)
         for actuator in self.actuators:
             _require_plannable(actuator, objective.effort_weight)
         low, high, rate, share = np.array(
@@ -145,13 +147,13 @@ class Trajectories:
         )
         self.effort = objective.effort_weight
         self.pushes: Array | None = None
-        self._differences = difference_steps(scene, self.actuators)
+        self._differences = difference_steps(scene, first)
 
     def controls_of(self, applied: Array) -> Array:
         """Return the controls (steps, k, episodes) by which (steps, episodes, k) was applied."""
         values = np.moveaxis(applied, 1, 2)
         kept, step = self._limits[2:, :, None]
-        first = self._lanes(np.arange(self.count)).state[None, 4:]
+        first = self._lanes(np.arange(self.count)).state[None, self._motion :]
         before = np.concatenate([first, values[:-1]])
         return np.clip((values - kept * before - self._at_rest[:, None]) / step, -1.0, 1.0)
 
@@ -168,10 +170,10 @@ class Trajectories:
         are from it.
         """
         lanes, count, columns = self._lanes(episodes), len(episodes), len(self.actuators)
-        n = 4 + columns
+        s, n = self._motion, self._motion + columns
         squared = 2 * self.plant.scores_reactions + len(self.ends)
         found = Trajectory(
-            np.empty((self.steps, 4, n, count)),
+            np.empty((self.steps, s, n, count)),
             np.empty((self.steps + 1, n, count)),
             np.empty((self.steps, squared, 1 + n, count)),
             np.empty((self.steps, columns, count)),
@@ -183,8 +185,8 @@ class Trajectories:
             u = controls[k]
             if around is not None and gain is not None:
                 u = u + np.einsum("kil,il->kl", gain[k], state - around.states[k])
-            u = found.controls[k] = self._bounded(u, state[4:])
-            found.actions[k] = self._action(u, state[4:])
+            u = found.controls[k] = self._bounded(u, state[s:])
+            found.actions[k] = self._action(u, state[s:])
             found.motion[k] = lanes.step(found.actions[k])[1][:, :n]
             if self.pushes is not None:
                 lanes.lanes[:4] += self.pushes[k][:, episodes]
@@ -227,7 +229,7 @@ class Trajectories:
         def squared(lanes: Array) -> Array:
             return self.plant.scored_reactions(lanes, self.constants[0])
 
-        rows = [*range(4), *(actuator.row for actuator in self.actuators)]
+        rows = [*self.support.state_rows, *(actuator.row for actuator in self.actuators)]
         slopes = central_differences(squared, lanes, rows, self._differences)
         return np.concatenate([squared(lanes)[:, None], slopes], axis=1)
 
@@ -287,15 +289,16 @@ def _require_plannable(actuator: Actuator, effort: float) -> None:
         raise DesignError(msg)
 
 
-def difference_steps(scene: Scene, actuators: Sequence[Actuator]) -> Array:
-    """Return by how much x1, x2 [m], v1, v2 [m/s] and actuators [N, -] change in a difference.
+def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:
+    """Return by how much the state of lanes changes in a difference: x1, x2 [m], v1, v2 [m/s], ...
 
     It is the root of third order of a double's round-off, over the size of what is changed: so
     error and round-off of a smooth function are some 1e-10 of it.
     """
     scales = scene.objective
     sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
-    sizes += [0.5 * (actuator.high - actuator.low) for actuator in actuators]
+    sizes += [1.0] * (len(lanes.state_rows) - len(sizes))
+    sizes += [0.5 * (actuator.high - actuator.low) for actuator in lanes.actuators]
     return np.cbrt(np.finfo(float).eps) * np.array(sizes)
 
 

@@ -63,13 +63,15 @@ class Episodes:
         self.env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled", info="none")
         self._begin(range(lanes))
         self.shown = _shown(self.env, self.physics)
-        size = len(self.physics.actuators)
+        size, self.motion = len(self.physics.actuators), len(self.physics.state_rows)
         own, reacts = scene.own_reward is not None, self.env.plant.scores_reactions
         self.slopes = _Slopes(self.env, self.physics) if own or reacts else None
         weight_of = motion_weight if reacts else state_weight
-        self.weight = np.zeros((4, 4)) if own else weight_of(scene)
+        self.weight = np.zeros((self.motion, self.motion))
+        if not own:
+            self.weight[:4, :4] = weight_of(scene)
         self.effort = 0.0 if own else objective.effort_weight
-        self.states: Values = np.empty((self.steps, 4, lanes))
+        self.states: Values = np.empty((self.steps, self.motion, lanes))
         self.actions: Values = np.empty((self.steps, size, lanes))
         self.free = np.empty((self.steps, size, lanes), np.bool_)
 
@@ -93,7 +95,7 @@ class Episodes:
             self.free[step] = np.abs(asked) <= 1.0
             found = self.physics.jacobian(actions)[1]
             self.jacobians.append((found.state, found.action))
-            self.states[step] = found.end[:, :4].T
+            self.states[step] = found.end[:, : self.motion].T
             observation, rewards, *_ = self.env.step(actions.T)
             if self.slopes is not None:
                 self.slopes.add()
@@ -126,11 +128,12 @@ class Episodes:
         state: Values = np.zeros((size, self.lanes))
         frames: Values = np.zeros((history + delay, rows, self.lanes))  # of this step and before
         scale = np.zeros(size)
-        scale[:4] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
+        scale[: self.motion] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
-            state[:4] += part * (self.weight @ self.states[step])
+            state[: self.motion] += part * (self.weight @ self.states[step])
             if self.slopes is not None:
-                state[: 4 + self.actions.shape[1]] += 0.5 * part * self.slopes.found[step]
+                slopes = self.slopes.found[step]
+                state[: len(slopes)] += 0.5 * part * slopes
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
@@ -155,12 +158,13 @@ class _Slopes:
     Attributes
     ----------
     found
-        Of each step, (4 + k, lanes): over x1, x2 [1/m], v1, v2 [s/m] and each actuator [1/N, -].
+        Of each step, (n, lanes): over x1, x2 [1/m], v1, v2 [s/m], z [-] if the interface has a
+        state of its own, and each actuator [1/N, -].
     """
 
     def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
-        self.env, self.rows = env, [*range(4), *(actuator.row for actuator in physics.actuators)]
-        self.steps = difference_steps(env.scene, physics.actuators)
+        self.env, self.rows = env, [*physics.state_rows, *(a.row for a in physics.actuators)]
+        self.steps = difference_steps(env.scene, physics)
         self.found: list[Values] = []
 
     def add(self) -> None:
@@ -187,12 +191,13 @@ def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values:
     """Return the slopes (channels, state) of a frame over the state of the Jacobians."""
     names = [actuator.name for actuator in physics.actuators]
     remembered = sum(actuator.has_memory_of_command for actuator in physics.actuators)
-    slopes = np.zeros((len(env.plant.observed), 4 + len(names) + remembered))
+    motion = len(physics.state_rows)
+    slopes = np.zeros((len(env.plant.observed), motion + len(names) + remembered))
     for row, channel in enumerate(env.plant.observed):
         if channel.name in ROWS:
             slopes[row, :4] = ROWS[channel.name]
         elif APPLIED.get(channel.name) in names:
-            slopes[row, 4 + names.index(APPLIED[channel.name])] = 1.0
+            slopes[row, motion + names.index(APPLIED[channel.name])] = 1.0
         elif channel.name not in (*APPLIED, *FROM_OUTSIDE):
             allowed = ", ".join((*ROWS, *APPLIED, *FROM_OUTSIDE))
             msg = f"sensors.channels: got {channel.name!r}; allowed for gradients: {allowed}"

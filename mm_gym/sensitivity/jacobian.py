@@ -78,6 +78,11 @@ class Sensitivities:
         Dotted name -> row of the parameters whose derivatives are wanted too.
     by_tangents
         Whether tangents do all of it, also where a hand-written kernel is quicker: to compare them.
+
+    Attributes
+    ----------
+    state_rows
+        Rows of a lane that hold the n states of the motion: x1, x2, v1, v2, and z if there is one.
     """
 
     def __init__(
@@ -97,8 +102,8 @@ class Sensitivities:
         causes = self._causes = causes + list(self.parameters.values())
         self._is_constant = not by_tangents and _is_constant(support, self.parameters.values())
         width = 0
-        self._state_rows = support.state_rows
-        states = self._states = len(self._state_rows)
+        self.state_rows = support.state_rows
+        states = self._states = len(self.state_rows)
         if self._is_constant:
             self._models, self._advance, tail = [model], by_transition, 1
         else:
@@ -135,7 +140,7 @@ class Sensitivities:
     @property
     def state(self) -> Array:
         """(n + actuators, count) the n states of the motion, and what is applied [N, -], copied."""
-        return self.lanes[[*self._state_rows, *(a.row for a in self.actuators)]]
+        return self.lanes[[*self.state_rows, *(a.row for a in self.actuators)]]
 
     def step(self, actions: Array) -> tuple[int, Array]:
         """Make a control step.
@@ -209,7 +214,7 @@ class Sensitivities:
         for j, k in enumerate(remembered, n + count):
             state[:n, j], state[n + k, j] = applied[:, k] * chain[k][1], chain[k].applied_by_asked
             state[j, j], action[j, k] = chain[k].asked_by_asked, chain[k].asked_by_action
-        rows = [*self._state_rows, *(a.row for a in self.actuators)]
+        rows = [*self.state_rows, *(a.row for a in self.actuators)]
         rows += [self.actuators[k].asked_row for k in remembered]
         parameters = {
             name: np.vstack([motion[:, n + count + k], np.zeros((size - n, self.count))]).T

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, kernel
-from mm_gym.sensitivity.layout import STATES
 
 ROUND_OFF = 1e-12
 """How close to -1 and 1 a control counts as at its own bound."""
@@ -25,11 +24,11 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
     Parameters
     ----------
     trajectory
-        Four arrays, read: derivatives (steps, 4, 4 + k, lanes) of x1, x2, v1, v2 after a step with
-        respect to them before it, and to what is applied; states (steps + 1, 4 + k, lanes), x1, x2
-        [m], v1, v2 [m/s] and what is applied [N, -]; controls (steps, k, lanes) [-]; what else the
-        cost squares after each step, (steps, m, 1 + 4 + k, lanes): values, and their derivatives
-        with respect to the state then.
+        Four arrays, read: derivatives (steps, s, s + k, lanes) of the motion after a step with
+        respect to that before it, and to what is applied; states (steps + 1, s + k, lanes), x1, x2
+        [m], v1, v2 [m/s], z [-] if the interface has a state of its own, and what is applied [N,
+        -]; controls (steps, k, lanes) [-]; what else the cost squares after each step, (steps, m,
+        1 + s + k, lanes): values, and their derivatives with respect to the state then.
     actuators
         (4, k) read: the least and the most that is applied, kept [-] and step [N, -]. Controls are
         within -1 and 1 besides.
@@ -38,12 +37,12 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
     stiffness
         (lanes,) read: what is added to the curvature over each control (Levenberg).
     change, gain
-        (steps, k, lanes) and (steps, k, 4 + k, lanes), written: changes of the controls, and more
+        (steps, k, lanes) and (steps, k, s + k, lanes), written: changes of the controls, and more
         per change of the states.
     """
     motion, states, controls, squared = trajectory
     k = controls.shape[1]
-    n = STATES + k
+    n = motion.shape[1] + k
     matrices, vectors = np.zeros((4, n, n)), np.zeros((2, n))
     by_control, of_control = np.zeros((2, n, k)), np.zeros((k, 2 * n + k + 4))
     for lane in range(states.shape[2]):
@@ -98,14 +97,15 @@ def _add_squares(p, q, squared, m, lane):
 @borrowing_kernel
 def _linearise(motion, actuators, a, b, m, lane):
     """Write the derivatives a (n, n) and b (n, k) of a step, actuators included."""
+    s = motion.shape[1]
     for j in range(b.shape[1]):
         kept, step = actuators[2, j], actuators[3, j]
-        for row in range(STATES):
-            through = motion[m, row, STATES + j, lane]
-            a[row, STATES + j], b[row, j] = through * kept, through * step
-        a[STATES + j, STATES + j], b[STATES + j, j] = kept, step
-    for row in range(STATES):
-        for column in range(STATES):
+        for row in range(s):
+            through = motion[m, row, s + j, lane]
+            a[row, s + j], b[row, j] = through * kept, through * step
+        a[s + j, s + j], b[s + j, j] = kept, step
+    for row in range(s):
+        for column in range(s):
             a[row, column] = motion[m, row, column, lane]
 
 
@@ -156,7 +156,7 @@ def _bound(actuators, states, controls, bounds, m, j, lane):
     low, high, kept, step = actuators[0, j], actuators[1, j], actuators[2, j], actuators[3, j]
     least, most = -1.0, 1.0
     if kept > 0.0:
-        present = kept * states[m, STATES + j, lane]
+        present = kept * states[m, states.shape[1] - controls.shape[1] + j, lane]
         least, most = max(least, (low - present) / step), min(most, (high - present) / step)
     u = controls[m, j, lane]
     bounds[0], bounds[1] = min(least - u, 0.0), max(most - u, 0.0)
@@ -221,7 +221,7 @@ def _hold_limits(actuators, controls, of_control, n, m, lane):
         change = row[n + k + 3]
         at_bound = change == row[n + k + 1] or change == row[n + k + 2]
         if kept > 0.0 and at_bound and abs(controls[m, j, lane] + change) < 1.0 - ROUND_OFF:
-            row[n + k + 4 + STATES + j] = -kept / actuators[3, j]
+            row[2 * n + 4 + j] = -kept / actuators[3, j]
 
 
 @borrowing_kernel

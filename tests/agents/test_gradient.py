@@ -17,7 +17,7 @@ from agents.policies import load_policy
 from agents.search.starts import start_of
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
-from mm_gym import DesignError, load_scene
+from mm_gym import DesignError, OwnReward, load_scene, rewarded
 
 TINY = GradientSettings(
     task="mm_gym/Hybrid-v0",
@@ -32,6 +32,18 @@ TINY = GradientSettings(
 STEPS, LANES = 12, 3
 
 SHORT = {"control.steps": STEPS, "sensors.noise": {}}
+HYSTERESIS = {
+    "interface": {
+        "kind": "bouc_wen",
+        "stiffness": 50.0,
+        "yield_displacement": 0.005,
+        "damping": 0.2,
+    },
+    "springs": {"kind": "linear", "stiffness": 20.0},
+    "initial.carriage_velocity": [0.1, 0.5],
+}
+"""Its motion turns back within STEPS nowhere, where the second derivative would jump."""
+
 SCENES = {
     "both actuators, three frames": ("Hybrid", {}),
     "late frames": ("Hybrid", {"sensors.delay": 2}),
@@ -51,7 +63,20 @@ SCENES = {
             "objective.coupling_force_weight": 0.2,
         },
     ),
+    "a state of the interface": ("CarriageForce", HYSTERESIS),
+    "a state of the interface, accelerations": (
+        "CarriageForce",
+        HYSTERESIS
+        | {"objective.sphere_acceleration_weight": 0.5, "objective.coupling_force_weight": 0.2},
+    ),
+    "an own cost": ("CarriageForceDuffing", {}),
+    "an own cost over a state of the interface": ("CarriageForce", HYSTERESIS),
 }
+
+
+def own_cost(sphere_offset, carriage_acceleration, sphere_acceleration, spring_force):
+    of_masses = 0.01 * carriage_acceleration**2 + 0.02 * sphere_acceleration**2
+    return 1e3 * sphere_offset**2 + of_masses + 0.1 * spring_force**2
 
 
 class Exact:
@@ -121,6 +146,8 @@ class TestGradients:
         monkeypatch.setattr(episodes, "MOST", 1e30)
         task, changes = SCENES[kind]
         scene = load_scene(f"mm_gym/{task}-v0").replace(**SHORT).replace(**changes)
+        if "own cost" in kind:
+            scene = rewarded(scene, OwnReward(own_cost))
         own = Episodes(scene, LANES)
         own.env = Exact(own) if feedback else Replayed(Exact(own))
         net = Network(policy_for(scene), STEPS, LANES)

@@ -109,3 +109,19 @@ def test_it_is_taken_where_a_force_acts_and_time_allows():
     with pytest.raises(DesignError, match="without a lag"):
         NewtonPredictiveControl(lagging)
     assert Feedback(CARRIAGE_FORCE, laws[0], TrueState()).reads == "full state"
+
+
+def test_state_of_the_interface_is_what_the_model_makes_of_it():
+    hysteresis = {"kind": "bouc_wen", "stiffness": 50.0, "yield_displacement": 0.005}
+    scene = CARRIAGE_FORCE.replace(interface=hysteresis)
+    law = NewtonPredictiveControl(scene, Steps(horizon=5, near=1, fresh=1))
+    env = MovingMassVectorEnv(scene, 2, autoreset_mode="Disabled")
+    _, info = env.reset(seed=0)
+    law.begin(2)
+    for _ in range(8):
+        actions = law.action(info["state"], np.zeros((2, 1)))
+        *_, info = env.step(actions)
+        (own,) = env.get_state()["values"][env.plant.support.own_rows]
+        # Nothing disturbs the motion: both are within the solver's tolerance of it.
+        np.testing.assert_allclose(law.own[0], own, atol=20 * scene.solver.tolerance)
+    assert np.all(np.abs(own) > 0.01)

@@ -191,7 +191,14 @@ def planner(scene, lanes):
     return env, Trajectories(scene, env.plant, env.get_state()), info["state"]
 
 
-@pytest.mark.parametrize("scene", [CLAIRVOYANT, HYBRID.replace(**WEIGHTS, **{"control.steps": 30})])
+HYSTERESIS = CLAIRVOYANT.replace(
+    interface={"kind": "bouc_wen", "stiffness": 50.0, "yield_displacement": 0.005},
+    **{"actuation.force.limit": 2.0, "objective.effort_weight": 0.01},
+)
+PLANNED = [CLAIRVOYANT, HYBRID.replace(**WEIGHTS, **{"control.steps": 30}), HYSTERESIS]
+
+
+@pytest.mark.parametrize("scene", PLANNED)
 def test_cost_of_a_plan_is_that_of_the_environment(scene):
     scene = scene.replace(**{"objective.displacement_limit": None})
     env, plans, _ = planner(scene, 3)
@@ -203,6 +210,22 @@ def test_cost_of_a_plan_is_that_of_the_environment(scene):
         total += env.step(action.T.copy())[1]
     # The same motion, with sums in another order.
     np.testing.assert_allclose(found.cost, -total, rtol=1e-11)
+
+
+def test_plan_through_a_state_of_the_interface_is_stationary():
+    scene = HYSTERESIS.replace(**{"control.steps": 15})
+    _, plans, _ = planner(scene, 1)
+    best = plans.improve(np.arange(1), np.zeros((15, 1, 1)), 60)
+    none = plans.follow(np.arange(1), np.zeros((15, 1, 1)))
+    assert best.cost < 0.9 * none.cost
+    # No change of a control by 1e-3, whose effect is some 1e-6 of the cost, betters the plan by
+    # more than the search's 1e-9 and its stiffness leave.
+    changed = np.tile(best.controls, 30)
+    for k in range(15):
+        changed[k, 0, 2 * k] += 1e-3
+        changed[k, 0, 2 * k + 1] -= 1e-3
+    found = plans.follow(np.zeros(30, np.intp), changed)
+    assert np.all(found.cost > (1.0 - 1e-8) * best.cost)
 
 
 def test_clairvoyant_plan_of_a_linear_plant_is_the_finite_horizon_optimum():
