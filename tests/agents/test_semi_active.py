@@ -1,5 +1,6 @@
 """Laws of a damper whose coefficient is controlled, and of a force between the masses."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -14,12 +15,16 @@ from agents.controllers.feedback import Feedback
 from agents.controllers.ground_velocity import CORNER, GroundVelocity
 from agents.controllers.lead import GRID, Lead
 from agents.controllers.learned import Learned
+from agents.controllers.lqr import LQR
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
+from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.semi_active import Balance, Hook
 from agents.controllers.spring_force import sphere_springs
-from agents.evaluation.baselines import classical, classical_laws, uncontrolled
+from agents.evaluation.baselines import classical, classical_laws, predictive_control, uncontrolled
 from agents.evaluation.episodes import evaluate
 from agents.evaluation.laws import laws, obstacle
+from agents.evaluation.planner import Effort, Planner
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
@@ -326,6 +331,37 @@ def test_network_begins_as_clipped_optimal_control():
         start_of(blind, EvolveSettings(law="switching"), np.random.default_rng(0))
     with pytest.raises(DesignError, match=r"law: got 'regulator'; allowed where actuation.damping"):
         start_of(shown, EvolveSettings(law="regulator"), np.random.default_rng(0))
+
+
+def test_plans_begin_at_the_laws_and_are_not_worse_in_any_episode():
+    scene = scene_of(**{"control.steps": 60})
+    found = [evaluate(scene, Feedback(scene, law), episodes=4) for law in every_law(scene)]
+    effort = Effort(random=1, kept=2, first=5, second=8, rounds=1, steps=4, last=5)
+    starts = {one.name: one.applied for one in found}
+    planned = evaluate(scene, Planner(scene, starts, effort), episodes=4)
+    least = np.min([one.penalties for one in found], axis=0)
+    assert (planned.penalties <= least * (1.0 + 1e-9)).all()
+    assert planned.cost < 0.97 * np.sqrt(least.mean())
+
+
+def test_predictive_control_plans_for_a_damping_and_for_a_force_between_the_masses():
+    force = {"limit": 0.5, "between": "masses"}
+    pushed = scene_of(actuation={"force": force}, **{"objective.effort_weight": 0.01})
+    steps, short = {"control.steps": 150}, replace(SEARCH, plans=24)
+    for scene, law in (
+        (SHAKEN, ClippedOptimal(SHAKEN, "on-off", 0.03)),
+        (pushed, LQR(pushed)),
+    ):
+        one = scene.replace(**steps)
+        makers = (
+            lambda one=one, law=law: PredictiveControl(one, law, short),
+            lambda one=one: NewtonPredictiveControl(one, Steps(near=1, fresh=1)),
+        )
+        still = evaluate(one, Feedback(one, no_control(one)), episodes=4).cost
+        for make in makers:
+            assert evaluate(one, Feedback(one, make()), episodes=4).cost < 0.9 * still
+    chosen = predictive_control(SHAKEN, ClippedOptimal(SHAKEN, "on-off", 0.03)).law
+    assert isinstance(chosen, PredictiveControl)
 
 
 def test_energy_shaping_takes_out_what_its_gain_says():
