@@ -34,6 +34,7 @@ ACTUATORS = {
     "force": "force [N]",
     "stretch": "stretch [-]",
     "damping": "damping [N s/m]",
+    "voltage": "voltage [V]",
 }
 """Label of an actuator's axis."""
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from mm_gym import MovingMassVectorEnv, Scene
 
 
+UNITS = {"damping": "N s/m", "voltage": "V"}
+"""Of what a semi-active device holds."""
+
+
 class ConstantAction:
     """The same action throughout."""
 
@@ -83,6 +87,8 @@ class ConstantStretch:
 class ConstantDamping:
     """Go to one damping [N s/m] and stay; by default stay at the one that the episode begins with.
 
+    Of a magnetorheological damper it is the voltage [V].
+
     Raises
     ------
     DesignError
@@ -90,12 +96,12 @@ class ConstantDamping:
     """
 
     def __init__(self, scene: Scene, damping: float | None = None) -> None:
-        self.command = DampingCommand(scene)
+        device = device_of(scene)
+        self.command = DampingCommand(scene, device)
+        self.name = f"initial {device}"
         if damping is not None:
-            require_number("damping", damping, self.command.low, self.command.high)
-        self.name = "initial damping"
-        if damping is not None:
-            self.name = f"constant damping {damping:.3g} N s/m"
+            require_number(device, damping, self.command.low, self.command.high)
+            self.name = f"constant {device} {damping:.3g} {UNITS[device]}"
         self.damping = damping
 
     def begin(self, lanes: int) -> None:
@@ -119,13 +125,20 @@ def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:
 
 def constant_damping(scene: Scene, damping: float | None = None) -> Law:
     """Return the law that holds a damping, as `ConstantDamping`, and nothing else moves."""
-    return _held(scene, ConstantDamping(scene, damping), "damping")
+    return _held(scene, ConstantDamping(scene, damping), device_of(scene))
+
+
+def device_of(scene: Scene) -> str:
+    """Return which actuator a semi-active device has, "damping" or "voltage"."""
+    return "damping" if scene.actuation.voltage is None else "voltage"
 
 
 def _held(scene: Scene, law: Law, own: str) -> Law:
     """Return a law of one actuator, by its name, with the others at rest."""
-    rest = {"force": ConstantForce, "stretch": ConstantStretch, "damping": ConstantDamping}
-    all_laws = [law if name == own else rest[name](scene) for name in columns(scene)]
+    rest = {"force": ConstantForce, "stretch": ConstantStretch}
+    all_laws = [
+        law if name == own else rest.get(name, ConstantDamping)(scene) for name in columns(scene)
+    ]
     return law if len(all_laws) == 1 else Both(*all_laws)
 
 
@@ -133,7 +146,7 @@ def no_control(scene: Scene) -> Law:
     """Return the law of no force, and of stretch and damping that the episode begins with."""
     if scene.actuation.stretch is not None:
         law = constant_stretch(scene)
-    elif scene.actuation.damping is not None:
+    elif scene.actuation.device is not None:
         law = constant_damping(scene)
     else:
         law = ConstantForce(scene)

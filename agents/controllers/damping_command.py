@@ -19,6 +19,13 @@ Switching: TypeAlias = Literal["on-off", "continuous"]
 class DampingCommand:
     """Turn a wanted damping into the action towards it, whether position or rate is commanded.
 
+    Parameters
+    ----------
+    scene
+        A scene with an actuated damping, or voltage.
+    device
+        "damping", or "voltage", of which all is true in [V].
+
     Attributes
     ----------
     low, high
@@ -27,9 +34,9 @@ class DampingCommand:
         Place of the damping among the actuators.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        require_actuator(scene, "damping")
-        actuators, self.column = Actuators(scene), columns(scene).index("damping")
+    def __init__(self, scene: Scene, device: str = "damping") -> None:
+        require_actuator(scene, device)
+        actuators, self.column = Actuators(scene), columns(scene).index(device)
         self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
         self.travel = float(actuators.travel[self.column])
         self.is_rate = bool(actuators.is_rate[self.column])

@@ -173,10 +173,10 @@ def force_price(scene: Scene) -> float:
             "multiplies the state)"
         )
         raise DesignError(msg)
-    if scene.actuation.damping is not None:
+    if scene.actuation.device is not None:
         msg = (
-            "actuation.damping: a regulator moves the force alone; a damping multiplies the state, "
-            "so it does not enter the linear plant"
+            f"actuation.{scene.actuation.names[-1]}: a regulator moves the force alone; a damping "
+            "multiplies the state, so it does not enter the linear plant"
         )
         raise DesignError(msg)
     if actuator.command == "rate":

@@ -287,7 +287,7 @@ def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
     With the seed of the final evaluation it is the best in hindsight.
     """
     actuator = scene.actuation.force
-    if scene.actuation.damping is not None and scene.actuation.stretch is None:
+    if scene.actuation.device is not None and scene.actuation.stretch is None:
         return best_constant_damping(scene, seed)
     if scene.actuation.stretch is not None or actuator is None:
         return best_constant_stretch(scene, seed)
@@ -444,7 +444,7 @@ def _stretches(scene: Scene) -> NDArray[np.float64]:
 
 
 def _dampings(scene: Scene) -> NDArray[np.float64]:
-    actuator = scene.actuation.damping
+    actuator = scene.actuation.device
     assert actuator is not None  # noqa: S101 - the callers' scenes have one
     return np.linspace(actuator.minimum, actuator.maximum, 33)
 

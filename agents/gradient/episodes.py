@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FROM_OUTSIDE = ("disturbance_force", "ground_acceleration")
 """Channels that no action changes."""
 
-APPLIED = {"stretch": "stretch", "applied_force": "force", "damping": "damping"}
+APPLIED = {"applied_force": "force"} | {name: name for name in ("stretch", "damping", "voltage")}
 """Channel -> name of the actuator that it shows."""
 
 MOST = 10.0

@@ -63,6 +63,9 @@ def _action(scene: Scene) -> str:
     if (damping := scene.actuation.damping) is not None:
         ends = f"{damping.minimum:g}", f"{damping.maximum:g}"
         rows.append([f"damping of the {damping.of}", "N s/m", *ends, *_motion(damping)])
+    if (voltage := scene.actuation.voltage) is not None:
+        ends = f"{voltage.minimum:g}", f"{voltage.maximum:g}"
+        rows.append(["voltage of the interface", "V", *ends, *_motion(voltage)])
     header = ["column", "unit", "least", "most", "an action of 1 means", "rate limit", "lag"]
     count = "1 number" if len(rows) == 1 else f"{len(rows)} numbers"
     return f"{count} in [-1, 1].\n\n{markdown(header, rows)}"

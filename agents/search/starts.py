@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.clipped_optimal import ClippedOptimal
-from agents.controllers.constant import ConstantDamping
+from agents.controllers.constant import ConstantDamping, device_of
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_lqg, state_units
@@ -263,7 +263,7 @@ def _none(scene: Scene, shown: Shown) -> Start:
         law, held = ConstantDamping(scene), np.mean(scene.range_of(damped, scene.value_of(damped)))
         law.begin(1)
         action = law.action(np.zeros((1, 4)), np.full((1, shown.actions), held))
-        direct[columns(scene).index("damping"), :1] = action[0]
+        direct[columns(scene).index(device_of(scene)), :1] = action[0]
     return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
 
 
@@ -275,12 +275,12 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     actuation = scene.actuation
     if law == "none":
         return _none(scene, shown)
-    if actuation.damping is not None:
+    if actuation.device is not None:
         if law == "switching" and actuation.names == ("damping",):
             return _clipped_optimal(scene, shown)
         msg = (
-            f"law: got {law!r}; allowed where actuation.damping is: 'none', and without other "
-            "actuators 'switching'"
+            f"law: got {law!r}; allowed where actuation.{device_of(scene)} is: 'none', and where "
+            "actuation.damping is alone 'switching'"
         )
         raise DesignError(msg)
     if law == "lqg":

@@ -53,7 +53,7 @@ def scene_of(
     if not scene.actuation.names:
         msg = (
             "actuation: an environment needs an actuator; set actuation.force, "
-            "actuation.stretch or actuation.damping"
+            "actuation.stretch, actuation.damping or actuation.voltage"
         )
         raise SceneError(msg)
     return rewarded(scene, reward)

@@ -152,8 +152,9 @@ class OwnReward:
             missing["stretch"] = "springs with a stretch; set springs.kind"
         if scene.actuation.force is None:
             missing["applied_force"] = "an actuator; set actuation.force"
-        if scene.actuation.damping is None:
-            missing["damping"] = "an actuator; set actuation.damping"
+        for name in ("damping", "voltage"):
+            if name not in scene.actuation.names:
+                missing[name] = f"an actuator; set actuation.{name}"
         for name in self.arguments:
             if name in missing:
                 msg = f"reward: {self.name}: the argument {name!r} needs {missing[name]}"
@@ -269,7 +270,7 @@ def _probes(scene: Scene) -> Values:
     if scene.springs.kind not in WITHOUT_STRETCH:
         low, high = _stretches(scene)
         lanes[at.STRETCH] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.STRETCH]
-    if (damper := scene.actuation.damping) is not None:
+    if (damper := scene.actuation.device) is not None:
         low, high = damper.minimum, damper.maximum
         lanes[at.DAMPING] = 0.5 * (low + high) + 0.5 * (high - low) * drawn[at.DAMPING]
     return lanes

@@ -62,6 +62,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     stretch  `actuation.stretch` [-]    `maximum`
     damping  `actuation.damping`        `maximum`, of the interface or the carriage
              [N s/m]
+    voltage  `actuation.voltage` [V]    `maximum`, of a magnetorheological damper
     =======  =========================  ================================================
 
     With ``command = "rate"``, an action of 1 means +rate_limit. Rate limits and lags determine how
@@ -89,7 +90,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     spring_force, disturbance_force [N]              1 / (carriage.stiffness displacement_scale)
     stretch [-]                                      actuation.stretch's minimum and maximum
                                                      become -1 and 1
-    damping [N s/m]                                  the same of actuation.damping
+    damping [N s/m], voltage [V]                     the same of their actuators
     applied_force [N]                                1 / actuation.force.limit
     ===============================================  =========================================
 

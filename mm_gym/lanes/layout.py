@@ -54,7 +54,9 @@ Few enough to stay in the first-level cache, many enough to fill the vector unit
 
 # Rows of the lanes array: state, what the actuators apply, bookkeeping.
 X1, X2, V1, V2 = 0, 1, 2, 3
-FORCE, STRETCH, DAMPING = 4, 5, 6  # side by side; DAMPING goes on to row C or D, see `DAMPED`
+FORCE, STRETCH, DAMPING = 4, 5, 6  # side by side; DAMPING goes on to another row, see `DAMPED`
+APPLIED = {"force": FORCE, "stretch": STRETCH, "damping": DAMPING, "voltage": DAMPING}
+"""By the actuators' names; a scene has a damping or a voltage at most."""
 BEGAN = 7  # NOW when the episode began
 FORCE_ASKED, STRETCH_ASKED, DAMPING_ASKED = 8, 9, 10  # what a rate commanded adds up to
 
@@ -101,11 +103,12 @@ INTERVALS = 3  # sample intervals in a control step
 JETS, TERMS = 4, 5  # row of the first jet; its coefficients, 0 if there are no other sources
 EXCITATION = 6  # slot where the sampled excitation is described
 INTERFACE = 7
-"""Row of the first parameter of an interface in value form; its own state, if any, is before."""
+"""Row of the first parameter of an interface in value form; its own states, if any, are before."""
 BETWEEN = 8
 """1 if the control force acts between the masses, 0 if between the ground and the carriage."""
 DAMPED = 9
-"""Row, C or D, that an actuated damping goes on to; 0 if none is actuated."""
+"""Row that an actuated damping or voltage goes on to: C, D or one of the interface's; 0 if none
+is actuated."""
 MODEL_OWN = 10
 
 # Slots of the task array.

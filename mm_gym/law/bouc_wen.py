@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.lanes.arithmetic import fma
 from mm_gym.lanes.elementary import power
+from mm_gym.lanes.simd import alike
 from mm_gym.lanes.simd_masks import where
 from mm_gym.law.interface import Interface
 
@@ -31,23 +32,23 @@ PARAMETERS = (
 def force(p, offset, slip, own):
     """Return the force [N] on the carriage at an offset [m], a slip velocity [m/s] and a z."""
     c, k, ratio, yielding = p[0], p[1], p[2], p[3]
-    return fma(c, slip, k * fma(ratio, offset, (1.0 - ratio) * yielding * own))
+    return fma(c, slip, k * fma(ratio, offset, (1.0 - ratio) * yielding * own[0]))
 
 
 @inlined_kernel
-def rate(p, offset, slip, own):  # noqa: ARG001 - as of every interface
-    """Return the rate [1/s] of z."""
+def rates(p, offset, slip, own):  # noqa: ARG001 - as of every interface
+    """Return the rate [1/s] of z, and 0."""
     yielding, exponent, shape = p[3], p[4], p[5]
-    bent = power(abs(own), exponent)
-    resisting = where(own < 0.0, -abs(slip), abs(slip))
-    return (slip - bent * fma(shape, resisting - slip, slip)) / yielding
+    bent = power(abs(own[0]), exponent)
+    resisting = where(own[0] < 0.0, -abs(slip), abs(slip))
+    return (slip - bent * fma(shape, resisting - slip, slip)) / yielding, alike(slip, 0.0)
 
 
 @inlined_kernel
 def energy(p, offset, slip, own):  # noqa: ARG001 - as of every interface
     """Return the energy [J] that it can give back."""
     k, ratio, yielding = p[1], p[2], p[3]
-    strain = yielding * own
+    strain = yielding * own[0]
     return 0.5 * k * (ratio * offset * offset + (1.0 - ratio) * strain * strain)
 
 
@@ -65,7 +66,8 @@ BOUC_WEN = Interface(
     "bouc_wen",
     PARAMETERS,
     force,
-    rate,
+    ("z",),
+    rates,
     energy,
     damping=damping,
     stiffness=stiffness,

@@ -36,6 +36,15 @@ def zero(p, offset, slip, own):
     return alike(slip, 0.0)
 
 
+@inlined_kernel
+def _no_rates(p, offset, slip, own):
+    return alike(slip, 0.0), alike(slip, 0.0)
+
+
+MOST_STATES = 2
+"""Of an interface's own."""
+
+
 def _none(p: Sequence[float]) -> float:
     return 0.0
 
@@ -54,9 +63,12 @@ class Interface:
     parameters
         Names of its fields in a scene, in the order of p; those of other parts with their part.
     force
-        Kernel (p, offset [m], slip [m/s], own) -> force on the carriage [N].
-    rate
-        Kernel of the same arguments -> rate of its own state [1/s], if it has one.
+        Kernel (p, offset [m], slip [m/s], own) -> force on the carriage [N]. Own is a pair: its own
+        states, and 0 in place of those that it does not have.
+    states
+        Names of its own states, `MOST_STATES` at most; they are 0 when an episode begins.
+    rates
+        Kernel of the same arguments -> the pair of their rates.
     energy
         Kernel of the same arguments -> energy that it stores and can give back [J].
     springs
@@ -67,7 +79,7 @@ class Interface:
         long as `way`, in units of the slip over which the force bends.
     damping, stiffness
         Of parameters p -> bound of the force's slope over the slip velocity [N s/m], and over
-        offsets near 0, the own state's share included [N/m]. Both rise with each parameter in
+        offsets near 0, the own states' share included [N/m]. Both rise with each parameter in
         `rising`, and fall with the others.
     rising
         Names of those parameters.
@@ -76,18 +88,14 @@ class Interface:
     kind: str
     parameters: tuple[str, ...]
     force: Callable[..., Any]
-    rate: Callable[..., Any] | None = None
+    states: tuple[str, ...] = ()
+    rates: Callable[..., Any] = _no_rates
     energy: Callable[..., Any] = zero
     springs: Callable[..., Any] = zero
     resolves: Callable[..., Any] | None = None
     damping: Bound = _none
     stiffness: Bound = _none
     rising: frozenset[str] = frozenset()
-
-    @property
-    def has_state(self) -> bool:
-        """Whether it has a state of its own."""
-        return self.rate is not None
 
     def __repr__(self) -> str:
         """Return what tells it from others, also of another process and of another text."""
@@ -146,8 +154,8 @@ def _kernel_of(answer: Callable[[Interface], Callable[..., Any]]) -> Callable[..
 force_of = _kernel_of(lambda interface: interface.force)
 """Return the force [N] of an interface on the carriage."""
 
-rate_of = _kernel_of(lambda interface: interface.rate or zero)
-"""Return the rate [1/s] of the own state, 0 without one."""
+rates_of = _kernel_of(lambda interface: interface.rates)
+"""Return the pair of the rates of the own states, 0 of those that there are not."""
 
 springs_of = _kernel_of(lambda interface: interface.springs)
 """Return the share of springs in that force [N]."""
@@ -180,11 +188,11 @@ def _constant_of(answer: Callable[[Interface], Any]) -> Callable[[Interface], An
     return ask
 
 
-states_of = _constant_of(lambda interface: 4 + interface.has_state)
-"""How many states a motion has: x1, x2, v1, v2, and that of the interface."""
+states_of = _constant_of(lambda interface: 4 + len(interface.states))
+"""How many states a motion has: x1, x2, v1, v2, and those of the interface."""
 
-has_state = _constant_of(lambda interface: interface.has_state)
-"""Whether there is that of the interface."""
+own_states_of = _constant_of(lambda interface: len(interface.states))
+"""How many there are of the interface."""
 
 parameters_of = _constant_of(lambda interface: len(interface.parameters))
 """How many parameters an interface has."""
@@ -194,9 +202,18 @@ is_line = _constant_of(lambda interface: interface is LINE)
 
 
 @inlined_kernel
-def own_row(model):
-    """Return the row of that state in a lane."""
-    return int(model[at.INTERFACE]) - 1
+def state_row(model, k, states):
+    """Return the row in a lane of the k-th of a motion's states."""
+    return k if k <= at.V2 else int(model[at.INTERFACE]) - states + k
+
+
+@inlined_kernel
+def own_at(interface, rows, first):
+    """Return the pair of the own states, which are in rows (n,) from `first` on."""
+    zero = alike(rows[0], 0.0)
+    if own_states_of(interface) > 1:
+        return rows[first], rows[first + 1]
+    return (rows[first] if own_states_of(interface) > 0 else zero), zero
 
 
 @inlined_kernel

@@ -70,12 +70,13 @@ class Support:
         Reference velocity [m/s] of dry friction that is left out because no motion of the scene
         slips; infinite without it.
     interface, interface_row
-        The interface, if it is in value form, and the row of its first parameter; the row before is
-        its own state.
+        The interface, if it is in value form, and the row of its first parameter; the rows before
+        are its own states.
     is_between
         Whether the control force acts between the masses, and not on the carriage alone.
-    damped_row
-        Row, C or D, of the damping that is actuated, 0 if none is. Its name has row DAMPING.
+    damped_row, device
+        Row of the damping or voltage that is actuated, 0 if none is: C, D or one of the
+        interface's. Its name has row DAMPING. And the actuator's name, "damping" or "voltage".
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.
@@ -100,6 +101,7 @@ class Support:
     is_between: bool = False
     records: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     damped_row: int = 0
+    device: str = ""
 
     @property
     def middle(self) -> NDArray[np.float64]:
@@ -108,6 +110,11 @@ class Support:
         if self.damped_row:
             row[self.damped_row] = row[at.DAMPING]
         return row
+
+    @property
+    def held_rows(self) -> list[int]:
+        """Row that an actuated damping or voltage goes on to."""
+        return [self.damped_row] if self.damped_row else []
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -175,8 +182,8 @@ class Support:
 
     @property
     def own_rows(self) -> list[int]:
-        """Row of the interface's own state, if it has one."""
-        return [self.interface_row - 1] if self.interface.has_state else []
+        """Rows of the interface's own states."""
+        return list(range(self.interface_row - len(self.interface.states), self.interface_row))
 
     @property
     def number_rows(self) -> dict[str, int]:
@@ -185,7 +192,7 @@ class Support:
 
     @property
     def state_rows(self) -> list[int]:
-        """Rows of x1, x2, v1, v2, and of that."""
+        """Rows of x1, x2, v1, v2, and of those."""
         return [at.X1, at.X2, at.V1, at.V2, *self.own_rows]
 
     @property

@@ -64,7 +64,7 @@ class LaneResponse:
             )
             raise SimulationError(msg)
         old = _spring_energy(before)
-        held = [at.FORCE, at.STRETCH, at.DAMPING, at.C, at.D]
+        held = [at.FORCE, at.STRETCH, at.DAMPING, *env.plant.support.held_rows]
         before[held] = after[held]
         jumps = np.where(counts, _spring_energy(before) - old, 0.0)
         model = env.plant.model

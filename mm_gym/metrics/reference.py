@@ -88,14 +88,13 @@ def uncontrolled_response(
 
 
 def _holding(env: MovingMassVectorEnv) -> NDArray[np.float64]:
-    """Return the actions (lanes, k) of no force and of the present stretch and damping."""
+    """Return the actions (lanes, k) of no force and of the present stretch, damping or voltage."""
     actions = np.zeros((env.num_envs, len(env.plant.actuators)))
     values = np.asarray(env.get_state()["values"])
-    rows = {"stretch": at.STRETCH, "damping": at.DAMPING}
     for k, name in enumerate(env.plant.actuators):
         actuator = getattr(env.scene.actuation, name)
-        if name in rows and actuator.command == "position":
+        if name != "force" and actuator.command == "position":
             middle = 0.5 * (actuator.maximum + actuator.minimum)
             half = 0.5 * (actuator.maximum - actuator.minimum)
-            actions[:, k] = (values[rows[name]] - middle) / half
+            actions[:, k] = (values[at.APPLIED[name]] - middle) / half
     return actions

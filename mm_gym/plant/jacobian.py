@@ -51,7 +51,7 @@ def jacobian_of(
     rows = {name: _followed_row(support, name) for name in parameters}
     values, streams, is_snapshot = _lanes(support, model, task, place)
     state, action = motion
-    actuators = actuators_of(task)
+    actuators = actuators_of(task, support.device)
     every = [*support.state_rows, *(a.row for a in actuators)]
     every += [a.asked_row for a in actuators if a.has_memory_of_command]
     sizes, columns = (len(support.state_rows), len(every)), len(actuators)

@@ -25,13 +25,14 @@ INPUTS = {
     "force": "N",
     "stretch": "-",
     "damping": "N s/m",
+    "voltage": "V",
     "disturbance": "N",
     "ground": "m/s^2",
 }
 """Inputs and their units."""
 
 STATES = {"x1": "m", "x2": "m", "v1": "m/s", "v2": "m/s"}
-FORCE, STRETCH, DAMPING, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
+FORCE, STRETCH, DAMPING, VOLTAGE, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class ControlLoop:
     support
         All values that the scene can reach.
     lags
-        Of "force", "stretch" and "damping": the fraction of the way to a command that the actuator
-        goes in a control step [-].
+        Of "force", "stretch", "damping" and "voltage": the fraction of the way to a command that
+        the actuator goes in a control step [-].
     noise
         Standard deviation [SI] of the noise of each channel that the scene observes, by name.
     time_step
@@ -210,17 +211,18 @@ def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, f
     return motion, {SHOWN[name]: 1.0}, float(row[POINTS[name]]) if name in POINTS else 0.0
 
 
-POINTS = {"stretch": at.STRETCH, "damping": at.DAMPING}
+POINTS = {name: row for name, row in at.APPLIED.items() if name != "force"}
 """Rows of the inputs that are not 0 at the point."""
 
 SHOWN = {
     "applied_force": "force",
     "stretch": "stretch",
     "damping": "damping",
+    "voltage": "voltage",
     "disturbance_force": "disturbance",
     "ground_acceleration": "ground",
 }
 """The driver that each of the other channels shows."""
 
-ABSOLUTE = ("force", "stretch", "damping", "disturbance")
+ABSOLUTE = ("force", "stretch", "damping", "voltage", "disturbance")
 """Drivers of the absolute accelerations."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Decimals = NDArray[np.object_]
 
-DRIVERS = ("force", "stretch", "damping", "disturbance", "ground", "one")
+DRIVERS = ("force", "stretch", "damping", "voltage", "disturbance", "ground", "one")
 """What drives the motion, in the order of the columns of `Tangent.drivers`; one is constant."""
 
 
@@ -42,7 +42,7 @@ class Tangent(NamedTuple):
     a
         (4, 4), for deviations of x1, x2, v1, v2.
     drivers
-        (4, 6), see `DRIVERS`; the last is the motion at the point itself.
+        (4, 7), see `DRIVERS`; the last is the motion at the point itself.
     spring
         Slopes of the springs' force over the offset [N/m] and over the stretch [N].
     spring_force
@@ -77,6 +77,9 @@ class InterfaceSlopes(NamedTuple):
         Slopes of the force over the slip velocity [N s/m], and over the offset [N/m].
     spring_force, spring_stiffness
         What of force and stiffness is that of springs.
+    over_held
+        Slope of the force over the parameter that an actuator holds, if it is one of the
+        interface's.
     """
 
     force: float = 0.0
@@ -84,31 +87,55 @@ class InterfaceSlopes(NamedTuple):
     stiffness: float = 0.0
     spring_force: float = 0.0
     spring_stiffness: float = 0.0
+    over_held: float = 0.0
 
 
 def interface_slopes(support: Support, row: Array) -> InterfaceSlopes:
     """Return the slopes of an interface in value form, at the state of a lane (rows,).
 
-    A state of its own follows small motions as the offset does, and is 0 at the point.
+    States of its own are 0 at the point, and follow motions that are small and slow.
 
     Raises
     ------
     SceneError
-        If its own state would leave 0 by itself.
+        If its own states would leave 0 by themselves.
     """
     if not support.is_general:
         return InterfaceSlopes()
-    found, interface = np.zeros((3, 4)), support.interface
-    point = np.array([row[at.X2] - row[at.X1], row[at.V2] - row[at.V1], 0.0])
-    _slopes_with(interface)(row[list(support.interface_rows)], point, found)
-    (force, stiffness, damping, over_own), (_, _, own_by_slip, own_by_own), springs = found.tolist()
-    if abs(own_by_own) > ROUND_OFF * abs(own_by_slip * point[1]):
+    found, interface = np.zeros((4, 6)), support.interface
+    point = np.array([row[at.X2] - row[at.X1], row[at.V2] - row[at.V1], 0.0, 0.0])
+    rows = support.interface_rows
+    held = rows.index(support.damped_row) if support.damped_row in rows else -1
+    _slopes_with(interface)(row[list(rows)], held, point, found)
+    force, stiffness, damping, *over_own, over_held = found[0].tolist()
+    own = slice(2, 2 + len(interface.states))
+    by_own, by_motion = found[own, 1:][:, own], found[own, 1:3]
+    moved = np.abs(by_motion[:, 1] * point[1]).max(initial=0.0)
+    if point[1] != 0.0 and np.abs(by_own).max(initial=0.0) > ROUND_OFF * moved:
         msg = (
             f"about: got a slip velocity of {point[1]:g} m/s, at which the state of "
             f"interface.kind = {interface.kind!r} relaxes; allowed: 0"
         )
         raise SceneError(msg)
-    return InterfaceSlopes(force, damping, stiffness + over_own * own_by_slip, *springs[:2])
+    follows = np.array(over_own)[: len(by_own)] @ _following(by_own, by_motion)
+    stiffness, damping = stiffness + float(follows[0]), damping + float(follows[1])
+    of_springs = float(found[1, 0]), float(found[1, 1])
+    return InterfaceSlopes(force, damping, stiffness, *of_springs, over_held)
+
+
+def _following(by_own: Array, by_motion: Array) -> Array:
+    """Return how states s of their own (n,) follow slow motions, over offset and slip, (n, 2).
+
+    The power series of their response s = X0 + X1 p + ... to an offset exp(p t), in p: with
+    s' = D s + (a + b p) exp(p t), -D X0 = a, X0 - D X1 = b and X1 - D X2 = 0. Where D has no
+    inverse, the equation of the next order says what one leaves open.
+    """
+    n = len(by_own)
+    none, one = np.zeros((n, n)), np.eye(n)
+    orders = np.block([[-by_own, none, none], [one, -by_own, none], [none, one, -by_own]])
+    given = np.concatenate([by_motion[:, 0], by_motion[:, 1], np.zeros(n)])
+    found = np.asarray(np.linalg.lstsq(orders, given)[0], np.float64)
+    return np.column_stack([found[:n], found[n : 2 * n]])
 
 
 def values_about(support: Support, row: Array) -> dict[str, Decimal]:
@@ -155,11 +182,12 @@ def tangent(support: Support, row: Array) -> Tangent:
         moving = [v1, v2, force[0] / float(m1), force[1] / float(m2)]
         one = np.array([Decimal(value) for value in moving])
         control = system.control(is_between=support.is_between)
-        # The slope of c w, or of -d v1, over the coefficient that is actuated.
-        own = support.damped_row == at.D
-        speed = (Decimal(-v1) if own else Decimal(w)) if support.damped_row else zero
-        damping = (system.force if own else system.pair) * speed
-        drivers = np.column_stack([control, stretch, damping, system.force, system.ground, one])
+        # The slope of c w, of -d v1, or of the interface's force, over what is actuated.
+        speeds = {at.D: (system.force, -v1), at.C: (system.pair, w)}
+        column, speed = speeds.get(support.damped_row, (system.pair, link.over_held))
+        held = {support.device: column * Decimal(speed)}
+        devices = [held.get(name, 0 * column) for name in ("damping", "voltage")]
+        drivers = np.column_stack([control, stretch, *devices, system.force, system.ground, one])
     slopes = over_offset + link.spring_stiffness, over_stretch
     return Tangent(system.a, drivers, slopes, spring_force + link.spring_force)
 

@@ -60,7 +60,8 @@ class Plant:
         (rows,) float64: the lane at the start of an episode; and (n, 3) float64: row, low and high
         of each value that is drawn.
     actuators
-        Names of the action's columns, in order: "force" [N], "stretch" [-], "damping" [N s/m].
+        Names of the action's columns, in order: "force" [N], "stretch" [-], "damping" [N s/m],
+        "voltage" [V].
     observed
         The channels, in order, each with name, unit, factor, zero, one and noise.
     history, delay
@@ -183,9 +184,9 @@ class Plant:
         Parameters
         ----------
         inputs
-            Of "force" [N], "stretch" [-] and "damping" [N s/m], as commanded to the actuators, with
-            their lag; "disturbance" [N] on the carriage and "ground" [m/s^2]. By default the
-            scene's actuators. Limits and rate limits are left out.
+            Of "force" [N], "stretch" [-], "damping" [N s/m] and "voltage" [V], as commanded to the
+            actuators, with their lag; "disturbance" [N] on the carriage and "ground" [m/s^2]. By
+            default the scene's actuators. Limits and rate limits are left out.
         outputs
             Channels, in SI units, or the states "x1", "x2", "v1", "v2". By default the channels
             that the scene observes. Channels, and not states, are as late as the sensors.
@@ -196,8 +197,8 @@ class Plant:
             Values by dotted name, or a lane (rows,), such as `Trajectory.parameters` or
             ``env.unwrapped.get_state()["values"][:, 0]``; by default the middle of every range.
         about
-            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, the stretch and the damping
-            are made linear; by default at rest, where the last two do nothing.
+            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, stretch, damping and
+            voltage are made linear; by default at rest, where the last three do nothing.
 
         Returns
         -------
@@ -236,7 +237,7 @@ class Plant:
         ----------
         state
             (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4), with the interface's
-            own state behind them if it has one; or all that `Jacobian.names` lists, as the end of
+            own states behind them if it has some; or all that `Jacobian.names` lists, as the end of
             the step before; None for those of `at`.
         action
             (k,) in [-1, 1], as `actuators` has them, or (lanes, k). Beyond [-1, 1] it is clipped,
@@ -311,11 +312,15 @@ class Plant:
         return bool(self.task[at.HAS_DERIVED_COST])
 
     def _control_loop(self) -> ControlLoop:
-        slots = at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR
-        names = "force", "stretch", "damping"
+        slots = {
+            "force": at.FORCE_LAG_FACTOR,
+            "stretch": at.STRETCH_LAG_FACTOR,
+            "damping": at.DAMPING_LAG_FACTOR,
+            "voltage": at.DAMPING_LAG_FACTOR,
+        }
         return ControlLoop(
             support=self.support,
-            lags={n: float(self.task[slot]) for n, slot in zip(names, slots, strict=True)},
+            lags={name: float(self.task[slot]) for name, slot in slots.items()},
             noise={channel.name: channel.noise for channel in self.observed},
             time_step=self.time_step,
             delay=self.delay,

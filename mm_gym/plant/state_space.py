@@ -80,6 +80,7 @@ SEES: dict[str, tuple[str, ...]] = {
     "force": ("carriage_acceleration", "applied_force"),
     "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
     "damping": ("carriage_acceleration", "sphere_acceleration", "damping"),
+    "voltage": ("carriage_acceleration", "sphere_acceleration", "voltage"),
 }
 """Channels that change at once with what an actuator applies."""
 

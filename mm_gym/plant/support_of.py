@@ -76,10 +76,10 @@ def support_of(scene: Scene) -> Support:
     rows = {name: ROWS[name] for name in others}
     rows |= layout.names
     ratios = {name: layout.size + k for k, name in enumerate(scene.drawn_ratios)}
-    first = layout.size + len(ratios) + interface.has_state
+    first = layout.size + len(ratios) + len(interface.states)
     own_rows = {name: first + k for k, name in enumerate(own)}
     rows |= own_rows
-    damper, damped = scene.actuation.damping, scene.actuation.damped
+    damper, damped = scene.actuation.device, scene.actuation.damped
     damped_row = 0 if damped is None else rows[damped]
     if damped is not None:
         rows[damped] = at.DAMPING
@@ -131,6 +131,7 @@ def support_of(scene: Scene) -> Support:
         is_between=scene.actuation.is_between,
         records=layout.records,
         damped_row=damped_row,
+        device=next((n for n in ("damping", "voltage") if n in scene.actuation.names), ""),
     )
 
 
@@ -154,7 +155,7 @@ def _rate(scene: Scene, values: dict[str, NumberOrRange]) -> float:
         low[ROWS[name]], high[ROWS[name]] = bounds(value)
     if scene.actuation.stretch is not None:
         low[at.STRETCH] = scene.actuation.stretch.minimum
-    damper, damped = scene.actuation.damping, scene.actuation.damped
+    damper, damped = scene.actuation.device, scene.actuation.damped
     if damper is not None and damped in values:
         low[ROWS[damped]], high[ROWS[damped]] = damper.minimum, damper.maximum
     low[at.VR] = high[at.VR] = 0.0  # friction is propagated from corner to corner

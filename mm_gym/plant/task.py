@@ -15,7 +15,7 @@ from mm_gym.step.channels import CHANNELS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mm_gym.scene.actuators import DampingActuator, StretchActuator
+    from mm_gym.scene.actuators import DampingActuator, StretchActuator, VoltageActuator
     from mm_gym.scene.scene import Scene
 
 
@@ -129,7 +129,7 @@ def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
         task[at.FORCE_LAG_FACTOR] = _lag_factor(force.lag, step)
     for first, actuator in (
         (at.HAS_STRETCH, scene.actuation.stretch),
-        (at.HAS_DAMPING, scene.actuation.damping),
+        (at.HAS_DAMPING, scene.actuation.device),
     ):
         if actuator is not None:
             rate = np.inf if actuator.rate_limit is None else actuator.rate_limit * step
@@ -181,11 +181,14 @@ def scales(scene: Scene) -> dict[str, tuple[float, float]]:
         "force": (max(scene.carriage.stiffness * displacement, SMALLEST), 0.0),
         "stretch": _half_and_middle(scene.actuation.stretch),
         "damping": _half_and_middle(scene.actuation.damping),
+        "voltage": _half_and_middle(scene.actuation.voltage),
         "limit": (1.0 if force is None else max(force.limit, SMALLEST), 0.0),
     }
 
 
-def _half_and_middle(actuator: StretchActuator | DampingActuator | None) -> tuple[float, float]:
+def _half_and_middle(
+    actuator: StretchActuator | DampingActuator | VoltageActuator | None,
+) -> tuple[float, float]:
     """Return what shows an actuator's limits as -1 and 1."""
     if actuator is None:
         return 1.0, 0.0

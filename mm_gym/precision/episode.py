@@ -151,7 +151,7 @@ def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
         limits[0] = -task[at.FORCE_LIMIT], task[at.FORCE_LIMIT]
     if "stretch" in plant.actuators:
         limits[1] = task[at.STRETCH_LOW], task[at.STRETCH_HIGH]
-    if "damping" in plant.actuators:
+    if plant.support.device:
         limits[2] = task[at.DAMPING_LOW], task[at.DAMPING_HIGH]
     return limits
 

@@ -12,6 +12,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.numbers import FINE_STEPS, MINUS, round_up, text_of
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -102,14 +103,14 @@ def strips_of(subject: Subject, past: Past, view: View) -> list[Strip]:
         strips.append(Strip(low, high, (low, high), (line,)))
     if subject.damped_row:
         low, high = subject.damping_range
-        name = f"damping of the {damper_of(subject)} [N s/m]"
+        name = f"{subject.device} of the {damper_of(subject)} [{CHANNELS[subject.device].unit}]"
         line = Series(past.rows[at.DAMPING], name, look.DAMPING, is_held=True)
         strips.append(Strip(low, high, (low, high), (line,)))
     return strips
 
 
 def damper_of(subject: Subject) -> str:
-    """Return which part has the damping that is actuated."""
+    """Return which part has the damping or voltage that is actuated."""
     return "carriage" if subject.damped_row == at.D else "interface"
 
 

@@ -14,6 +14,7 @@ from mm_gym.rendering.mechanism import Mechanism
 from mm_gym.rendering.numbers import DASH, TIMES, reading, text_of
 from mm_gym.rendering.subject import UNSTRETCHED
 from mm_gym.rendering.view import view_of
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -87,8 +88,10 @@ class Picture:
         if subject.has_springs and past.now(at.STRETCH) >= UNSTRETCHED:
             entries.append((f"stretch λ = {past.now(at.STRETCH):.2f}", look.STRETCH))
         if subject.damped_row:
-            damping = reading(past.now(at.DAMPING), subject.damping_range[1])
-            entries.append((f"damping {damping} N s/m", look.DAMPING))
+            held = reading(past.now(at.DAMPING), subject.damping_range[1])
+            entries.append(
+                (f"{subject.device} {held} {CHANNELS[subject.device].unit}", look.DAMPING)
+            )
         if subject.interface == "dry_friction":
             slip = abs(past.now(at.V2) - past.now(at.V1))
             slips = slip > past.lane[at.VR]

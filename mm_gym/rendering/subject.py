@@ -58,7 +58,9 @@ class Subject:
     is_stretched
         Whether the stretch is actuated.
     damped_row, damping_range
-        Row, C or D, of the damping that is actuated, 0 if none is; its limits [N s/m].
+        Row of the damping or voltage that is actuated, 0 if none is; its limits [N s/m] or [V].
+    device
+        "damping" or "voltage".
     displacement_limit, rail_limit
         [m], or None.
     displacement, offset
@@ -87,6 +89,7 @@ class Subject:
     is_stretched: bool
     damped_row: int
     damping_range: tuple[float, float]
+    device: str
     displacement_limit: float | None
     rail_limit: float | None
     displacement: float
@@ -130,6 +133,7 @@ def subject_of(scene: Scene, plant: Plant) -> Subject:
         is_stretched=actuation.stretch is not None,
         damped_row=plant.support.damped_row,
         damping_range=(float(low[at.DAMPING]), float(high[at.DAMPING])),
+        device=plant.support.device,
         displacement_limit=objective.displacement_limit,
         rail_limit=objective.rail_half_length,
         displacement=_expected(

@@ -5,6 +5,7 @@ from mm_gym.scene.actuators import Actuator as Actuator
 from mm_gym.scene.actuators import DampingActuator as DampingActuator
 from mm_gym.scene.actuators import ForceActuator as ForceActuator
 from mm_gym.scene.actuators import StretchActuator as StretchActuator
+from mm_gym.scene.actuators import VoltageActuator as VoltageActuator
 from mm_gym.scene.excitation import CloughPenzien as CloughPenzien
 from mm_gym.scene.excitation import Harmonic as Harmonic
 from mm_gym.scene.excitation import Impulse as Impulse

@@ -1,4 +1,4 @@
-"""Actuators: a force, the stretch of the springs, the damping of a semi-active device."""
+"""Actuators: a force, the stretch of the springs, damping or voltage of a semi-active device."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Actuator(Part):
     """
 
     rate_limit: Positive | None = None
-    """[N/s], [1/s] or [N/m]; none by default"""
+    """[N/s], [1/s], [N/m] or [V/s]; none by default"""
     lag: NonNegative = 0.0
     """time constant of a first-order lag [s]; 0 for none"""
     command: Literal["position", "rate"] = "position"
@@ -83,6 +83,42 @@ class DampingActuator(Actuator):
         Rule(("minimum", "maximum"), _minimum_below_maximum),
     )
 
+    @property
+    def held(self) -> str:
+        """Dotted name of what it holds."""
+        return f"{self.of}.damping"
+
+
+class VoltageActuator(Actuator):
+    """The voltage of a magnetorheological damper [V].
+
+    An episode begins with the voltage of the interface.
+    """
+
+    lag: NonNegative = 1.0 / 190.0
+    """time constant of a first-order lag [s], by default that of Spencer et al. (1997); 0 for
+    none"""
+    minimum: NonNegative = 0.0
+    """[V]"""
+    maximum: Positive = 2.25
+    """[V], by default where the damper of Spencer et al. saturates"""
+
+    rules: ClassVar[tuple[Rule, ...]] = (
+        *Actuator.rules,
+        Rule(("minimum", "maximum"), _minimum_below_maximum),
+    )
+
+    @property
+    def held(self) -> str:
+        """Dotted name of what it holds."""
+        return "interface.voltage"
+
+
+def _one_device(damping: DampingActuator | None, voltage: VoltageActuator | None) -> str | None:
+    if damping is None or voltage is None:
+        return None
+    return "voltage: not allowed with damping; remove one of the two"
+
 
 class Actuation(Part):
     """The actuators; an environment needs at least one."""
@@ -90,6 +126,14 @@ class Actuation(Part):
     force: ForceActuator | None = None
     stretch: StretchActuator | None = None
     damping: DampingActuator | None = None
+    voltage: VoltageActuator | None = None
+
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("damping", "voltage"), _one_device),)
+
+    @property
+    def device(self) -> DampingActuator | VoltageActuator | None:
+        """The actuator of the semi-active device, if there is one."""
+        return self.damping or self.voltage
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -98,8 +142,8 @@ class Actuation(Part):
 
     @property
     def damped(self) -> str | None:
-        """Dotted name of the damping that is actuated, if one is."""
-        return None if self.damping is None else f"{self.damping.of}.damping"
+        """Dotted name of the damping or voltage that is actuated, if one is."""
+        return None if self.device is None else self.device.held
 
     @property
     def is_between(self) -> bool:

@@ -129,6 +129,50 @@ class BoucWen(Part):
     """c [N s/m]"""
 
 
+def _beta_within_gamma(beta: float, gamma: float) -> str | None:
+    if abs(beta) <= gamma:
+        return None
+    return f"beta: got {beta}; allowed: at most gamma = {gamma} in magnitude"
+
+
+class Magnetorheological(Part):
+    """Magnetorheological damper, driven by a voltage: the modified Bouc-Wen model.
+
+    The defaults are those of Spencer, Dyke, Sain and Carlson (1997) for a damper of 3 kN, with all
+    forces divided by 1,000; lengths, times and volts are theirs.
+    """
+
+    kind: Literal["magnetorheological"] = "magnetorheological"
+    voltage: NonNegative = 0.0
+    """u [V]; if it is actuated, that with which an episode begins"""
+    damping: NonNegative = 2.1
+    """c0 [N s/m] without voltage: of fast flow"""
+    damping_per_volt: NonNegative = 0.35
+    """what u adds to c0 [N s/(m V)]"""
+    series_damping: Positive = 28.3
+    """c1 [N s/m] without voltage: of slow flow, in series with all but the accumulator"""
+    series_damping_per_volt: NonNegative = 0.295
+    """what u adds to c1 [N s/(m V)]"""
+    hysteresis: NonNegative = 14.0
+    """alpha [N/m] without voltage: force over z"""
+    hysteresis_per_volt: NonNegative = 69.5
+    """what u adds to alpha [N/(m V)]"""
+    stiffness: NonNegative = 4.69
+    """k0 [N/m]: beside the hysteresis"""
+    accumulator_stiffness: NonNegative = 0.5
+    """k1 [N/m]"""
+    accumulator_offset: float = 0.0
+    """x0 [m]: where the accumulator is relaxed; the published 0.143 is a force at rest"""
+    gain: Positive = 301.0
+    """A [-]: z over the offset before yielding"""
+    gamma: Positive = 3.63e6
+    """gamma [1/m^2]: z is at most the root of A / (gamma + beta)"""
+    beta: float = 3.63e6
+    """beta [1/m^2], at most gamma in magnitude: more would be a source of energy"""
+
+    rules: ClassVar[tuple[Rule, ...]] = (Rule(("beta", "gamma"), _beta_within_gamma),)
+
+
 class NoSprings(Part):
     """No springs: only the interface acts between sphere and carriage."""
 
@@ -168,7 +212,8 @@ class FiniteStretch(Part):
 
 
 Interface = Annotated[
-    NoInterface | Viscous | DryFriction | Stribeck | BoucWen, Field(discriminator="kind")
+    NoInterface | Viscous | DryFriction | Stribeck | BoucWen | Magnetorheological,
+    Field(discriminator="kind"),
 ]
 
 Springs = Annotated[

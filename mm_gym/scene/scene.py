@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.scene.actuators import Actuation, DampingActuator
+from mm_gym.scene.actuators import Actuation, DampingActuator, VoltageActuator
 from mm_gym.scene.dotted_names import put
 from mm_gym.scene.draft import draft_of, findings_of
 from mm_gym.scene.excitation import (
@@ -182,24 +182,32 @@ def _has_damper(actuator: DampingActuator | None, kind: str) -> str | None:
     )
 
 
-def _sees_damping(channels: tuple[str, ...], actuator: DampingActuator | None) -> str | None:
-    seen = [channel for channel in channels if CHANNELS[channel].scale == "damping"]
-    if actuator is not None or not seen:
+def _has_voltage(actuator: VoltageActuator | None, kind: str) -> str | None:
+    if actuator is None or kind == "magnetorheological":
         return None
-    return f"sensors.channels: {seen[0]!r} needs an actuator; set actuation.damping"
+    return f"actuation.voltage: interface.kind: got {kind!r}; allowed: 'magnetorheological'"
+
+
+def _sees(name: str, channels: tuple[str, ...], actuator: Part | None) -> str | None:
+    if actuator is not None or name not in channels:
+        return None
+    return f"sensors.channels: {name!r} needs an actuator; set actuation.{name}"
 
 
 def _begins_within(
-    name: str, actuator: DampingActuator | None, damping: NumberOrRange | None
+    name: str,
+    actuator: DampingActuator | VoltageActuator | None,
+    value: NumberOrRange | None,
 ) -> str | None:
-    """Tell whether a damper, by its part's name, begins an episode within its limits."""
-    if actuator is None or actuator.of != name or damping is None:
+    """Tell whether a damping or voltage, by its dotted name, begins within its limits."""
+    if actuator is None or value is None or name != actuator.held:
         return None
-    low, high = bounds(damping)
+    low, high = bounds(value)
     least, most = actuator.minimum, actuator.maximum
     if least <= low <= high <= most or least >= most:
         return None
-    return f"{name}.damping: got {damping}; allowed: within actuation.damping, {least} to {most}"
+    where = f"actuation.{name.partition('.')[2]}"
+    return f"{name}: got {value}; allowed: within {where}, {least} to {most}"
 
 
 def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
@@ -243,6 +251,7 @@ def _stretch_within_limits(
 
 LATER = (
     "actuation.damping",
+    "actuation.voltage",
     "actuation.force.between",
     *(
         f"objective.{name}_{what}"
@@ -311,10 +320,14 @@ class Scene(Document):
         Rule(("sensors.channels", "springs.kind"), _sees_stretch),
         Rule(("sensors.channels", "actuation.force"), _sees_force),
         Rule(("actuation.damping", "interface.kind"), _has_damper),
-        Rule(("sensors.channels", "actuation.damping"), _sees_damping),
+        Rule(("actuation.voltage", "interface.kind"), _has_voltage),
         *(
-            Rule(("actuation.damping", f"{name}.damping"), partial(_begins_within, name))
-            for name in ("interface", "carriage")
+            Rule(("sensors.channels", f"actuation.{name}"), partial(_sees, name))
+            for name in ("damping", "voltage")
+        ),
+        *(
+            Rule((f"actuation.{name.split('.')[1]}", name), partial(_begins_within, name))
+            for name in ("interface.damping", "carriage.damping", "interface.voltage")
         ),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
         Rule(("initial.stretch", *WITHIN), _initial_within_limits),
@@ -424,8 +437,8 @@ class Scene(Document):
             else:
                 refused = {end: parts[prefix].findings_with(field, end) for end in ends}
                 texts = [text for end in refused for text in refused[end]]
-                if field == "damping" and not texts:
-                    found = _begins_within(prefix, self.actuation.damping, ends)
+                if name == self.actuation.damped and not texts:
+                    found = _begins_within(name, self.actuation.device, ends)
                     texts += [] if found is None else [found.partition(": ")[2]]
                 allowed = [end for end in ends if not refused[end]]
                 if allowed:

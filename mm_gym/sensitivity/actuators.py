@@ -24,7 +24,7 @@ class Actuator(NamedTuple):
     Attributes
     ----------
     name
-        "force" [N], "stretch" [-] or "damping" [N s/m].
+        "force" [N], "stretch" [-], "damping" [N s/m] or "voltage" [V].
     row, asked_row
         Rows of a lane: what it applies, and what a rate adds up to.
     low, high, rate, lag_factor
@@ -58,15 +58,18 @@ class Slopes(NamedTuple):
     asked_by_action: Array
 
 
-def actuators_of(task: Array) -> tuple[Actuator, ...]:
-    """Return the actuators of a task array, in the order of the action."""
+def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
+    """Return the actuators of a task array, in the order of the action.
+
+    The semi-active device has a name of its own, `Support.device`.
+    """
     found: list[Actuator] = []
     if task[at.HAS_FORCE] > 0.0:
         limit = float(task[at.FORCE_LIMIT])
         slots = (at.FORCE_RATE, at.FORCE_LAG_FACTOR, at.FORCE_IS_RATE)
         rest = _numbers(task, slots)
         found.append(Actuator("force", at.FORCE, at.FORCE_ASKED, -limit, limit, *rest))
-    for name, (slot, row, asked) in (("stretch", STRETCH), ("damping", DAMPING)):
+    for name, (slot, row, asked) in (("stretch", STRETCH), (device, DAMPING)):
         if task[slot] > 0.0:
             low, high = float(task[slot + LOW]), float(task[slot + HIGH])
             rest = _numbers(task, (slot + RATE, slot + LAG_FACTOR, slot + IS_RATE))
@@ -87,7 +90,7 @@ def slopes(actuator: Actuator, applied: Array, asked: Array, action: Array) -> S
     actuator
         The actuator.
     applied, asked
-        (count,) [N], [-] or [N s/m] before the step.
+        (count,) [N], [-], [N s/m] or [V] before the step.
     action
         (count,) [-].
     """

@@ -10,7 +10,7 @@ from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.simd import LANES
 from mm_gym.lanes.tangents import slopes_of, tangent, value_of
-from mm_gym.law.interface import own_row
+from mm_gym.law.interface import state_row
 from mm_gym.sensitivity.layout import (
     CAUSES,
     FIRST_ROW,
@@ -38,14 +38,14 @@ def read_rows(model, lanes, i, row, count, c, first):
 
 @borrowing_kernel
 def read_state(model, lanes, i, states, c):
-    """Read x1, x2, v1, v2 and an interface's own state of lane i as the first numbers of c.
+    """Read x1, x2, v1, v2 and an interface's own states of lane i as the first numbers of c.
 
     Impulses on the carriage since the last propagation changed v1 by size / m1, so that its mass
     deviates in them; those of the ground change both velocities alike.
     """
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     for part in range(states):
-        c[part] = lanes[part if part <= at.V2 else own_row(model), i]
+        c[part] = lanes[state_row(model, part, states), i]
         for j in range(width):
             c[part, j] = lanes[own + TANGENTS + part * width + j, i]
     impulse = lanes[at.V1, i] - lanes[own + LAST_V1, i]
@@ -61,7 +61,7 @@ def write_state(model, lanes, i, states, c):
     """Write the first numbers of c as the state of lane i at the end of a propagation."""
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     for part in range(states):
-        lanes[part if part <= at.V2 else own_row(model), i] = value_of(c[part])
+        lanes[state_row(model, part, states), i] = value_of(c[part])
         for j in range(width):
             lanes[own + TANGENTS + part * width + j, i] = c[part, j]
     lanes[own + LAST_V1, i], lanes[own + LAST_V2, i] = lanes[at.V1, i], lanes[at.V2, i]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Numbers = NDArray[np.uint64]
 
-STATES = ("x1", "x2", "v1", "v2", "z")
+STATES = ("x1", "x2", "v1", "v2")
 
 step_with = cache(tangent_kernel.step_with)
 by_transition = step_by(Linear.entries.cross)
@@ -41,9 +41,9 @@ class Jacobian(NamedTuple):
     Attributes
     ----------
     names
-        The n states: x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of its own, then
-        for each actuator the force [N], stretch [-] or damping [N s/m] that it applies, then of
-        those with a lag that are commanded by rate what was asked for.
+        The n states: x1, x2 [m], v1, v2 [m/s], those that the interface has of its own, then for
+        each actuator the force [N], stretch [-], damping [N s/m] or voltage [V] that it applies,
+        then of those with a lag that are commanded by rate what was asked for.
     end
         (n,) state at the step's end.
     state
@@ -51,7 +51,8 @@ class Jacobian(NamedTuple):
     action
         (n, k) with respect to the action [-].
     applied
-        (4, k), with z (5, k), of these with respect to what the actuators apply in the step [N, -].
+        (4, k), or more with states of the interface's own, of these with respect to what the
+        actuators apply in the step [N, -].
     parameters
         Dotted name -> (n,), with respect to a field of the scene.
     """
@@ -82,7 +83,7 @@ class Sensitivities:
     Attributes
     ----------
     state_rows
-        Rows of a lane that hold the n states of the motion: x1, x2, v1, v2, and z if there is one.
+        Rows of a lane that hold the n states of the motion: x1, x2, v1, v2, then the interface's.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class Sensitivities:
     ) -> None:
         (model, task), (values, streams) = constants, lanes
         self.task, self.count, self.rows = task, values.shape[1], len(values)
-        self.actuators = actuators_of(task)
+        self.actuators = actuators_of(task, support.device)
         self.parameters = parameters or {}
         causes = [support.damped_row if a.row == at.DAMPING else a.row for a in self.actuators]
         causes = self._causes = causes + list(self.parameters.values())
@@ -104,6 +105,7 @@ class Sensitivities:
         width = 0
         self.state_rows = support.state_rows
         states = self._states = len(self.state_rows)
+        self._own_states = support.interface.states
         if self._is_constant:
             self._models, self._advance, tail = [model], by_transition, 1
         else:
@@ -221,7 +223,7 @@ class Sensitivities:
             for k, name in enumerate(self.parameters)
         }
         return status, Jacobian(
-            _names(self.actuators, n),
+            _names(self.actuators, self._own_states),
             self.lanes[rows].T,
             *(np.moveaxis(state, -1, 0), np.moveaxis(action, -1, 0), np.moveaxis(applied, -1, 0)),
             parameters,
@@ -256,7 +258,7 @@ def _kernel(
     return by_series, min(columns, LANES)
 
 
-def _names(actuators: Sequence[Actuator], states: int) -> tuple[str, ...]:
+def _names(actuators: Sequence[Actuator], own_states: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the states, see `Jacobian`."""
     asked = (f"{a.name}_asked" for a in actuators if a.has_memory_of_command)
-    return (*STATES[:states], *(a.name for a in actuators), *asked)
+    return (*STATES, *own_states, *(a.name for a in actuators), *asked)

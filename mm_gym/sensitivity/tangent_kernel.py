@@ -21,9 +21,9 @@ from mm_gym.lanes.tangents import slopes_of, tangent, tangents_of, value_of
 from mm_gym.law.interface import (
     Interface,
     force_of,
-    has_state,
+    own_states_of,
     parameters_of,
-    rate_of,
+    rates_of,
     resolves,
     springs_of,
     states_of,
@@ -70,33 +70,38 @@ def step_with(interface: Interface) -> Callable[..., int]:
 
 
 def slopes_with(interface: Interface) -> Callable[..., None]:
-    """Return the kernel of an interface's force, rate and springs, with their slopes."""
+    """Return the kernel of an interface's force, springs and rates, with their slopes."""
 
     @borrowing_kernel
-    def slopes(p, point, found):
-        """Write force [N], rate of the own state [1/s] and springs' share [N], with their slopes.
+    def slopes(p, held, point, found):
+        """Write force [N], springs' share [N] and the own states' rates, with their slopes.
 
         Parameters
         ----------
         p
             (parameters,) read.
+        held
+            Which of them an actuator holds, -1 for none.
         point
-            (3,) read: offset [m], slip velocity [m/s] and own state.
+            (4,) read: offset [m], slip velocity [m/s] and own states.
         found
-            (3, 4) written: the value of each, then the slopes over the point.
+            (4, 6) written: the value of each, the slopes over the point, and over what is held.
         """
         b = tangents_of(_numbers())
         for k in range(p.shape[0]):
             b[k] = p[k]
-        for k in range(3):
+        if held >= 0:
+            b[held] = tangent(p[held], with_element(everywhere(0.0), 4, 1.0))
+        for k in range(4):
             b[of.PARAMETERS + k] = tangent(point[k], with_element(everywhere(0.0), k, 1.0))
-        offset, slip, own = b[of.PARAMETERS], b[of.PARAMETERS + 1], b[of.PARAMETERS + 2]
+        offset, slip = b[of.PARAMETERS], b[of.PARAMETERS + 1]
+        own = b[of.PARAMETERS + 2], b[of.PARAMETERS + 3]
+        first, second = rates_of(interface, b, offset, slip, own)
         force = force_of(interface, b, offset, slip, own)
-        rate = rate_of(interface, b, offset, slip, own)
-        each = force, rate, springs_of(interface, b, offset, slip, own)
-        for k in range(3):
+        each = force, springs_of(interface, b, offset, slip, own), first, second
+        for k in range(4):
             found[k, 0] = value_of(each[k])
-            for j in range(3):
+            for j in range(5):
                 found[k, 1 + j] = element(slopes_of(each[k]), j)
 
     return slopes
@@ -113,8 +118,8 @@ def _propagate_lane(interface, model, lanes, i, b):
     elapsed, is_new = 0.0, True
     for _ in range(MOST_STEPS):
         if is_new:
-            a1, a2, change = runge_kutta.first_kicks(interface, model, b)
-            b[of.KICKS], b[of.KICKS + 1], b[of.OWN_KICKS] = a1, a2, change
+            kicks = runge_kutta.first_kicks(interface, model, b)
+            runge_kutta.write_kicks(interface, b, of.KICKS, kicks)
             is_new = False
         for k in range(int(model[of.STAGES])):
             runge_kutta.pass_stage(interface, model, b, k)
@@ -137,12 +142,14 @@ def _propagate_lane(interface, model, lanes, i, b):
             b[of.ELAPSED] = elapsed
             for row in range(2):
                 b[of.KICKS + row] = b[last + row]
-            b[of.OWN_KICKS] = b[last + of.OWN_KICKS - of.KICKS]
+            for row in range(of.OWN_KICKS, of.OWN_KICKS + own_states_of(interface)):
+                b[row] = b[last + row - of.KICKS]
         elif not h > 0.0:
             break
         following = min(h * factor, interval - elapsed)
-        for row in (of.KICKS, of.KICKS + 1, of.OWN_KICKS):
-            b[row] = b[row] * (following / h)
+        for first in (of.KICKS, of.OWN_KICKS):
+            for row in range(first, first + 2):
+                b[row] = b[row] * (following / h)
         h = following
         runge_kutta.set_length(b, h)
     return at.TOO_MANY_STEPS
@@ -183,12 +190,15 @@ def _error(interface, model, b, h):
     zero, error = tangent(0.0, everywhere(0.0)), tangent(0.0, everywhere(0.0))
     q1, q2, r1, r2 = summed(b, number, zero, zero)
     o1, o2, s1, s2 = summed(b, number + 1, zero, zero)
-    error = _over(model, h, (q1, q2), (o1, o2), (at.V1, at.V2), b, error)
-    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (at.X1, at.X2), b, error)
-    if has_state(interface):
-        own = runge_kutta.summed_own(b, number, zero)
-        other = runge_kutta.summed_own(b, number + 1, zero)
-        error = _over(model, h, (own, own), (other, other), (of.OWN, of.OWN), b, error)
+    none = everywhere(0.0)
+    error = _over(model, h, (q1, q2), (o1, o2), (at.V1, at.V2), b, error, none)
+    error = _over(model, h, (h * r1, h * r2), (h * s1, h * s2), (at.X1, at.X2), b, error, none)
+    moves = larger(_size(b, (at.X1, at.X2)), _size(b, (at.V1, at.V2)))
+    own = runge_kutta.summed_own(interface, b, number, (zero, zero))
+    other = runge_kutta.summed_own(interface, b, number + 1, (zero, zero))
+    for k in range(own_states_of(interface)):
+        row = of.OWN + k
+        error = _over(model, h, (own[k], own[k]), (other[k], other[k]), (row, row), b, error, moves)
     largest, p = value_of(error), from_row(b, of.PARAMETERS)
     slips = b[3] - b[2], b[of.END + 3] - b[of.END + 2]
     if not resolves(interface, p, slips[0], slips[1], runge_kutta.LONGEST_WAY_OF_BOTH):
@@ -199,10 +209,23 @@ def _error(interface, model, b, h):
 
 
 @inlined_kernel
-def _over(model, h, fifth, third, rows, b, error):
+def _size(b, rows):
+    """Return how large the deviations of two rows are over the motion in them."""
+    scale, width = 0.0, everywhere(0.0)
+    for side in range(2):
+        start, end = b[rows[side]], b[of.END + rows[side]]
+        scale = max(scale, abs(value_of(start)), abs(value_of(end)))
+        width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
+    return width * (1.0 / scale if scale > 0.0 else 0.0)
+
+
+@inlined_kernel
+def _over(model, h, fifth, third, rows, b, error, moves):
     """Return the larger of an error over its limit and of that of two rows, of which is the scale.
 
-    Positions are compared with positions, velocities with velocities, each column by itself.
+    Positions are compared with positions, velocities with velocities, each column by itself. An own
+    state that is saturated forgets its deviations: they count as far as those of the motion, over
+    it, which are `moves`.
     """
     limit = model[of.LIMIT] * max(h / model[at.SAMPLE_INTERVAL], runge_kutta.LEAST_ALONE)
     limit = max(limit, runge_kutta.ROUND_OFF)
@@ -212,10 +235,11 @@ def _over(model, h, fifth, third, rows, b, error):
         start, end = b[rows[side]], b[of.END + rows[side]]
         scale = max(scale, abs(value_of(start)), abs(value_of(end)))
         width = larger(width, larger(abs(slopes_of(start)), abs(slopes_of(end))))
-    if rows[0] == of.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
+    if rows[0] >= of.OWN:  # it passes 0 by itself: what it changes by in the interval counts too
         part = model[at.SAMPLE_INTERVAL] / h
-        scale = max(scale, abs(value_of(b[of.OWN_KICKS])) * part)
-        width = larger(width, abs(slopes_of(b[of.OWN_KICKS])) * part)
+        kick = b[of.OWN_KICKS + rows[0] - of.OWN]
+        scale = max(scale, abs(value_of(kick)) * part)
+        width = larger(larger(width, abs(slopes_of(kick)) * part), moves * scale)
     if rows[0] == at.V1:  # what rounding leaves of balanced forces
         forces = abs(value_of(b[of.FORCE])) + abs(value_of(b[of.PAIR]))
         forces += abs(value_of(b[of.LINEAR]) * value_of(b[0]))

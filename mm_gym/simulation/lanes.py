@@ -442,7 +442,7 @@ class Lanes:
 
 def applied_rows(actuators: Sequence[str]) -> slice:
     """Return the rows of what actuators apply, in the order of the action."""
-    rows = [at.FORCE + ("force", "stretch", "damping").index(name) for name in actuators]
+    rows = [at.APPLIED[name] for name in actuators]
     first = rows[0] if rows else at.STRETCH
     return slice(first, first if not rows else rows[-1] + 1, rows[1] - first if rows[1:] else 1)
 

@@ -113,7 +113,7 @@ def blank(plant: Plant, start: Array, steps: int) -> Recording:
 
 
 def held_rows(plant: Plant) -> list[int]:
-    """Return the rows of what is held over a control step: force, stretch, an actuated damping."""
+    """Return the rows of what is held over a control step: force, stretch, a semi-active device."""
     return [at.FORCE, at.STRETCH, *([at.DAMPING] if plant.support.damped_row else [])]
 
 
@@ -251,7 +251,7 @@ def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[fl
 
 
 def states_at(recording: Recording, place: Place) -> Array:
-    """Return the states (n, 4) at positions; (n, 5) with the interface's own behind them."""
+    """Return the states (n, 4) at positions, with the interface's own behind them."""
     rows = recording.plant.support.state_rows
     sampled = recording.states[place.row]
     for i in np.flatnonzero(place.part):

@@ -10,6 +10,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, suggest
 from mm_gym.lanes import layout as at
 from mm_gym.law import carriage_spring, dry_friction, springs
+from mm_gym.law.interface import MOST_STATES
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def interface_force(support: Support, p: Array, state: Array) -> Array:
     p
         (rows,) the lane's parameters, or (rows, n) those at each state.
     state
-        (n, 4) x1, x2 [m], v1, v2 [m/s], or (n, 5) with the interface's own behind them.
+        (n, 4) x1, x2 [m], v1, v2 [m/s], with the interface's own states behind them.
     """
     if support.is_general:
         return _by_value(support, support.interface.force, p, state)
@@ -73,12 +74,14 @@ def interface_energy(support: Support, p: Array, state: Array) -> Array:
 
 def _by_value(support: Support, kernel: Callable[..., Any], p: Array, state: Array) -> Array:
     """Return what a kernel of the interface says (n,); see `interface_force`."""
-    own, slip = p[list(support.interface_rows)], state[:, 3] - state[:, 2]
-    return np.zeros(len(state)) + plain(kernel)(own, state[:, 1] - state[:, 0], slip, state[:, -1])
+    own, slip = np.zeros((MOST_STATES, len(state))), state[:, 3] - state[:, 2]
+    own[: state.shape[1] - 4] = state[:, 4:].T
+    rows, offset = p[list(support.interface_rows)], state[:, 1] - state[:, 0]
+    return np.zeros(len(state)) + plain(kernel)(rows, offset, slip, tuple(own))
 
 
 def damped(support: Support, p: Array, applied: Array) -> Array:
-    """Return the parameters (rows,), or (rows, n) with the damping that is held at n instants."""
+    """Return the parameters (rows,), or (rows, n) with what a device holds at n instants."""
     if not support.damped_row:
         return p
     each = np.tile(p[:, None], (1, len(applied)))
@@ -108,7 +111,7 @@ def acceleration(
     support, p, state
         As for `interface_force`.
     applied
-        (n, 2) force [N] and stretch [-], or (n, 3) with the damping [N s/m] behind them.
+        (n, 2) force [N] and stretch [-], or (n, 3) with damping or voltage behind them.
     disturbance
         (n,) disturbing force [N].
 

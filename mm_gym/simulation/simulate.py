@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.errors import ActionError, SimulationError
+from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
 from mm_gym.simulation.failures import growth_of
@@ -59,9 +60,9 @@ def simulate(
         (n,) increasing instants [s] that the trajectory has instead, also within control steps.
     action
         The commands to the actuators, one column per actuator: force [N], positive in the direction
-        of x1, stretch [-], and damping [N s/m]. None (no force, the initial stretch and damping), a
-        constant (k,), an array (steps, k) with a row per control step, or a function of time [s]
-        and state (4,) that returns (k,). Limits and rate limits apply.
+        of x1, stretch [-], and damping [N s/m] or voltage [V]. None (no force, the initial value of
+        the others), a constant (k,), an array (steps, k) with a row per control step, or a function
+        of time [s] and state (4,) that returns (k,). Limits and rate limits apply.
     seed
         Seed of the scene's draws; by default 0.
     ground
@@ -196,7 +197,7 @@ def _commands(
 
 def _columns(plant: Plant) -> list[int]:
     """Return the column of each actuator in what is held."""
-    return [("force", "stretch", "damping").index(name) for name in plant.actuators]
+    return [at.APPLIED[name] - at.FORCE for name in plant.actuators]
 
 
 def _check_finite(

@@ -22,6 +22,7 @@ from mm_gym.simulation.response import (
     acceleration,
     base_force,
     check_channel,
+    damped,
     interface_energy,
     root_mean_square,
     spring_force,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from mm_gym.simulation.energy.work import Work
     from mm_gym.simulation.recording import Place, Recording
 
-UNITS = {"force": "N", "stretch": "-", "damping": "N s/m"}
+UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 
 EXCITATION = ("disturbance [N]", "ground [m/s²]")
 """Labels of the excitation's axes."""
@@ -54,12 +55,13 @@ class Trajectory:
     state
         (n, 4): x1, x2 [m], v1, v2 [m/s], ground frame.
     interface_state
-        (n, 1) the interface's own state [-], if it has one, otherwise (n, 0).
+        (n, k) the k states that the interface has of its own: z [-] of Bouc-Wen, y and z [m] of a
+        magnetorheological damper.
     action
         (n, k): what the actuators applied from each instant on, in the order of `actuators`.
     applied
         (n, 2): force [N] and stretch [-], whether actuated or not; (n, 3) with the damping [N s/m]
-        behind them if it is actuated.
+        or voltage [V] behind them if it is actuated.
     actuators
         Names of the action's columns.
     parameters
@@ -99,7 +101,7 @@ class Trajectory:
 
     @property
     def _states(self) -> NDArray[np.float64]:
-        """The states (n, 4), or (n, 5) with the interface's own behind them."""
+        """The states (n, 4), with the interface's own behind them."""
         return np.hstack([self.state, self.interface_state])
 
     @cached_property
@@ -129,9 +131,9 @@ class Trajectory:
         if name == "stretch" and self.parameters[at.STRETCH] == LINEAR:
             msg = "channel: got 'stretch'; springs.kind = 'linear' has none"
             raise SimulationError(msg)
-        if name == "damping":
-            if self.applied.shape[1] < 3:  # noqa: PLR2004 - force, stretch, damping
-                msg = "channel: 'damping' needs an actuator; set actuation.damping"
+        if name in ("damping", "voltage"):
+            if name not in self.actuators:
+                msg = f"channel: {name!r} needs an actuator; set actuation.{name}"
                 raise SimulationError(msg)
             return self.applied[:, 2]
         if name in ("applied_force", "stretch"):
@@ -153,11 +155,11 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> NDArray[np.float64]:
-        """Kinetic and elastic energy (n,) [J], with the stretch of each instant."""
+        """Kinetic and elastic energy (n,) [J], with stretch and voltage of each instant."""
         energy = mechanical_energy(self.parameters, self.state, self.applied[:, 1])
-        return energy + interface_energy(
-            self.recording.plant.support, self.parameters, self._states
-        )
+        support = self.recording.plant.support
+        p = damped(support, self.parameters, self.applied)
+        return energy + interface_energy(support, p, self._states)
 
     @cached_property
     def work(self) -> Work:

@@ -42,6 +42,7 @@ CHANNELS: dict[str, Channel] = {
     "slip_velocity": Channel(at.V2, at.V1, "m/s", "velocity", "v2 - v1"),
     "stretch": Channel(at.STRETCH, NONE, "-", "stretch", "stretch of the springs"),
     "damping": Channel(at.DAMPING, NONE, "N s/m", "damping", "coefficient of an actuated damper"),
+    "voltage": Channel(at.DAMPING, NONE, "V", "voltage", "of a magnetorheological damper"),
     "applied_force": Channel(at.FORCE, NONE, "N", "limit", "of the actuator on the carriage"),
     "carriage_acceleration": Channel(
         at.CARRIAGE_ACCELERATION, NONE, "m/s^2", "acceleration", "absolute, of the carriage"

@@ -10,7 +10,7 @@ from mm_gym.excitation.impulses import apply_first_impulses
 from mm_gym.excitation.kinds import excite, has_corners
 from mm_gym.lanes import layout as at
 from mm_gym.law.carriage_spring import are_terminated
-from mm_gym.law.interface import LINE, Interface
+from mm_gym.law.interface import LINE, Interface, state_row
 from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.episodes import show_first_with
 from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
@@ -136,10 +136,9 @@ def build(
 @borrowing_kernel
 def record_state(model, lanes, states, k):
     """Copy the state of lane 0 to states[k]."""
-    for row in range(4):
-        states[k, row] = lanes[row, 0]
-    if states.shape[1] > 4:  # noqa: PLR2004 - the interface has a state of its own
-        states[k, 4] = lanes[int(model[at.INTERFACE]) - 1, 0]
+    count = states.shape[1]
+    for column in range(count):
+        states[k, column] = lanes[state_row(model, column, count), 0]
 
 
 @borrowing_kernel
@@ -233,8 +232,8 @@ def _entries(
             (steps, 2) read: force [N] and stretch [-] asked for in each control step; (steps, 3)
             with the damping [N s/m] behind them if it is actuated.
         starts, states
-            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end; (n, 5)
-            with the interface's own state behind them.
+            (n, 4) written: x1, x2 [m], v1, v2 [m/s] at each sample interval's start and end; the
+            interface's own states, if any, are behind them.
         applied
             (n, 2) or (n, 3) written: the same of what is held.
         jets

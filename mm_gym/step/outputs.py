@@ -22,7 +22,7 @@ from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
 from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
-from mm_gym.law.interface import LINE, Interface, force_of, has_state, springs_of
+from mm_gym.law.interface import LINE, Interface, force_of, own_at, own_states_of, springs_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import spring_force
 
@@ -49,7 +49,7 @@ def link_of(interface: Interface) -> Callable[..., tuple[float, float]]:
     @borrowing_kernel
     def link(model, lanes, i):
         first = int(model[at.INTERFACE])
-        own = lanes[first - 1, i] if has_state(interface) else 0.0
+        own = own_at(interface, lanes[:, i], first - own_states_of(interface))
         offset, w = lanes[at.X2, i] - lanes[at.X1, i], lanes[at.V2, i] - lanes[at.V1, i]
         p = lanes[first:, i]
         force = force_of(interface, p, offset, w, own)

@@ -1,6 +1,6 @@
 """The whole structure with the device on it, integrated without the kernels of mm_gym.
 
-The state is q (n), x2, their velocities in the same order, and the interface's own state last, if
+The state is q (n), x2, their velocities in the same order, and the interface's own states last, if
 it has one. Displacements are relative to the ground.
 """
 
@@ -20,6 +20,7 @@ from scipy.linalg import expm
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError, StructureError
 from mm_gym.law import INTERFACES, dry_friction, springs
+from mm_gym.law.interface import MOST_STATES
 from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ class FullModel:
         """Return the force [N] of springs and interface, with more damping [N s/m] than its own."""
         n, j = self.count, self.place
         offset, slip = state[n] - state[j], state[2 * n + 1] - state[n + 1 + j]
-        return self.device.force(offset, slip, state[-1]) + more * slip
+        return self.device.force(offset, slip, state[2 * n + 2 :]) + more * slip
 
     def rates(self, state: Array, ground: float, more: float = 0.0) -> Array:
         """Return the rates of the state under an acceleration of the ground [m/s^2].
@@ -165,7 +166,8 @@ class FullModel:
         resisting = self.stiffness @ q + self.damping @ v
         resisting[j] -= inner
         accelerations = np.append(-self.by_mass @ resisting, -inner / self.m2)
-        own = self.device.rate(state[n] - state[j], state[2 * n + 1] - v[j], state[-1])
+        slip = state[2 * n + 1] - v[j]
+        own = self.device.rates(state[n] - state[j], slip, state[2 * n + 2 :])
         both = [state[n + 1 : 2 * n + 2], accelerations + self.ground * ground, own]
         return np.concatenate(both)
 
@@ -328,7 +330,7 @@ class Device:
     is_linear
         Whether the force is linear in the state.
     states
-        1 if the interface has a state of its own, otherwise 0.
+        How many states of its own the interface has.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -343,21 +345,26 @@ class Device:
         self.is_linear = smooth and pair.kind != "finite_stretch"
         self._spring_force = plain(springs.spring_force)
         known = INTERFACES.get(interface.kind)
-        self.states = int(known is not None and known.has_state)
+        self.states = 0 if known is None else len(known.states)
         self._force = _line(scene) if known is None else plain(known.force)
-        self._rate = plain(known.rate) if known is not None and known.rate else None
+        self._rates = None if known is None else plain(known.rates)
         self._own = [] if known is None else [_value(scene, name) for name in known.parameters]
 
-    def force(self, offset: float, slip: float, own: float) -> float:
-        """Return the force [N] at an offset [m], a slip velocity [m/s] and the own state [-]."""
+    def force(self, offset: float, slip: float, own: Array) -> float:
+        """Return the force [N] at an offset [m], a slip velocity [m/s] and own states (states,)."""
         pair = self._spring_force(*self._springs, offset) * (1.0 + self._cubic * offset**2)
-        return pair + self._force(self._own, offset, slip, own)
+        return pair + self._force(self._own, offset, slip, _pair(own))
 
-    def rate(self, offset: float, slip: float, own: float) -> Array:
-        """Return the rate [1/s] of the own state, (states,)."""
-        if self._rate is None:
+    def rates(self, offset: float, slip: float, own: Array) -> Array:
+        """Return the rates of the own states, (states,)."""
+        if self._rates is None:
             return np.empty(0)
-        return np.array([self._rate(self._own, offset, slip, own)])
+        return np.array(self._rates(self._own, offset, slip, _pair(own))[: self.states])
+
+
+def _pair(own: Array) -> tuple[float, ...]:
+    """Return own states as an interface takes them."""
+    return (*own, *[0.0] * MOST_STATES)[:MOST_STATES]
 
 
 def _springs_of(scene: Scene) -> tuple[tuple[float, float, float], float]:
@@ -395,7 +402,7 @@ def _line(scene: Scene) -> Callable[..., float]:
         kinetic = plain(dry_friction.kinetic_force)(interface.kinetic_coefficient, normal)
         chi = interface.slip_damping
 
-    def force(_own: object, _offset: float, slip: float, _state: float) -> float:
+    def force(_own: object, _offset: float, slip: float, _states: object) -> float:
         return law(slope, vr, kinetic, chi, slip)
 
     return force

@@ -71,7 +71,7 @@ def test_base_force_balances_the_momentum(kind):
 def test_channels_are_those_that_an_environment_observes(kind):
     scene = driven(kind)
     springs = scene.springs.kind != "none"
-    lacking = {"damping"} if springs else {"damping", "stretch", "spring_force"}
+    lacking = {"damping", "voltage"} | (set() if springs else {"stretch", "spring_force"})
     names = [name for name in CHANNELS if name not in lacking]
     env = MovingMassEnv(scene.replace(**{"sensors.channels": names, "control.steps": 40}))
     env.reset(seed=0)

@@ -28,7 +28,7 @@ def held(name):
     """Return a task whose stretch is held, with lag, delay, all channels and one sample a step."""
     scene = TASKS[name]
     springs = {"kind": "none"}
-    channels = [channel for channel in CHANNELS if channel not in ("stretch", "damping")]
+    channels = [channel for channel in CHANNELS if channel not in ("stretch", "damping", "voltage")]
     if scene.springs.kind != "none":
         springs = {"kind": "small_on_large", "stretch": 1.7}
     else:

@@ -1,6 +1,6 @@
 """Embedded Runge-Kutta steps for every law of motion, over vectors of lanes.
 
-`entries_of` an interface are compiled for it: its force, and a state that it may have of its own.
+`entries_of` an interface are compiled for it: its force, and states that it may have of its own.
 
 Lanes are taken some vectors at a time, which go through the stages of a step side by side. Each
 lane has steps of its own: their lengths follow from its error estimates, and from when friction
@@ -37,12 +37,13 @@ from mm_gym.law.interface import (
     LINE,
     Interface,
     force_of,
-    has_state,
     is_line,
-    own_row,
+    own_at,
+    own_states_of,
     parameters_of,
-    rate_of,
+    rates_of,
     resolves,
+    state_row,
     states_of,
 )
 from mm_gym.law.motion import Coefficients, control_forces, rates, read_coefficients
@@ -166,10 +167,9 @@ def _those(group, count, outcome):
 @borrowing_kernel
 def _load(interface, model, lanes, i, count, b):
     """Load the state and the coefficients of a vector of lanes."""
-    for row in range(4):
-        b[of.STATE + row] = read(lanes, row, i, count)
-    if has_state(interface):
-        b[of.OWN] = read(lanes, own_row(model), i, count)
+    states = states_of(interface)
+    for k in range(states):
+        b[of.STATE + k] = read(lanes, state_row(model, k, states), i, count)
     write_coefficients(b, read_coefficients(lanes, i, count))
     b[of.PAIR], b[of.FORCE] = control_forces(model, read(lanes, at.FORCE, i, count))
     if is_line(interface):
@@ -190,21 +190,20 @@ def _load(interface, model, lanes, i, count, b):
     for row in (of.ELAPSED, of.COUNT, of.TARGET, of.NEXT, of.SHIFT, of.ARRIVES):
         b[row] = everywhere(0.0)
     set_length(b, everywhere(model[at.SAMPLE_INTERVAL] / model[of.STEPS]))
-    b[of.KICKS], b[of.KICKS + 1], b[of.OWN_KICKS] = first_kicks(interface, model, b)
+    write_kicks(interface, b, of.KICKS, first_kicks(interface, model, b))
 
 
 @borrowing_kernel
 def _store(interface, model, lanes, i, count, b):
     """Write the states of those lanes of a vector that are done."""
     done = b[of.OUTCOME] == of.DONE
-    if has_state(interface):
-        row = own_row(model)
-        write(lanes, row, i, count, where(done, b[of.OWN], read(lanes, row, i, count)))
+    states, first = states_of(interface), 0
     if count == LANES and all_hold(done):
         write_states(lanes, i, b[0], b[1], b[2], b[3])
-        return
-    for row in range(4):
-        write(lanes, row, i, count, where(done, b[row], read(lanes, row, i, count)))
+        first = of.OWN
+    for k in range(first, states):
+        row = state_row(model, k, states)
+        write(lanes, row, i, count, where(done, b[k], read(lanes, row, i, count)))
 
 
 @inlined_kernel
@@ -237,8 +236,10 @@ def _move(interface, model, b, k, w, slot):
     for row in range(of.SOURCES + rows_of_sources(model)):
         if row < of.END or of.KICKS <= row < of.KICKS + 2 or row >= of.COEFFICIENTS:
             other[row, slot] = one[row, k]
-    if has_state(interface):
-        other[of.OWN_KICKS, slot] = one[of.OWN_KICKS, k]
+    for row in range(own_states_of(interface)):
+        other[of.OWN_KICKS + row, slot] = one[of.OWN_KICKS + row, k]
+    for row in range(parameters_of(interface)):
+        other[of.PARAMETERS + row, slot] = one[of.PARAMETERS + row, k]
 
 
 @borrowing_kernel
@@ -254,10 +255,8 @@ def _empty(interface, model, lanes, w, idle, status):
         own, k = _vector_of(w, slot), slot % LANES
         lane = int(own[of.LANE, k])
         if own[of.OUTCOME, k] == of.DONE:
-            for row in range(4):
-                lanes[row, lane] = own[row, k]
-            if has_state(interface):
-                lanes[own_row(model), lane] = own[of.OWN, k]
+            for row in range(states_of(interface)):
+                lanes[state_row(model, row, states_of(interface)), lane] = own[row, k]
         elif is_line(interface):
             status = max(status, taylor.propagate(model, lanes, lane, lane + 1))
         else:
@@ -297,7 +296,7 @@ def _coefficients(b):
 def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
     """Return the accelerations at a time [s] since the interval's start, times the step's length.
 
-    So they are added to velocities as they are; and the same of the interface's own state.
+    So they are added to velocities as they are; and the same of the interface's own states.
     """
     push, shake = b[of.FORCE], alike(time, 0.0)
     if is_excited(model):
@@ -308,7 +307,19 @@ def _kicks(interface, model, b, time, x1, x2, v1, v2, own):
     if not is_line(interface):  # whose intercept has it
         link = link + b[of.PAIR]
     a1, a2 = rates(_coefficients(b), is_finite, x1, offset, v1, link, push, shake)
-    return a1, a2, b[of.LENGTH] * rate_of(interface, p, offset, slip, own)
+    first, second = rates_of(interface, p, offset, slip, own)
+    return a1, a2, b[of.LENGTH] * first, b[of.LENGTH] * second
+
+
+@inlined_kernel
+def write_kicks(interface, b, row, kicks):
+    """Write what `_kicks` returns, for a stage by the row of its first."""
+    b[row], b[row + 1] = kicks[0], kicks[1]
+    own = row + of.OWN_KICKS - of.KICKS
+    if own_states_of(interface) > 0:
+        b[own] = kicks[2]
+    if own_states_of(interface) > 1:
+        b[own + 1] = kicks[3]
 
 
 @inlined_kernel
@@ -320,14 +331,8 @@ def _parameters(b):
 @inlined_kernel
 def first_kicks(interface, model, b):
     """Return them where the step begins."""
-    own = _own(interface, b, of.OWN)
+    own = own_at(interface, b, of.OWN)
     return _kicks(interface, model, b, b[of.ELAPSED], b[0], b[1], b[2], b[3], own)
-
-
-@inlined_kernel
-def _own(interface, b, row):
-    """Return the interface's own state, 0 where it has none."""
-    return b[row] if has_state(interface) else alike(b[0], 0.0)
 
 
 @borrowing_kernel
@@ -347,22 +352,22 @@ def pass_stage(interface, model, b, i):
     w1, w2, r1, r2 = summed(b, number, b[2], b[3])
     y1, y2 = fma(h, r1, b[0]), fma(h, r2, b[1])
     time, kick = fma(model[of.TIMES + i], h, b[of.ELAPSED]), of.KICKS + 2 * (i + 1)
-    own = _own(interface, b, of.OWN)
-    if has_state(interface):
-        own = summed_own(b, number, own)
-        b[of.END + of.OWN] = own
+    own = own_at(interface, b, of.OWN)
+    if own_states_of(interface) > 0:
+        own = summed_own(interface, b, number, own)
+        b[of.END + of.OWN] = own[0]
+    if own_states_of(interface) > 1:
+        b[of.END + of.OWN + 1] = own[1]
     if i + 1 == int(model[of.STAGES]):
         b[of.END], b[of.END + 1], b[of.END + 2], b[of.END + 3] = y1, y2, w1, w2
-    a1, a2, change = _kicks(interface, model, b, time, y1, y2, w1, w2, own)
-    b[kick], b[kick + 1] = a1, a2
-    if has_state(interface):
-        b[kick + of.OWN_KICKS - of.KICKS] = change
+    write_kicks(interface, b, kick, _kicks(interface, model, b, time, y1, y2, w1, w2, own))
 
 
 @inlined_kernel
-def summed_own(b, number, own):
-    """Return the interface's own state of a stage, or the same of an estimate's errors."""
-    return summed(from_row(b, of.OWN_KICKS - of.KICKS), number, own, own)[0]
+def summed_own(interface, b, number, own):
+    """Return the interface's own states of a stage, or the same of an estimate's errors."""
+    first, second, _, _ = summed(from_row(b, of.OWN_KICKS - of.KICKS), number, own[0], own[1])
+    return first, (second if own_states_of(interface) > 1 else own[1])
 
 
 @borrowing_kernel
@@ -404,12 +409,13 @@ def _assess(interface, model, b):
     slips = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
     way = LONGEST_WAY_OF_BOTH if model[of.IS_COMBINED] > 0.0 else LONGEST_WAY
     good = good & resolves(interface, _parameters(b), slips[0], slips[1], way)
-    if has_state(interface):
-        moved, zero = abs(b[of.OWN_KICKS]) * (model[at.SAMPLE_INTERVAL] / h), everywhere(0.0)
-        own = larger(larger(abs(b[of.OWN]), abs(b[of.END + of.OWN])), moved)
-        slid = abs(summed_own(b, estimates, zero))
-        good = good & (slid <= limit * own)
-        change = larger(change, slid * (fast / (own + TINY)))
+    zero = everywhere(0.0)
+    slid = summed_own(interface, b, estimates, (zero, zero))
+    for k in range(own_states_of(interface)):
+        moved = abs(b[of.OWN_KICKS + k]) * (model[at.SAMPLE_INTERVAL] / h)
+        own = larger(larger(abs(b[of.OWN + k]), abs(b[of.END + of.OWN + k])), moved)
+        good = good & (abs(slid[k]) <= limit * own)
+        change = larger(change, abs(slid[k]) * (fast / (own + TINY)))
     b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
     if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
         return
@@ -531,11 +537,10 @@ def _conclude(interface, model, b):
     last, scale = of.KICKS + 2 * int(model[of.STAGES]), b[of.LENGTH] / h
     for row in range(2):
         b[of.KICKS + row] = where(good, b[last + row], b[of.KICKS + row]) * scale
-    if has_state(interface):
-        own = b[last + of.OWN_KICKS - of.KICKS]
-        b[of.OWN_KICKS] = where(good, own, b[of.OWN_KICKS]) * scale
+    for row in range(of.OWN_KICKS, of.OWN_KICKS + own_states_of(interface)):
+        b[row] = where(good, b[last + row - of.KICKS], b[row]) * scale
     if not none(enters):
-        a1, a2, _ = first_kicks(interface, model, b)
+        a1, a2, _, _ = first_kicks(interface, model, b)
         b[of.KICKS] = where(enters, a1, b[of.KICKS])
         b[of.KICKS + 1] = where(enters, a2, b[of.KICKS + 1])
     b[of.COUNT] = b[of.COUNT] + 1.0

@@ -21,19 +21,15 @@ MOST_STAGES = 13
 
 # Rows of a vector each: the state at the step's start and end, the interface's own last; both
 # accelerations of each stage, times the step's length.
-STATE, OWN, END, KICKS = 0, 4, 5, 10
+STATE, OWN, END, KICKS = 0, 4, 6, 12
 # Coefficients of the equations, in the order of `law.motion.Coefficients`; the forces held on the
 # carriage and between the masses [N].
 COEFFICIENTS = KICKS + 2 * MOST_STAGES
 ONE_BY_M1, ONE_BY_M2, LINEAR, CUBIC, D, K2, TWICE_K0, BY_L0, STRETCH, FORCE, PAIR = (
     COEFFICIENTS + k for k in range(11)
 )
-# Parameters of the interface; the first two are those of the line that it is in one regime.
-PARAMETERS = SLOPE = PAIR + 1
-INTERCEPT = SLOPE + 1
-MOST_PARAMETERS = 8
 # Of dry friction: the reference velocity, slope in stick, slope and force at w = 0 in slip, regime.
-VR, CREEP, CHI, SLIPPING, REGIME = (PARAMETERS + MOST_PARAMETERS + k for k in range(5))
+VR, CREEP, CHI, SLIPPING, REGIME = (PAIR + 1 + k for k in range(5))
 # Where the step begins in the sample interval [s]; its length [s], also over m1 and m2; the steps
 # so far; the lane's number; whether it is done.
 ELAPSED, LENGTH, BY_M1, BY_M2, COUNT, LANE, OUTCOME = (REGIME + 1 + k for k in range(7))
@@ -48,5 +44,9 @@ SOURCES = ARRIVES + 1
 GOOD, FACTOR, VERDICT, SIDE, TIME = (SOURCES + MOST_ROWS + k for k in range(5))
 STAYS, LEAVES, MAY_LEAVE = 0.0, 1.0, 2.0
 OWN_KICKS = TIME + 1
-"""Changes of the interface's own state, as `KICKS`; every other row is empty."""
-SIZE = OWN_KICKS + 2 * MOST_STAGES
+"""Changes of the interface's own states, as `KICKS`; with one of them every other row is empty."""
+# Parameters of the interface; the first two are those of the line that it is in one regime.
+PARAMETERS = SLOPE = OWN_KICKS + 2 * MOST_STAGES
+INTERCEPT = SLOPE + 1
+MOST_PARAMETERS = 16
+SIZE = PARAMETERS + MOST_PARAMETERS

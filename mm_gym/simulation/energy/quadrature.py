@@ -56,8 +56,8 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
             powers = _powers(plant, lanes, after, push, shake)
             total += 0.5 * float(weight) * duration / panels * powers
     end, *_ = _at(plant, lanes, 1.0, duration)
-    support, p = plant.support, recording.parameters
-    total[:, 0] -= interface_energy(support, p, end) - interface_energy(support, p, states)
+    stored = [interface_energy(plant.support, lanes, state) for state in (states, end)]
+    total[:, 0] -= stored[1] - stored[0]
     return total
 
 

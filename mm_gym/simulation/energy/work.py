@@ -30,6 +30,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.law import carriage_spring, springs
 from mm_gym.simulation.energy import quadrature, rate_kernel, rate_series_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
+from mm_gym.simulation.response import damped, interface_energy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 CONTROL, CHANGE, DISSIPATED, DISTURBANCE = range(4)
-"""Columns of the work of each kind; CHANGE is that of changing the stretch."""
+"""Columns of the work of each kind; CHANGE is that of changing the stretch, or the voltage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class Work:
         Work of the control force: on the carriage, or between the masses on both.
     stretch
         Work of changing the stretch: the jump of the springs' potential at the offset of that
-        instant.
+        instant. And the same of a magnetorheological damper whose voltage changes.
     disturbance
         Work of disturbing forces, and of the ground's inertial forces, in the frame of the ground.
     dissipated
@@ -143,13 +144,21 @@ def _until(per_step: Array) -> Array:
 def energy_jumps(recording: Recording, steps: int) -> Array:
     """Return the energies (steps + 1, 4) that come in at the start of each step.
 
-    An instant between two steps shows the later stretch, so the change belongs to it.
+    An instant between two steps shows the later stretch and voltage, so the change belongs to it.
     """
     jumps, p = np.zeros((steps + 1, 4)), recording.parameters
     inner = slice(1, min(steps, recording.last) + 1)
     offset = recording.states[inner, 1] - recording.states[inner, 0]
     new, old = recording.applied[inner, 1], recording.applied[: inner.stop - 1, 1]
     jumps[inner, CHANGE] = spring_energy(p, offset, new) - spring_energy(p, offset, old)
+    support = recording.plant.support
+    if support.damped_row in support.interface_rows:
+        held, states = recording.applied[: inner.stop], recording.states[inner]
+        stored = [
+            interface_energy(support, damped(support, p, applied), states)
+            for applied in (held[1:], held[:-1])
+        ]
+        jumps[inner, CHANGE] += stored[0] - stored[1]
     if recording.plant.support.sampled:
         first = slice(inner.stop)
         after, before = recording.starts[first], recording.states[first]
