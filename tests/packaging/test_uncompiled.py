@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from mm_gym import MovingMassVectorEnv, load_scene
+from mm_gym import MovingMassVectorEnv, Scene, load_scene, simulate
 from mm_gym.lanes import layout as at
 
 LANES = at.BLOCK + 1
@@ -42,6 +42,23 @@ def motion(name):
     for _ in range(3):
         env.step(actions)
     return env.state[[0, -1]].tolist()
+
+
+STRIBECK = {
+    "kind": "stribeck",
+    "static_coefficient": 0.3,
+    "kinetic_coefficient": 0.2,
+    "reference_velocity": 0.02,
+    "stribeck_velocity": 0.05,
+}
+
+
+def slides():
+    """States of a motion of Runge-Kutta steps, whose lengths change."""
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
+    start = {"carriage_displacement": 0.01, "carriage_velocity": 0.2}
+    scene = Scene(interface=STRIBECK, initial=start, control={"time_step": 0.02, "steps": 3})
+    return simulate(scene).state.tolist()
 
 
 @njit
@@ -81,3 +98,8 @@ def test_plain_python_moves_as_compiled_code_does(name):
 def test_plain_python_closes_the_loop_as_compiled_code_does():
     # Nine rewards, each rounded a few times.
     np.testing.assert_allclose(run_uncompiled("returns"), returns(), rtol=1e-14)
+
+
+def test_plain_python_makes_runge_kutta_steps_as_compiled_code_does():
+    # Some 100 steps, whose roundings of 1e-16 the friction damps.
+    np.testing.assert_allclose(run_uncompiled("slides"), slides(), rtol=0.0, atol=1e-13)

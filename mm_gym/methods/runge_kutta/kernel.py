@@ -518,7 +518,8 @@ def _shifted(time, x, v, a):
 @borrowing_kernel
 def _conclude(interface, model, b):
     """Make the accepted steps, and choose the lengths of the next ones."""
-    h, shift, interval = b[of.LENGTH], b[of.SHIFT], model[at.SAMPLE_INTERVAL]
+    # A copy: as plain Python rows are lent, and the length is written below.
+    h, shift, interval = b[of.LENGTH] + 0.0, b[of.SHIFT], model[at.SAMPLE_INTERVAL]
     good = (b[of.OUTCOME] == of.GOES_ON) & (b[of.GOOD] > 0.0)
     is_last = good & (h >= interval - b[of.ELAPSED]) & (shift == 0.0)
     for row in range(states_of(interface)):
