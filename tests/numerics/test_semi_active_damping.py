@@ -242,6 +242,40 @@ def test_lanes_are_single_environments_to_the_last_bit(of, carriage, interface):
     assert (values[row] != begins[1]).all()
 
 
+@pytest.mark.parametrize(
+    "names", [("force", "damping"), ("stretch", "damping"), ("force", "stretch", "damping")]
+)
+@pytest.mark.parametrize("command", ["position", "rate"])
+def test_each_actuator_has_an_action_of_its_own_that_costs(names, command):
+    rated = {"command": "rate", "rate_limit": 40.0} if command == "rate" else {}
+    limits = {
+        "force": {"limit": 4.0, "between": "masses"},
+        "stretch": {"minimum": 1.2, "maximum": 3.0},
+        "damping": {"of": "interface", "minimum": LOW, "maximum": HIGH},
+    }
+    weights = {"displacement_weight": 0.0, "effort_weight": 0.3}
+    actuation = {name: limits[name] | rated for name in names}
+    scene, count = scene_of(actuation=actuation, objective=weights), 5
+    env = MovingMassVectorEnv(scene, count)
+    env.reset(seed=0)
+    actions = np.random.default_rng(1).uniform(-1.3, 1.3, (count, len(names)))
+    _, rewards, _, _, info = env.step(actions)
+    clipped = np.clip(actions, -1.0, 1.0)
+    np.testing.assert_allclose(rewards, -0.3 * (clipped**2).sum(axis=1), rtol=1e-13)
+    begun = {"force": 0.0, "stretch": 1.4, "damping": scene.interface.damping}
+    for k, name in enumerate(names):
+        low, high = (-4.0, 4.0) if name == "force" else (1.2, 3.0)
+        low, high = (LOW, HIGH) if name == "damping" else (low, high)
+        wanted = 0.5 * (low + high) + 0.5 * (high - low) * clipped[:, k]
+        if command == "rate":
+            wanted = np.clip(begun[name] + 40.0 * 0.005 * clipped[:, k], low, high)
+        np.testing.assert_allclose(info["applied"][:, k], wanted, rtol=1e-13)
+    one = MovingMassEnv(scene)
+    one.reset(seed=3)
+    _, reward, *_ = one.step(actions[3])
+    assert reward == rewards[3]
+
+
 def test_rate_limit_lag_and_rate_commands_move_it():
     scene = scene_of(**{"actuation.damping.rate_limit": 100.0})
     found = simulate(scene, action=HIGH).action[:, 0]
