@@ -299,9 +299,11 @@ class Plant:
         slots = at.WEIGHT_CARRIAGE_ACCELERATION, at.WEIGHT_SPHERE_ACCELERATION
         carriage, sphere = self.task[list(slots)]
         sphere = sphere + self.task[at.WEIGHT_COUPLING_FORCE] * derived[at.M2] ** 2
+        zero = np.zeros(lanes.shape[1])
         return np.stack(
             [
-                np.sqrt(carriage) * derived[at.CARRIAGE_ACCELERATION],
+                # Without mass the carriage's is not finite, and has no weight.
+                np.sqrt(carriage) * (derived[at.CARRIAGE_ACCELERATION] if carriage > 0.0 else zero),
                 np.sqrt(sphere) * derived[at.SPHERE_ACCELERATION],
             ]
         )

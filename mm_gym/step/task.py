@@ -226,7 +226,9 @@ def score_derived(task, lanes, rewards, first, last):
     carriage, sphere = task[at.WEIGHT_CARRIAGE_ACCELERATION], task[at.WEIGHT_SPHERE_ACCELERATION]
     coupling, lost = task[at.WEIGHT_COUPLING_FORCE], False
     for i in span(first, last):
-        a1, a2 = lanes[at.CARRIAGE_ACCELERATION, i], lanes[at.SPHERE_ACCELERATION, i]
+        # Without mass the carriage's is not finite, and has no weight.
+        a1 = lanes[at.CARRIAGE_ACCELERATION, i] if carriage > 0.0 else 0.0
+        a2 = lanes[at.SPHERE_ACCELERATION, i]
         force = lanes[at.M2, i] * a2  # (2) of docs/model.md: nothing else accelerates the sphere
         cost = fma(carriage * a1, a1, fma(sphere * a2, a2, coupling * force * force))
         reward = rewards[i] - cost

@@ -112,3 +112,19 @@ def test_carriage_without_mass_has_no_acceleration_to_weigh():
     )
     with pytest.raises(CompileError, match="objective: a carriage of mass 0 has no finite"):
         compile_scene(scene)
+
+
+def test_carriage_without_mass_leaves_the_force_between_the_masses_to_weigh():
+    light = {"carriage.mass": 0.0, "initial.carriage_velocity": 0.0}
+    weights = {"objective.coupling_force_weight": 0.2, "objective.coupling_force_scale": 0.05}
+    scene = CARRIAGE_FORCE.replace(**light, **weights)
+    env = MovingMassVectorEnv(scene, 3, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.zeros((3, 1)))
+    x1, _, v1, v2 = info["state"].T
+    between, o = scene.interface.damping * (v2 - v1), scene.objective
+    cost = 0.2 * (between / 0.05) ** 2 + o.displacement_weight * (x1 / o.displacement_scale) ** 2
+    cost += o.velocity_weight * (v1 / o.velocity_scale) ** 2
+    np.testing.assert_allclose(reward, -cost, rtol=1e-10)
+    scored = env.plant.scored_reactions(env.get_state()["values"])
+    np.testing.assert_allclose((scored**2).sum(axis=0), 0.2 * (between / 0.05) ** 2, rtol=1e-10)
