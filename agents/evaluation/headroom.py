@@ -143,8 +143,8 @@ def over_plans(
 def passive_rows(scene: Scene) -> list[Row]:
     """Score the best passive damper; none where there is no damping to tune.
 
-    It has another damping of the interface than the scene, in the same episodes, and goes to its
-    stretch at once.
+    It has another damping of the interface than the scene, and another stiffness of linear springs,
+    in the same episodes, and goes to its stretch at once.
     """
     try:
         passive, stretch = passive_scene(scene)
@@ -154,6 +154,8 @@ def passive_rows(scene: Scene) -> list[Row]:
     assert passive.interface.kind == "viscous"  # noqa: S101 - as it was tuned
     law.name = f"best passive damper, {passive.interface.damping:.2g} N s/m"
     law.name += "" if stretch is None else f", stretch {stretch:.3f}"
+    if passive.springs.kind == "linear":
+        law.name += f", springs {passive.springs.stiffness:.3g} N/m"
     return [scored("passive", passive, Feedback(passive, law))]
 
 

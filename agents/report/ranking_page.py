@@ -27,9 +27,9 @@ J_best found): 0 for the best constant action, 1 for the clairvoyant optimum (be
 knows the episode. Tables call it "best known plan", and a control weight "price".
 
 - **zero**: no action. **Best constant**: the best in hindsight of what never moves.
-- **Passive optimum**: the damping of the interface, and the stretch, of the best passive damper
-  (`mm_gym.tuning`). It is another plant: no actuator of the task changes the damping. Dry friction
-  has none to tune.
+- **Passive optimum**: the damping of the interface, and the stretch or stiffness of the springs,
+  of the best passive damper (`mm_gym.tuning`). It is another plant: no actuator of the task changes
+  all of them. Dry friction has no damping to tune.
 - **Best controller**: the best of the classical controllers here, see
   [what is known of others](controllers.md#known-but-not-in-the-tables). **Predictive**: predictive
   control. **Learned**: the best of the trained agents here: `python -m agents.ranking runs/NAME`

@@ -17,6 +17,7 @@ from agents.comparison.trainings import (
 from agents.evaluation.aggregates import tail_mean
 from agents.report.tables import markdown, percent
 from mm_gym import compile_scene, load_scene
+from mm_gym.tasks import ids, short_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -33,11 +34,12 @@ HEAD = """# Results
 
     python -m agents.results configs/results.toml
 
-trains on all tasks, continues where it was stopped, and writes this page; `--no-train` writes it
+trains on its tasks, continues where it was stopped, and writes this page; `--no-train` writes it
 from what is trained already. `python -m agents.sweep configs/results.toml` only trains, also on a
 Ray cluster. Generations, iterations or steps end a training, and no clock does. So each cost can be
 repeated with the same code on the same kind of processor; another kind can round differently, and a
 search then ends elsewhere. This page was made on {machine}, one processor a training.
+{covered}
 
 Costs are those of `docs/tasks.md`, on the same 100 held-out episodes. No training runs on them
 ([what they have served for](evaluation.md#the-held-out-episodes)). The **reference controller** is
@@ -140,7 +142,7 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
     """Return the page, with figures that are in a folder next to it."""
     curves, profile, robustness, episodes = (f"{path.parent.name}/{path.name}" for path in figures)
     parts = [
-        HEAD.format(machine=_machine()),
+        HEAD.format(machine=_machine(), covered=_covered(known)),
         _kinds(known),
         COSTS,
         _costs(known),
@@ -159,6 +161,14 @@ def page(known: Sequence[OnTask], figures: Sequence[Path]) -> str:
         _failures(known),
     ]
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+
+
+def _covered(known: Sequence[OnTask]) -> str:
+    """Return which tasks the page is on, and which it is not, as sentences."""
+    trained = {one.task for one in known}
+    names = [short_name(task) for task in ids() if task not in trained]
+    told = f"It covers {', '.join(one.name for one in known)}."
+    return f"{told} Not trained for it: {', '.join(names)}." if names else told
 
 
 def _machine() -> str:

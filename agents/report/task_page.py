@@ -36,15 +36,14 @@ HEAD = """# Tasks
 displacement is rewarded, it is the rms of x1 over its scale. The 95 % intervals are the bootstrap's
 percentiles over episodes. The best constant is the best in hindsight, on these very episodes;
 classical controllers are tuned on others. Controllers read what an agent observes; those marked
-otherwise also read the true state, or all of the episode. The best passive damper has another
-damping in the interface, which no actuator can change (`docs/ranking.md`). Predictive control tries
-plans on a model that does not know the disturbance to come. The **clairvoyant optimum (best
-found)**, in tables "best known plan", knows the whole episode, its disturbance included: see [how
-it is found](controllers.md#the-clairvoyant-optimum). A better plan can exist. Where there is no
-excitation, or only a harmonic that shows after a few steps, an agent can come close. Under noise,
-impulses and earthquakes a share of the distance is [the cost of not knowing what
-comes](#what-preview-is-worth). **Headroom** is 1 - cost / cost of the best constant. A **price** is
-a control weight.
+otherwise also read the true state, or all of the episode. The best passive damper is another plant
+(`docs/ranking.md`). Predictive control tries plans on a model that does not know the disturbance to
+come. The **clairvoyant optimum (best found)**, in tables "best known plan", knows the whole
+episode, its disturbance included: see [how it is found](controllers.md#the-clairvoyant-optimum). A
+better plan can exist. Where there is no excitation, or only a harmonic that shows after a few
+steps, an agent can come close. Under noise, impulses and earthquakes a share of the distance is
+[the cost of not knowing what comes](#what-preview-is-worth). **Headroom** is 1 - cost / cost of the
+best constant. A **price** is a control weight.
 
 **Energy injected**: the work of changing the stretch, added up from the start of an episode, at its
 highest, on average over the episodes. Zero means that the controller never returned more energy
@@ -56,7 +55,7 @@ before the end, and L the larger of -reward at the limits (full action; a term w
 its scale) and the largest -reward of the n steps, its mean of -reward is
 (sum over the n steps + (N - n) L) / N + L. So an early end is worse than every episode that lasts
 with a -reward of L at most, and of two ends of equal L the later is the better. Tuning, validation
-and evaluation use this one definition. No task below has a limit.
+and evaluation use this one definition. {limited}
 """
 
 
@@ -100,7 +99,19 @@ def page(scores: Mapping[str, Mapping[str, Any]]) -> str:
         [_foresight(name, scores[name]) for name in names if "foresight" in scores[name]],
     )
     sections = [_section(name, scores[name]["rows"]) for name in names]
-    return "\n\n".join([HEAD + "\n" + summary, FORESIGHT + "\n" + foresight, *sections]) + "\n"
+    head = HEAD.format(limited=_limited(names))
+    return "\n\n".join([head + "\n" + summary, FORESIGHT + "\n" + foresight, *sections]) + "\n"
+
+
+def _limited(names: Sequence[str]) -> str:
+    """Return which tasks have episodes that can terminate early, as a sentence."""
+    goals = {name: load_scene(name).objective for name in names}
+    found = [
+        f"`{name}`"
+        for name, goal in goals.items()
+        if goal.displacement_limit is not None or goal.rail_half_length is not None
+    ]
+    return f"Tasks with a limit: {', '.join(found)}." if found else "No task below has a limit."
 
 
 def _summary(name: str, rows: Sequence[Row]) -> list[str]:

@@ -16,10 +16,10 @@ BIGGEST = np.finfo(np.float32).max
 @pytest.mark.parametrize("name", TASKS)
 def test_only_what_actuators_apply_is_bounded(name):
     space, scene = gymnasium.make(name).observation_space, TASKS[name]
-    stretch = np.array([channel == "stretch" for channel in scene.sensors.channels])
-    stretch = np.tile(stretch, scene.sensors.history)
-    assert np.array_equal(space.low, np.where(stretch, np.float32(-1), -np.inf))
-    assert np.array_equal(space.high, np.where(stretch, np.float32(1), np.inf))
+    applied = [channel in ("stretch", "damping") for channel in scene.sensors.channels]
+    applied = np.tile(applied, scene.sensors.history)
+    assert np.array_equal(space.low, np.where(applied, np.float32(-1), -np.inf))
+    assert np.array_equal(space.high, np.where(applied, np.float32(1), np.inf))
 
 
 BOTH = ["stretch", "applied_force", "carriage_displacement"]

@@ -107,7 +107,11 @@ def test_observations_are_of_order_one(env):
     seen = []
     for seed in range(10):
         env.reset(seed=seed)
-        seen += [env.step(env.action_space.sample())[0] for _ in range(90)]
+        for _ in range(90):
+            observation, _, terminated, *_ = env.step(env.action_space.sample())
+            seen.append(observation)
+            if terminated:
+                break
     spread = np.std(seen, axis=0)
     assert (spread > 0.05).all()
     assert (spread < 5.0).all()
@@ -115,7 +119,7 @@ def test_observations_are_of_order_one(env):
 
 def test_initial_state_really_varies(env):
     starts = np.array([env.reset(seed=seed)[0] for seed in range(300)])
-    varied = np.std(starts, axis=0)
+    varied = np.ptp(starts, axis=0)
     assert (varied > 0).any()
     # What varies covers its range: 300 uniform draws come within 5 % of either end (miss: 4e-7).
     for column in starts[:, varied > 0].T:
