@@ -72,17 +72,23 @@ def read_arrays(
         msg = f"{where}: got numbers of type {array.dtype}; allowed: real numbers"
         raise SceneError(msg)
     shape = array.shape
-    if len(shape) == 2 and shape[0] == 1:  # noqa: PLR2004 - MATLAB's vectors are rows too
-        array = array.T
-    elif len(shape) == 1:
+    if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or not array.size:  # noqa: PLR2004
-        msg = f"{where}: got shape {shape}; allowed: (n,), or (n, k) with a column for each series"
+        msg = f"{where}: got shape {shape}; allowed: (n,), or (n, k) or (k, n) of k series"
         raise SceneError(msg)
+    in_rows = array.shape[0] < array.shape[1]  # Simulink writes a row for each series
+    if in_rows:
+        array = array.T
 
     def refuse_columns(text: str) -> NoReturn:
-        msg = f"{where} of shape {shape}: {text}"
+        rows = " with its rows as columns" if in_rows else ""
+        msg = f"{where} of shape {shape}{rows}: {text}"
         raise SceneError(msg)
+
+    def place(sample: int, series: int) -> str:
+        row, column = (series, sample) if in_rows else (sample, series)
+        return f"{where}, row {row + 1}, column {column + 1}"
 
     places = options.places(array.shape[1], (), refuse_columns)
     values = array[:, places].astype(np.float64)
@@ -90,14 +96,13 @@ def read_arrays(
     if len(wrong):
         row, k = (int(index) for index in wrong[0])
         allowed = f"a number of magnitude at most {LARGEST:g}"
-        place = f"{where}, row {row + 1}, column {places[k] + 1}"
-        msg = f"{place}: got {values[row, k]:g}; allowed: {allowed}"
+        msg = f"{place(row, places[k])}: got {values[row, k]:g}; allowed: {allowed}"
         raise SceneError(msg)
     if len(places) == 1:
         step = options.time_step or 0.0  # `places` has asked for it
         return evenly(len(values), step), values[:, 0].copy(), step
     times, samples = values.T.copy()
-    check_times(times, lambda row: f"{where}, row {row + 1}, column 1")
+    check_times(times, lambda row: place(row, 0))
     return times, samples, float(np.min(np.diff(times), initial=np.inf))
 
 

@@ -35,10 +35,11 @@ def read_record(
     A file named ``.AT2``, or with the word NPTS in its first four lines, has the format of the PEER
     ground motion databases: four header lines, one of which states NPTS and DT, then the samples
     in any number of columns. A file named ``.npz`` (NumPy) or ``.mat`` (MATLAB 5 or 7.3) has
-    arrays, (n,) or (n, k), of which nothing is executed. All other files are text in columns,
-    separated by semicolons, commas, tabs or blanks: samples, or times [s] and samples. With
-    semicolons the decimal mark may be a comma. Headings without numbers may come first, and ``#``
-    begins a comment.
+    arrays, (n,) or (n, k), of which nothing is executed; an array with fewer rows than columns has
+    its series in rows, which are read as if they were its columns. All other files are text in
+    columns, separated by semicolons, commas, tabs or blanks: samples, or times [s] and samples.
+    With semicolons the decimal mark may be a comma. Headings without numbers may come first, and
+    ``#`` begins a comment.
 
     Parameters
     ----------
@@ -49,8 +50,9 @@ def read_record(
     time_step
         Spacing of the samples [s]: then no column has times.
     column
-        Number of the column with the samples, from 1, or its name in the headings. By default the
-        only one, or the second of two. Without a time_step the first column has the times.
+        Number of the column with the samples, from 1, or its name in the headings; of an array with
+        its series in rows, the number of the row. By default the only one, or the second of two.
+        Without a time_step the first column has the times.
     skip
         Lines at the beginning of a text that are not looked at.
     variable

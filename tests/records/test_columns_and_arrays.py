@@ -144,6 +144,32 @@ def test_arrays_are_read_from_files_of_numpy_and_matlab(tmp_path, name):
     assert read(tmp_path, alone, name, unit="N").values.tolist() == NORTH
 
 
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("count", [3, 1000, 1001])  # 1000 columns is the most of a file
+def test_array_with_its_series_in_rows_has_the_numbers_of_its_transpose(tmp_path, name, count):
+    times = 0.01 * np.arange(count)
+    array = np.stack([times, np.sin(times), np.cos(times)])[: min(3, count - 1)]
+    for series in range(1, len(array)):
+        for one in (array, array.T):
+            content = WRITERS[name]({"a": one})
+            record = read(tmp_path, content, name, unit="N", column=series + 1)
+            assert np.array_equal([record.times, record.values], [times, array[series]])
+            record = read(tmp_path, content, name, unit="N", column=series + 1, time_step=0.5)
+            assert np.array_equal(record.values, array[series])
+            assert np.array_equal(record.times, 0.5 * np.arange(count))
+    for one in (array[:2], array[:2].T):
+        record = read(tmp_path, WRITERS[name]({"a": one}), name, unit="N")
+        assert np.array_equal([record.times, record.values], array[:2])
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_square_array_has_its_series_in_columns(tmp_path, name):
+    content = WRITERS[name]({"a": np.array([[0.0, 5.0], [1.0, 7.0]])})
+    record = read(tmp_path, content, name, unit="N")
+    assert record.times.tolist() == [0.0, 1.0]
+    assert record.values.tolist() == [5.0, 7.0]
+
+
 @pytest.mark.parametrize(
     "kind", ["f4", "f8", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", ">f8", ">i4"]
 )
@@ -185,6 +211,17 @@ def test_arrays_of_every_type_are_read_as_scipy_and_numpy_do(tmp_path, kind):
         ({"a": SERIES}, {"skip": 1}, "skip: got 1; it has no effect: the file is not text"),
         ({"a": np.array([1.0])}, {"time_step": 0.1}, "got one sample; allowed: at least two"),
         ({"a": np.zeros((2, 2, 2))}, {}, "a: got shape (2, 2, 2); allowed: (n,), or (n, k)"),
+        ({"a": np.zeros((3, 9))}, {}, "a of shape (3, 9) with its rows as columns: got 3 columns"),
+        (
+            {"a": np.array([[0.0, 1.0, 1.0], [4.0, 5.0, 6.0]])},
+            {},
+            "a, row 1, column 3: time: got 1; allowed: at least 1e-09 s more than 1, the one",
+        ),
+        (
+            {"a": np.array([[0.0, 1.0, 2.0], [4.0, 5.0, np.nan]])},
+            {},
+            "a, row 2, column 3: got nan; allowed: a number of magnitude at most 1e+12",
+        ),
     ],
 )
 def test_arrays_that_are_wrong_are_refused_with_their_place(tmp_path, name, arrays, options, words):
