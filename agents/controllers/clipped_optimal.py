@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.controller import require_number
+from agents.controllers.damping_command import MagnetorheologicalDamper
 from agents.controllers.lqr import design
 from agents.controllers.semi_active import SemiActive
 
@@ -57,27 +58,67 @@ class ClippedOptimal(SemiActive):
         return self.sign * (state[:, self.design.states] @ self.design.gain[0])
 
 
-def regulated(scene: Scene, price: float) -> Scene:
-    """Return the scene with a force in place of the damper whose damping is actuated.
+class ClippedVoltage:
+    """Follow the force of an LQR by the voltage of a magnetorheological damper.
+
+    v = maximum where (F - f) f > 0, else minimum, with the damper's force f and the force F that
+    the LQR of the plant with a force between the masses in its place wants, as `ClippedOptimal`.
+    Dyke, Spencer, Sain and Carlson (1996), cited there, who measure f; here it is computed from
+    the state and the present voltage, see `MagnetorheologicalDamper`.
 
     Parameters
     ----------
     scene
-        A scene with an actuated damping.
+        A scene with an actuated voltage.
+    price
+        Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
+
+    Raises
+    ------
+    DesignError
+        If no voltage is actuated, or as for `lqr.design`.
+    """
+
+    def __init__(self, scene: Scene, price: float) -> None:
+        self.device = MagnetorheologicalDamper(scene)
+        require_number("price", price, np.finfo(np.float64).tiny)
+        self.name = f"clipped-optimal, on-off, price {price:.2g}"
+        self.design = design(regulated(scene, price))
+
+    def begin(self, lanes: int) -> None:
+        """Nothing to prepare."""
+
+    def action(self, state: Values, applied: Values) -> Values:
+        """Return the action towards the regulator's force."""
+        force = -state[:, self.design.states] @ self.design.gain[0]
+        return self.device.towards(force, state, self.device.present(applied))
+
+
+def regulated(scene: Scene, price: float) -> Scene:
+    """Return the scene with a force in place of the damper that is actuated.
+
+    Parameters
+    ----------
+    scene
+        A scene with an actuated damping or voltage.
     price
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
     damped = str(scene.actuation.damped)
-    drawn = {name: ends for name, ends in scene.randomization.items() if name != damped}
+    is_voltage = scene.actuation.voltage is not None
+    out = "interface." if is_voltage else damped
+    drawn = {name: ends for name, ends in scene.randomization.items() if not name.startswith(out)}
     unit = scene.carriage.stiffness * scene.objective.displacement_scale
-    between = "masses" if damped == "interface.damping" else "ground"
+    between = "ground" if damped == "carriage.damping" else "masses"
+    without: dict[str, object] = {"interface": {"kind": "none"}} if is_voltage else {damped: 0.0}
     return scene.replace(
         **{
             "actuation.damping": None,
+            "actuation.voltage": None,
             "actuation.force": {"limit": unit, "between": between},
             "objective.effort_weight": price,
             "randomization": drawn,
             "sensors": {},
-            damped: 0.0,
+            **without,
         }
     )

@@ -1,4 +1,4 @@
-"""Semi-active dampers: the command towards a wanted damping, and towards a wanted force."""
+"""Semi-active dampers: the command towards a wanted damping or voltage, or a wanted force."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.controller import columns, require_actuator, require_number
+from agents.controllers.spring_force import middle
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Values
@@ -101,3 +102,60 @@ class Damper:
             ratio = np.divide(force, velocity, out=np.full_like(force, low), where=agree)
             wanted = np.clip(ratio, low, high)
         return self.command(wanted, present)
+
+
+class MagnetorheologicalDamper:
+    """A magnetorheological damper as a device for a wanted force, by its voltage.
+
+    Its states y and z are not observed. Its force f is taken to be that of (4c) of docs/model.md at
+    a z that has settled, with the spring k0 relaxed: slow slip all goes into c1, as in the linear
+    plant; faster slip shears the hysteresis at its yield, z = sqrt(A / (gamma + beta)).
+
+    Parameters
+    ----------
+    scene
+        A scene with an actuated voltage. Of parameters that are drawn the middle is known.
+
+    Raises
+    ------
+    DesignError
+        If no voltage is actuated.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.command = DampingCommand(scene, "voltage")
+        interface = scene.interface
+        assert interface.kind == "magnetorheological"  # noqa: S101 - as the scene demands
+        self.values = {
+            name: middle(scene, f"interface.{name}")
+            for name in type(interface).model_fields
+            if name != "kind"
+        }
+        bend = self.values["gamma"] + self.values["beta"]  # 0: never yields
+        self.bound = np.sqrt(self.values["gain"] / max(bend, np.finfo(np.float64).tiny))
+
+    def present(self, applied: Values) -> Values:
+        """Return the voltages (lanes,) [V] among what the actuators have (lanes, k)."""
+        return applied[:, self.command.column]
+
+    def force(self, state: Values, voltage: Values) -> Values:
+        """Return the forces f (lanes,) [N] on the carriage at voltages (lanes,) [V]."""
+        offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
+        parallel, series, hysteresis = (
+            self.values[name] + self.values[f"{name}_per_volt"] * voltage
+            for name in ("damping", "series_damping", "hysteresis")
+        )
+        yielded = (hysteresis * self.bound + parallel * np.abs(slip)) / (parallel + series)
+        flow = np.sign(slip) * np.minimum(np.abs(slip), yielded)
+        pressed = offset - self.values["accumulator_offset"]
+        return series * flow + self.values["accumulator_stiffness"] * pressed
+
+    def towards(self, force: Values, state: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards forces (lanes,) [N] on the carriage.
+
+        The voltage is the greatest where the damper's force has the sign of the wanted one and is
+        the smaller of the two, else the least.
+        """
+        given = self.force(state, present)
+        more = (force - given) * given > 0.0
+        return self.command(np.where(more, self.command.high, self.command.low), present)

@@ -58,11 +58,12 @@ class Model:
             "control.steps": 10**9,  # the most that a scene allows
         }
         tuned = {
-            name: {"minimum": actuator.minimum, "maximum": actuator.maximum}
+            name: {"minimum": actuator.minimum, "maximum": actuator.maximum, "lag": 0.0}
             for name, actuator in scene.actuation
             if actuator is not None and name != "force"
         }
-        limits = np.array([list(one.values()) for one in tuned.values()]).reshape(-1, 2)
+        limits = np.array([[one["minimum"], one["maximum"]] for one in tuned.values()])
+        limits = limits.reshape(-1, 2)
         self.middle, self.half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
         if (damper := scene.actuation.damping) is not None:
             tuned["damping"]["of"] = damper.of

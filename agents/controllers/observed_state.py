@@ -90,7 +90,7 @@ def _beginning(scene: Scene, name: str) -> float:
     if name == "stretch":
         start = scene.initial.stretch
         values = scene.springs.stretch if start is None else start
-    elif name == "damping":
+    elif name in {"damping", "voltage"}:
         damped = str(scene.actuation.damped)
         part, field = damped.split(".")
         values = scene.range_of(damped, getattr(getattr(scene, part), field))

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from agents.controllers.both import Both
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.clipped_optimal import ClippedOptimal
+from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import (
     ConstantForce,
     ConstantStretch,
@@ -185,7 +185,9 @@ def classical(scene: Scene) -> Mapping[str, Callable[[Scene], Feedback]]:
             }
         case ("damping",):
             return SEMI_ACTIVE
-        case _:  # none is known for a damping with other actuators
+        case ("voltage",):
+            return MAGNETORHEOLOGICAL
+        case _:  # none is known for a damping or a voltage with other actuators
             return {}
 
 
@@ -362,6 +364,11 @@ def best_clipped_optimal(switching: Switching, scene: Scene) -> Feedback:
     return _search(scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), PRICES)
 
 
+def best_clipped_voltage(scene: Scene) -> Feedback:
+    """Search the price of the clipped-optimal control of a voltage over six decades."""
+    return _search(scene, lambda exponent: ClippedVoltage(scene, 10.0**exponent), PRICES)
+
+
 def _search_semi_active(
     scene: Scene,
     switching: Switching,
@@ -396,6 +403,11 @@ SEMI_ACTIVE: Mapping[str, Callable[[Scene], Feedback]] = {
     )
 }
 """Laws for a damping by name."""
+
+MAGNETORHEOLOGICAL: Mapping[str, Callable[[Scene], Feedback]] = {
+    "clipped-optimal, on-off": best_clipped_voltage
+}
+"""Laws for a voltage by name."""
 
 
 def best_on_off_stiffness(scene: Scene) -> Feedback:

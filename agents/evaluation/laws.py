@@ -12,6 +12,7 @@ from agents.controllers.matching_stretch import FREQUENCY, MatchingStretch
 from agents.controllers.random_actions import RandomActions
 from agents.evaluation.baselines import (
     FURTHER,
+    MAGNETORHEOLOGICAL,
     SEMI_ACTIVE,
     TRACKERS,
     best_clipped_lqr,
@@ -79,8 +80,9 @@ LAWS: Mapping[tuple[str, ...], Mapping[str, Make]] = {
         "lqr-and-clipped-lqr": best_lqr_with_clipped_lqr,
         FEEDFORWARD: best_feedforward_lqr_with_clipped_lqr,
     },
-    ("damping",): {
-        name.replace(", ", "-").replace(" ", "-"): make for name, make in SEMI_ACTIVE.items()
+    **{
+        (device,): {name.replace(", ", "-").replace(" ", "-"): make for name, make in own.items()}
+        for device, own in (("damping", SEMI_ACTIVE), ("voltage", MAGNETORHEOLOGICAL))
     },
 }
 """Laws for the actuators that a scene has, beside those of `FURTHER`."""
