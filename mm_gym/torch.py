@@ -249,7 +249,7 @@ class _Move(Function):
         action: Tensor,
     ) -> Tensor:
         physics, *ctx.hold = how
-        found = physics.jacobian(action.detach().numpy().T)[1]
+        found = physics.jacobian(action.detach().numpy().T)
         ctx.save_for_backward(_tensor(found.state), _tensor(found.action))
         return _tensor(found.end)
 

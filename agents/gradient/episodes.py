@@ -93,7 +93,7 @@ class Episodes:
             asked = network.act(step, observation.T)
             actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
             self.free[step] = np.abs(asked) <= 1.0
-            found = self.physics.jacobian(actions)[1]
+            found = self.physics.jacobian(actions)
             self.jacobians.append((found.state, found.action))
             self.states[step] = found.end[:, : self.motion].T
             observation, rewards, *_ = self.env.step(actions.T)

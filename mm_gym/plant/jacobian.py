@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mm_gym.errors import ActionError, CompileError, SceneError, SimulationError
+from mm_gym.errors import ActionError, CompileError, SceneError
 from mm_gym.excitation.kinds import begin_excitation
 from mm_gym.lanes import layout as at
 from mm_gym.methods.support import MASSLESS
@@ -73,10 +73,7 @@ def jacobian_of(
     require_stick(support, values, "state" if given is not None else "at")
     streams = np.array(np.broadcast_to(streams, (2, count)))
     lanes = Sensitivities(support, constants, (values, streams), rows)
-    status, found = lanes.jacobian(np.broadcast_to(actions, (count, columns)).T)
-    if status > at.ENDED:
-        msg = f"jacobian: {at.MESSAGES[status]}"
-        raise SimulationError(msg)
+    found = lanes.jacobian(np.broadcast_to(actions, (count, columns)).T)
     is_single = not is_snapshot and (given is None or given.ndim == 1) and actions.ndim == 1
     return _first(found) if is_single else found
 

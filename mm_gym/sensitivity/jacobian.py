@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import rows_of
 from mm_gym.lanes.simd import LANES
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Numbers = NDArray[np.uint64]
+
+UNFINISHED = (at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.TOO_MANY_STEPS)
 
 STATES = ("x1", "x2", "v1", "v2")
 
@@ -147,6 +150,8 @@ class Sensitivities:
     def step(self, actions: Array) -> tuple[int, Array]:
         """Make a control step.
 
+        A lane that cannot be followed stays where it was, which nothing but the status shows.
+
         Parameters
         ----------
         actions
@@ -158,7 +163,18 @@ class Sensitivities:
             Status, and the derivatives (n, n + causes, count) of the n states: with respect to
             them, to what the actuators apply, and to the parameters. The next step may write
             into the same array.
+
+        Raises
+        ------
+        SimulationError
+            If a lane takes too many series, steps, or changes of regime.
         """
+        status, motion = self._stepped(actions)
+        if status in UNFINISHED:
+            raise _failure(status)
+        return status, motion
+
+    def _stepped(self, actions: Array) -> tuple[int, Array]:
         flat = np.ascontiguousarray(actions, np.float64).ravel()
         if self._is_constant:
             return self._step_by_maps(flat)
@@ -195,10 +211,18 @@ class Sensitivities:
             status = max(status, self._advance(*rows, first, last))
         return status
 
-    def jacobian(self, actions: Array) -> tuple[int, Jacobian]:
-        """Make a control step; return its status and derivatives, the lanes in front."""
+    def jacobian(self, actions: Array) -> Jacobian:
+        """Make a control step; return its derivatives, the lanes in front.
+
+        Raises
+        ------
+        SimulationError
+            If the step of a lane cannot be completed.
+        """
         before = self.lanes[: self.rows].copy()
         status, motion = self.step(actions)
+        if status > at.ENDED:
+            raise _failure(status)
         chain = [
             slopes(a, before[a.row], before[a.asked_row], action)
             for a, action in zip(self.actuators, actions, strict=True)
@@ -222,12 +246,16 @@ class Sensitivities:
             name: np.vstack([motion[:, n + count + k], np.zeros((size - n, self.count))]).T
             for k, name in enumerate(self.parameters)
         }
-        return status, Jacobian(
+        return Jacobian(
             _names(self.actuators, self._own_states),
             self.lanes[rows].T,
             *(np.moveaxis(state, -1, 0), np.moveaxis(action, -1, 0), np.moveaxis(applied, -1, 0)),
             parameters,
         )
+
+
+def _failure(status: int) -> SimulationError:
+    return SimulationError(f"jacobian: {at.MESSAGES[status]}")
 
 
 def _is_constant(support: Support, parameters: Iterable[int]) -> bool:

@@ -418,3 +418,17 @@ def test_parameters_of_a_carriage_without_mass_are_refused() -> None:
     scene = load_scene(path_of("mm_gym/CarriageForce-v0")).replace(**{"carriage.mass": 0.0})
     with pytest.raises(CompileError, match="without mass"):
         compile_scene(scene).jacobian([0.0] * 4, [0.0], parameters=["sphere.mass"])
+
+
+@pytest.mark.parametrize("status", [at.TOO_MANY_EVENTS, at.TOO_MANY_SERIES, at.TOO_MANY_STEPS])
+def test_a_lane_that_stays_behind_is_an_error(status: int) -> None:
+    # Its numbers are finite, and those of the step's start.
+    env = MovingMassVectorEnv("mm_gym/CarriageForce-v0", 2)
+    env.reset(seed=0)
+    plant, start = env.plant, env.get_state()
+    lanes = np.asarray(start["values"]), np.asarray(start["streams"])
+    physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
+    physics._advance = lambda *_: status
+    for step in (physics.step, physics.jacobian):
+        with pytest.raises(SimulationError, match="one control step"):
+            step(np.zeros((1, 2)))
