@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -32,12 +32,20 @@ class Model:
     force on the carriage that is constant over a control step: in the control force, or, where that
     acts between the masses, as a harmonic force of frequency 0.
 
+    Nothing shows an interface's own states (`Interface.states`), such as z of Bouc and Wen. They
+    begin at 0, as an episode does, and are then what the steps of the model make of them.
+
     Parameters
     ----------
     scene
         The scene whose motion is predicted.
     lanes
         Number of states advanced at once.
+
+    Attributes
+    ----------
+    own
+        (k, lanes) the interface's own states after the last step; k is 0 if it has none.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
@@ -73,10 +81,18 @@ class Model:
         self.columns = columns(scene)
         self.env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
         self.state = self.env.reset(seed=0)[1]["state"]
+        self.own_rows = self.env.plant.support.own_rows
+        self.own: Values = np.zeros((len(self.own_rows), lanes))
 
-    def begin(self, state: Values) -> None:
-        """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s]."""
+    def begin(self, state: Values, own: Values | None = None) -> None:
+        """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s].
+
+        The interface's own states are `own` (k, lanes), by default those after the last step: a
+        model that is begun at each step anew, with the state that is then known, follows them.
+        """
         self.state = state
+        if own is not None:
+            self.own = own
         if not self.is_between:  # else each step begins anew
             self._reset({})
 
@@ -91,6 +107,10 @@ class Model:
                 **fields,
             }
         )
+        if self.own_rows:
+            begun = self.env.get_state()
+            cast("Values", begun["values"])[self.own_rows] = self.own
+            self.env.set_state(begun)
 
     def advance(self, applied: Values, disturbance: Values | float = 0.0) -> tuple[Values, Values]:
         """Make a control step; return the states (lanes, 4) and rewards (lanes,) after it.
@@ -113,6 +133,8 @@ class Model:
         actions[:, 1:] = (applied[:, int(self.has_force) :] - self.middle) / self.half
         _, rewards, *_, info = self.env.step(actions)
         self.state = info["state"].copy() if self.is_between else info["state"]
+        if self.own_rows:
+            self.own = cast("Values", self.env.get_state()["values"])[self.own_rows]
         return info["state"], rewards
 
 

@@ -131,6 +131,7 @@ class ObservedState(ObservedActuators):
         """Forget the last episodes."""
         super().begin(lanes)
         self.model = Model(self.scene, lanes) if self.predicts else None
+        self.own = None if self.model is None else self.model.own  # at the estimate
         self.pending: list[Values] = []
 
     def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
@@ -141,8 +142,7 @@ class ObservedState(ObservedActuators):
             self.actuators.begin(self._first_applied(frame))
             self.estimate = shown @ np.linalg.pinv(self.c).T
         elif self.step > self.delay:
-            applied = self.pending.pop(0)
-            self.estimate = shown @ self.gains[0].T if self.exact else self._next(applied, shown)
+            self.estimate = self._next(self.pending.pop(0), shown)
         self.step += 1
         return self._present(), self.actuators.applied
 
@@ -151,10 +151,14 @@ class ObservedState(ObservedActuators):
         self.pending.append(self.actuators.advance(action))
 
     def _next(self, applied: Values, shown: Values) -> Values:
-        """Return the estimate at the frame that has come: predicted, then corrected."""
-        assert self.model is not None  # noqa: S101 - made unless the state is read off
-        self.model.begin(self.estimate)
-        predicted = self.model.advance(applied)[0].copy()
+        """Return the estimate at the frame that has come: read off, or predicted and corrected."""
+        predicted = self.estimate
+        if self.model is not None and (self.model.own_rows or not self.exact):
+            self.model.begin(self.estimate, self.own)
+            predicted = self.model.advance(applied)[0].copy()
+            self.own = self.model.own
+        if self.exact:
+            return shown @ self.gains[0].T
         gain = self.gains[self._nearest(applied)]
         missed = shown - predicted @ self.c.T
         return predicted + np.einsum("nij,nj->ni", gain, missed)
@@ -163,7 +167,7 @@ class ObservedState(ObservedActuators):
         """Return the state now: the newest frame's, moved on by what was applied since."""
         if self.model is None or not self.pending:
             return self.estimate
-        self.model.begin(self.estimate)
+        self.model.begin(self.estimate, self.own)
         for applied in self.pending:
             state, _ = self.model.advance(applied)
         return state.copy()

@@ -24,9 +24,9 @@ class PredictiveControl:
     """Try plans over a receding horizon by the cross-entropy method, and begin the best.
 
     The first plans are those of a law, the rest of the last step's plan, and the constant ones. The
-    model knows the state that is given; the disturbance to come is its conditional mean, see
-    `Forecast`. Mayne, Rawlings, Rao and Scokaert, *Constrained model predictive control*,
-    Automatica 36 (2000).
+    model knows the state that is given, and follows the interface's own; the disturbance to come is
+    its conditional mean, see `Forecast`. Mayne, Rawlings, Rao and Scokaert, *Constrained model
+    predictive control*, Automatica 36 (2000).
 
     Parameters
     ----------
@@ -59,11 +59,14 @@ class PredictiveControl:
         self.one, self.many = Model(self.scene, lanes), Model(self.scene, lanes * search.plans)
         self.plan: Values = np.zeros((search.horizon, lanes, self.columns))
         self.asked: Values | None = None
+        self.own = self.one.own
+        self.last: tuple[Values, Values] | None = None  # state, and the force expected after it
         self.noise = np.random.default_rng(SEED)
 
     def action(self, state: Values, applied: Values) -> Values:
         """Return the first action of the best plan."""
         asked = applied if self.asked is None else self.asked
+        self._follow_own(applied)
         forces = self.forecast.ahead(state, applied, self.search.horizon)
         first = [self._plan_of_law(state, applied, asked, forces), self.plan]
         first += [np.full(self.plan.shape, value) for value in (-1.0, 0.0, 1.0)]
@@ -74,11 +77,20 @@ class PredictiveControl:
         )
         self.plan = np.concatenate([best[1:], best[-1:]])
         _, self.asked = self.actuators.reached(best[0], applied, asked)
+        self.last = state.copy(), forces[0]
         return best[0]
+
+    def _follow_own(self, applied: Values) -> None:
+        """Move the interface's own states on by the last step, in which so much was applied."""
+        if self.last is not None and self.one.own_rows:
+            state, force = self.last
+            self.one.begin(state, self.own)
+            self.one.advance(applied, force)
+            self.own = self.one.own
 
     def _plan_of_law(self, state: Values, applied: Values, asked: Values, forces: Values) -> Values:
         plan = np.empty(self.plan.shape)
-        self.one.begin(state)
+        self.one.begin(state, self.own)
         for step, force in enumerate(forces):
             plan[step] = np.clip(self.law.action(state, applied), -1.0, 1.0)
             applied, asked = self.actuators.reached(plan[step], applied, asked)
@@ -91,7 +103,7 @@ class PredictiveControl:
         """Return the sums of rewards (lanes, plans) of the plans."""
         count = self.search.plans
         applied, asked = (np.repeat(value, count, axis=0) for value in actuators)
-        self.many.begin(np.repeat(state, count, axis=0))
+        self.many.begin(np.repeat(state, count, axis=0), np.repeat(self.own, count, axis=1))
         price, pushed = self.many.effort_weight, np.repeat(forces, count, axis=1)
         actions = plans.reshape(len(plans), -1, self.columns)
         total = -price * (actions**2).sum(axis=(0, 2))

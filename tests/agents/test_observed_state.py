@@ -6,13 +6,15 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, 
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.constant import no_control
+from agents.controllers.cross_entropy import Search
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.model import Model
 from agents.controllers.observed_state import ObservedState
+from agents.controllers.predictive_control import PredictiveControl
 from agents.controllers.true_state import TrueState
 from agents.evaluation.episodes import evaluate
-from mm_gym import DesignError, MovingMassVectorEnv
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 LAGGING = HYBRID.replace(
     **{
@@ -52,6 +54,81 @@ def test_model_moves_as_the_environment_without_disturbance(scene) -> None:
         state, _ = model.advance(action * 4.0)
         # x2 enters as an offset, which rounds; the force passes through another unit.
         np.testing.assert_allclose(state, info["state"], rtol=1e-11, atol=1e-14)
+
+
+HYSTERESIS = CARRIAGE_FORCE.replace(
+    interface={"kind": "bouc_wen", "stiffness": 50.0, "yield_displacement": 0.005},
+    **{"initial.carriage_displacement": 0.01},
+)
+BETWEEN = HYSTERESIS.replace(**{"actuation.force.between": "masses"})
+VOLTAGE = Scene.of(
+    {
+        "interface": {"kind": "magnetorheological"},
+        "initial": {"carriage_displacement": 0.01, "sphere_offset": 0.006},
+        "actuation": {"voltage": {"lag": 0.0}},
+        "control": {"time_step": 0.005},
+    }
+)
+
+
+def motion(scene, steps=8):
+    """Yield state, own states, what was applied before and the action at each step."""
+    scene = scene.replace(excitation=[], randomization={})
+    env = MovingMassVectorEnv(scene, 3, autoreset_mode="Disabled")
+    _, info = env.reset(seed=2)
+    generator = np.random.default_rng(3)
+    for _ in range(steps):
+        action = generator.uniform(-1, 1, env.action_space.shape)
+        own = env.get_state()["values"][env.plant.support.own_rows]
+        yield info["state"], own, info["applied"], action
+        *_, info = env.step(action)
+
+
+OWN = pytest.mark.parametrize(
+    "scene", [HYSTERESIS, BETWEEN, VOLTAGE], ids=["hysteresis", "between", "voltage"]
+)
+
+
+@OWN
+def test_model_that_begins_anew_at_each_step_follows_the_own_states(scene) -> None:
+    model, last = Model(scene, 3), None
+    for state, own, applied, _ in motion(scene):
+        if last is not None:
+            model.begin(last)
+            predicted, _ = model.advance(applied)
+            # Both are within the solver's tolerance of the motion, in units of order 1 to 100.
+            near = {"rtol": 100 * scene.solver.tolerance, "atol": 100 * scene.solver.tolerance}
+            np.testing.assert_allclose(predicted, state, **near)
+            np.testing.assert_allclose(model.own, own, **near)
+        last = state
+    assert np.all(np.abs(own) > 1e-4)  # far above that tolerance: a model that forgot them fails
+
+
+@OWN
+def test_predictive_control_follows_the_own_states_through_its_plans(scene) -> None:
+    search = Search(horizon=3, plans=6, elite=2, rounds=1, kept=1, spread=0.5)
+    control = PredictiveControl(scene.replace(excitation=[]), no_control(scene), search)
+    control.begin(3)
+    for state, own, applied, _ in motion(scene, 5):
+        control.action(state, applied)
+        tolerance = 100 * scene.solver.tolerance
+        np.testing.assert_allclose(control.own, own, rtol=tolerance, atol=tolerance)
+    assert np.all(np.abs(own) > 1e-4)
+
+
+def test_late_state_is_exact_with_hysteresis() -> None:
+    scene = HYSTERESIS.replace(**{"sensors.delay": 2, "excitation": [], "randomization": {}})
+    env = MovingMassVectorEnv(scene, 3)
+    observation, info = env.reset(seed=4)
+    source = ObservedState(scene)
+    source.begin(3)
+    scale = scene.objective.displacement_scale
+    for _ in range(10):
+        state, _ = source.read(observation, {})
+        # Observations are in single precision.
+        np.testing.assert_allclose(state[:, :2], info["state"][:, :2], atol=3e-6 * scale)
+        source.send(-np.ones((3, 1)))  # +1 would hold the carriage where it begins
+        observation, *_, info = env.step(-np.ones((3, 1)))
 
 
 @pytest.mark.parametrize("delay", [0, 2])
