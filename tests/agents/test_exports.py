@@ -246,19 +246,21 @@ def test_base_of_another_shape_is_refused(tmp_path):
         load_policy(file)
 
 
-def lines_of_the_page(number):
-    """Return the names that a Python block of the page defines."""
+def lines_of_the_page(signature):
+    """Return the function of a signature that a Python block of the page defines."""
     page = (Path(__file__).parents[2] / "docs" / "training.md").read_text()
+    blocks = [block.split("```")[0] for block in page.split("```python\n")[1:]]
+    (found,) = [block for block in blocks if signature in block]
     names = {}
-    exec(page.split("```python\n")[number].split("```")[0], names)  # noqa: S102 - our own page
-    return names
+    exec(found, names)  # noqa: S102 - our own page
+    return names["act"]
 
 
 def test_ten_lines_of_the_page_act_as_the_evolved_policy(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     policy = POLICIES["evolved"]
     policy.save("policy.npz")
-    act, rng = lines_of_the_page(1)["act"], np.random.default_rng(2)
+    act, rng = lines_of_the_page("def act(y, sums)"), np.random.default_rng(2)
     sums, own = np.zeros((3, 2)), policy.begin(1)
     for _ in range(100):
         observation = rng.standard_normal(18).astype(np.float32)
@@ -269,7 +271,7 @@ def test_ten_lines_of_the_page_act_as_the_evolved_policy(tmp_path, monkeypatch):
 def test_lines_of_the_page_act_as_the_policy_of_ppo(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     POLICIES["deep"].save("policy.npz")
-    act = lines_of_the_page(2)["act"]
+    act = lines_of_the_page("def act(y)")
     observations = np.random.default_rng(2).standard_normal((100, 12))
     for observation, want in zip(observations, POLICIES["deep"].act(observations), strict=True):
         np.testing.assert_allclose(act(observation), want, atol=1e-12)

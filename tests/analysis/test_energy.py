@@ -239,6 +239,7 @@ def test_energy_has_in_common_with_the_methods_what_it_says_and_no_more():
         "excitation.kinds",
         "excitation.jets",
         "lanes.arithmetic",
+        "simulation.response",
     }  # the docstring of `work`
     tools = {"errors", "compiler.jit", "lanes.layout", "simulation.recording"}
     others = {module for module in imported if not module.startswith(room)}

@@ -12,7 +12,8 @@ Interfaces in value form: quadrature along the motion, which the plant's own met
 
 The others have in common with the methods the laws of the forces (one file each in `law`), the
 search for changes of regime (`law.events`), and the series of the excitation and of q**-2
-(`excitation.kinds`, `excitation.jets`, `lanes.arithmetic`). No method propagates a state for them,
+(`excitation.kinds`, `excitation.jets`, `lanes.arithmetic`); the energy of an interface is that
+which trajectories show (`simulation.response`). No method propagates a state for them,
 except from impulse to impulse and from corner to corner of a record (`recording.pieces`). So a
 balance that closes confirms how the plants propagate, and not the laws.
 """
