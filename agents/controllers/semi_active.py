@@ -145,7 +145,7 @@ class Hook(SemiActive):
 
 
 class Balance(SemiActive):
-    """Balance the spring that stands beside the damper, where the two forces are opposed.
+    """Balance the spring in parallel with the damper, where the two forces are opposed.
 
     F = -gain s, with the spring's force s at the relative displacement e of the damper's ends: it
     acts while e shrinks, e r < 0, and with a gain of 1 the mass that spring and damper move does
@@ -166,7 +166,7 @@ class Balance(SemiActive):
     Raises
     ------
     DesignError
-        If no damping is actuated, or it is the interface's and there are no springs beside it.
+        If no damping is actuated, or it is the interface's and there are no springs in parallel.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Balance(SemiActive):
         super().__init__(scene, switching, on)
         require_number("gain", gain)
         if self.device.of_interface and scene.springs.kind == "none":
-            msg = "springs.kind: got 'none'; allowed for the balance: springs beside the damper"
+            msg = "springs.kind: got 'none'; allowed for the balance: springs in parallel"
             raise DesignError(msg)
         self.gain, self.springs = gain, sphere_springs(scene)
         self.carriage = (

@@ -40,7 +40,7 @@ What is within the margin costs its square: 1 a step at the limit. So plans that
 into it a little. A narrower margin is a steeper cost, in which searches find less."""
 
 ENDED = 1e6
-"""What a plan costs besides that ends its episode early: more than any that lasts."""
+"""What a plan that ends its episode early costs on top: more than any that lasts."""
 
 
 class Trajectory(NamedTuple):
@@ -54,7 +54,7 @@ class Trajectory(NamedTuple):
         (steps + 1, s + k, lanes): x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of
         its own, and what is applied [N, -].
     reactions
-        (steps, m, 1 + s + k, lanes): what is squared besides after a step, and its derivatives with
+        (steps, m, 1 + s + k, lanes): what else is squared after a step, and its derivatives with
         respect to the state then. It is what the objective weighs of what follows from the motion
         (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is
         0 where there is neither.
@@ -282,8 +282,8 @@ def _require_plannable(actuator: Actuator, effort: float) -> None:
     limited = np.isfinite(actuator.rate)
     if limited and (actuator.lag_factor < 1.0 or (effort > 0.0 and not actuator.is_rate)):
         msg = (
-            f"actuation.{actuator.name}: the planner needs actuators without a lag beside a rate "
-            "limit, and no objective.effort_weight beside a rate limit of what is commanded by "
+            f"actuation.{actuator.name}: the planner needs actuators without a lag next to a rate "
+            "limit, and no objective.effort_weight next to a rate limit of what is commanded by "
             "value"
         )
         raise DesignError(msg)
