@@ -133,7 +133,7 @@ class Support:
 
     @property
     def sampled(self) -> bool:
-        """Whether there is excitation besides harmonics."""
+        """Whether there is excitation other than harmonics."""
         return bool(self.excitation[0] > 0.0)
 
     def fixed(self, row: int) -> bool:

@@ -160,6 +160,30 @@ def test_control_steps_keep_the_tolerance(tolerance: float) -> None:
         assert (np.abs(coarse.values[:4] - fine.values[:4]) <= tolerance * scale).all()
 
 
+@pytest.mark.parametrize("seed", [6, 20, 24, 31, 34])
+def test_episodes_begin_from_rest_at_every_tolerance(seed: int) -> None:
+    """Both masses move alike at first: of the slip velocity few digits are left."""
+    quake = {"kind": "kanai_tajimi", "rms": 0.3, "ground_frequency": 25.0, "sample_time": 0.005}
+    scene = Scene(
+        carriage={"mass": 10.0, "stiffness": 4000.0, "damping": 4.0},
+        sphere={"mass": 1.0},
+        interface={"kind": "magnetorheological"},
+        springs={"kind": "linear", "stiffness": 330.0},
+        excitation=[quake],
+        actuation={"voltage": {}},
+        control={"time_step": 0.01},
+    )
+    ends = []
+    for tolerance in (1e-12, 1e-10, 1e-9, 1e-7, 1e-6, 1e-3):
+        lanes = Lanes(compile_scene(scene.replace(**{"solver.tolerance": tolerance})), 1)
+        lanes.seed(seed)
+        lanes.restart()
+        assert lanes.advance(np.array([1.0])) == 0
+        ends.append(lanes.values[:4, 0].copy())
+        scale = np.abs(ends[0]).reshape(2, 2).max(axis=1).repeat(2)
+        assert (np.abs(ends[-1] - ends[0]) <= tolerance * scale).all()
+
+
 @pytest.mark.parametrize(
     ("voltage", "largest", "least"),
     [(0.0, 478, -622), (0.75, 840, -984), (1.5, 1196, -1340), (2.25, 1547, -1691)],

@@ -1,4 +1,4 @@
-"""Does the general method keep its tolerance, event by event, whatever else moves beside a lane?"""
+"""Does the general method keep its tolerance, event by event, whatever the other lanes do?"""
 
 import itertools
 

@@ -411,8 +411,12 @@ def _assess(interface, model, b):
     good = good & resolves(interface, _parameters(b), slips[0], slips[1], way)
     zero = everywhere(0.0)
     slid = summed_own(interface, b, estimates, (zero, zero))
+    rounded = rates_of(interface, _parameters(b), far, fast, (zero, zero))
     for k in range(own_states_of(interface)):
-        moved = abs(b[of.OWN_KICKS + k]) * (model[at.SAMPLE_INTERVAL] / h)
+        moved = larger(abs(b[of.OWN_KICKS + k]), abs(b[last + of.OWN_KICKS - of.KICKS + k]))
+        moved = moved * (model[at.SAMPLE_INTERVAL] / h)
+        # Where both masses move almost alike, little is left of the digits of the slip velocity.
+        moved = fma(abs(rounded[k]), h * ROUND_OFF / limit, moved)
         own = larger(larger(abs(b[of.OWN + k]), abs(b[of.END + of.OWN + k])), moved)
         good = good & (abs(slid[k]) <= limit * own)
         change = larger(change, abs(slid[k]) * (fast / (own + TINY)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,8 +29,6 @@ from mm_gym.methods.taylor.method import Taylor
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from mm_gym.law.interface import Interface
@@ -160,7 +159,7 @@ class RungeKutta(Method):
             of.LIMIT: limit,
             of.COARSE: (
                 _coarser(alone=support.is_general)
-                * tableau.estimates(tableau.longest(limit / steps))[1]
+                * tableau.estimates(_longest(len(tableau.times), limit / steps, 1.0))[1]
             )
             ** 2,
             of.IS_COMBINED: tableau.is_combined,
@@ -231,17 +230,7 @@ def _coarser(*, alone: bool) -> float:
 
 @lru_cache(maxsize=256)
 def _plan(phase: float, limit: float, turns: float, *, alone: bool) -> Plan | None:
-    plans = [
-        next(
-            (
-                plan
-                for plan in _plans(pair, _most(alone=alone))
-                if _is_enough(plan, phase, limit, _coarser(alone=alone))
-            ),
-            None,
-        )
-        for pair in tableaus()
-    ]
+    plans = (_shortest(pair, phase, limit, alone=alone) for pair in tableaus())
     return min(filter(None, plans), key=lambda plan: _work(plan, turns), default=None)
 
 
@@ -249,13 +238,16 @@ def _work(plan: Plan, turns: float) -> float:
     return plan.evaluations * (turns if plan.tableau.is_combined else 1.0)
 
 
-def _plans(pair: Tableau, most: int) -> Iterator[Plan]:
-    return (Plan(pair, steps) for steps in range(1, most // len(pair.times) + 1))
+def _shortest(pair: Tableau, phase: float, limit: float, *, alone: bool) -> Plan | None:
+    """Return the fewest steps of a pair that are enough: more are enough all the more."""
 
+    def is_enough(steps: int) -> bool:
+        longest = _longest(len(pair.times), limit / steps, _coarser(alone=alone))
+        return phase / steps <= longest
 
-def _is_enough(plan: Plan, phase: float, limit: float, coarser: float) -> bool:
-    pair, steps = plan
-    return phase / steps <= _longest(len(pair.times), limit / steps, coarser)
+    counts = range(1, _most(alone=alone) // len(pair.times) + 1)
+    found = bisect_left(counts, True, key=is_enough)
+    return Plan(pair, counts[found]) if found < len(counts) else None
 
 
 @lru_cache(maxsize=1 << 14)

@@ -69,7 +69,7 @@ def advance(model, lanes, which):
 @borrowing_kernel
 def _advance(model, lanes, which, waiting, b):
     """Advance the lanes listed, see `advance`, with room for both lists and for the vectors."""
-    waiting[:, _REST] = 0.0  # whoever reads on behind a list finds lanes that are done
+    waiting[:, _REST] = 0.0  # reading on behind a list finds lanes that are done
     counts = _wait(model[slots.VR], lanes, which, waiting)
     left = kind = 0
     while counts[0] + counts[1] > 0:
