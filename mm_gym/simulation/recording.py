@@ -54,7 +54,7 @@ class Recording:
         (n, 2) the force [N] and stretch [-] held over each; (n, 3) with the damping [N s/m] behind
         them if it is actuated.
     jets
-        (n, 2 * terms) the excitation besides harmonics and records: coefficients of force [N] and
+        (n, 2 * terms) excitation but harmonics and records: coefficients of force [N] and
         of ground acceleration [m/s^2] as polynomials in the elapsed part of the interval [-].
     """
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 MOST_STEPS = 100_000_000
 """Control steps of one simulation at most. It takes 80 bytes for each sample interval, and more
-with excitation besides harmonics."""
+with excitation other than harmonics."""
 
 
 def simulate(
@@ -67,7 +67,7 @@ def simulate(
         Seed of the scene's draws; by default 0.
     ground
         (k, 2) increasing times [s] and the ground's acceleration [m/s^2] at them, linear in between
-        and zero before and after, besides the scene's own excitation. It needs a scene, not a
+        and zero before and after, added to the scene's own excitation. It needs a scene, not a
         plant.
 
     Returns

@@ -31,7 +31,7 @@ LONGEST = 0.2
 """Panel, in units of the shortest time constant: the error is then some 1e-14 of the integral, but
 where the interface's force has a kink in time."""
 
-FEWEST = 10
+FEWEST = 32
 """Panels in any interval, for those kinks."""
 
 TOLERANCE = 1e-12
