@@ -3,7 +3,8 @@
     python -m tests.numerics.bounds --scenes 30000 --out bounds.jsonl
 
 measures the scenes of `random_scenes`, a few lanes and control steps each, from their true
-starts, against `double_double_kernel`, and prints the table of docs/numerics.md. It goes on where
+starts, against `double_double_kernel`, or `device_kernel` for what that does not know, and prints
+the table of docs/numerics.md. It goes on where
 it was broken off: what the file has already is not measured again.
 """
 
@@ -22,28 +23,38 @@ from typing import TYPE_CHECKING, NamedTuple
 import mpmath as mp
 import numpy as np
 
+from mm_gym import CompileError, SimulationError, compile_scene, simulate
 from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
 from mm_gym.excitation.harmonics import rotate
 from mm_gym.excitation.impulses import pass_impulses
 from mm_gym.excitation.kinds import excite
 from mm_gym.lanes import layout as at
+from mm_gym.law.interface import LINE
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.step.task import command
+from mm_gym.step.task import command, hold
 
+from . import device_kernel
 from . import double_double_kernel as precise
-from .random_scenes import METHODS, STEPS, method_of, random_plant
+from .random_scenes import DEVICES, METHODS, STEPS, method_of, random_plant
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
+    from mm_gym import Scene
     from mm_gym.plant.plant import Plant
 
     Array = NDArray[np.float64]
 
-LANES = 6
+LANES, LANES_WITH_DEVICES = 6, 3
+NOTHING = 1e-15
+"""Size of motions [m, m/s] that are rounding of balanced forces."""
+
+BALANCED = 4
+"""How many scenes with devices there are to one whose energy is added up, too."""
+
 ROUND_OFF = 1e-12
 """Bound of the methods whose only error is round-off."""
 
@@ -95,6 +106,8 @@ class Outcome:
         above 1 and the bound is a tolerance; otherwise 0.
     steps
         The control steps measured, in all lanes.
+    imbalance
+        Of energy, in units of what is exchanged; of each scene `BALANCED` with devices, else 0.
     """
 
     seed: int
@@ -104,6 +117,7 @@ class Outcome:
     ratio: float
     floor: float
     steps: int
+    imbalance: float = 0.0
 
     @property
     def excess(self) -> float:
@@ -119,33 +133,66 @@ def outcome(seed: int, folder: Path) -> Outcome:
     rng = np.random.default_rng([seed, 1])
     is_tolerant = plant.method.option is not None
     bound = scene.solver.tolerance if is_tolerant else ROUND_OFF
-    lanes = Lanes(plant, LANES)
+    lanes = Lanes(plant, LANES_WITH_DEVICES if seed >= DEVICES else LANES)
     lanes.seed(seed)
     lanes.restart()
     grow_old(lanes, int(10.0 ** rng.uniform(0.0, 4.0)) if rng.random() < 0.5 else 0)
     found: list[tuple[_Lane, Array, Array, Array, Array]] = []
-    largest = np.zeros((LANES, 4))
+    largest = np.zeros((lanes.count, 4))
     for _ in range(STEPS):
         status, starts, followed = advance(lanes, rng)
         if status > at.ENDED:
             break
         for i, lane in enumerate(followed):
-            reached, want, scale = lane.step().end(starts[:, i])
-            if reached == precise.OK:
+            reached, want, scale = lane.reach(starts[:, i])
+            if reached == precise.OK and scale.min() > NOTHING:
                 # Round-off is measured by the trajectory, tolerances by the control step alone.
                 largest[i] = np.maximum(largest[i], scale)
                 over = scale if is_tolerant else largest[i]
                 found.append((lane, starts[:, i], lanes.values[:4, i] - want, want, over))
+    imbalance = imbalance_of(scene, rng) if seed >= DEVICES and seed % BALANCED == 0 else 0.0
     worst = max(found, key=lambda one: _largest(one[2], one[4]), default=None)
     if worst is None:
-        return Outcome(seed, plant.method.name, plant.support.kind, bound, 0.0, 0.0, 0)
+        return Outcome(seed, plant.method.name, plant.support.kind, bound, 0.0, 0.0, 0, imbalance)
     lane, start, difference, want, scale = worst
     ratio, floor = _largest(difference, scale) / bound, 0.0
-    if ratio > 1.0 and is_tolerant:
+    if ratio > 1.0 and is_tolerant and plant.support.interface is LINE:
         rounded = lane.step().end(start, rounded=True)[1] - want
         late = lane.step(late=LATE).end(start)[1] - want
         floor = (ROUNDED * _largest(rounded, scale) + _largest(late, scale)) / bound
-    return Outcome(seed, plant.method.name, plant.support.kind, bound, ratio, floor, len(found))
+    return Outcome(
+        *(seed, plant.method.name, plant.support.kind, bound, ratio, floor, len(found), imbalance)
+    )
+
+
+def imbalance_of(scene: Scene, rng: np.random.Generator) -> float:
+    """Return what the balance of an episode's energy leaves, over all that is exchanged.
+
+    The motion is worked out to 1e-11, or as well as the scene allows. It is not a number where
+    that is worse than 1e-9, or where energy is not followed.
+    """
+    limits = {name: getattr(scene.actuation, name) for name in scene.actuation.names}
+    actions = [
+        rng.uniform(*((-a.limit, a.limit) if name == "force" else (a.minimum, a.maximum)), STEPS)
+        for name, a in limits.items()
+    ]
+    for tolerance in (1e-11, 1e-10, 1e-9):
+        try:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "solver.tolerance has no effect")
+                plant = compile_scene(scene.replace(**{"solver.tolerance": tolerance}))
+            found = simulate(
+                plant,
+                duration=STEPS * scene.control.time_step,
+                action=np.transpose(actions) if actions else None,
+                seed=0,
+            )
+            gap = np.abs(found.energy - found.energy[0] - found.work.total).max()
+            exchanged = max(found.work.throughput.max(), found.energy.max())
+            return float(gap / exchanged) if exchanged > 0.0 else float(gap)
+        except (CompileError, SimulationError):
+            continue
+    return np.nan
 
 
 def _largest(difference: Array, scale: Array) -> float:
@@ -177,11 +224,12 @@ def grow_old(lanes: Lanes, steps: int) -> None:
 
 
 def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_Lane]]:
-    """Make a control step; return status, starts (4, lanes), and the lanes for the reference."""
+    """Make a control step; return status, starts (n, lanes), and the lanes for the reference."""
     plant, values, count = lanes.plant, lanes._values, lanes.count
     intervals = plant.support.intervals_per_step
     actions = rng.uniform(-1.2, 1.2, len(plant.actuators) * count)
     command(plant.task, values, actions, lanes.rewards, 0, count)
+    hold(plant.model, values, 0, count)
     before, samples = values[:, :count].copy(), []
     filters = [row + noise.VALUE for kind, _, row, _ in _parts(plant) if kind == kernels.FILTER]
     samples, status = [before[filters]], at.OK
@@ -189,22 +237,20 @@ def advance(lanes: Lanes, rng: np.random.Generator) -> tuple[int, Array, list[_L
         if plant.support.sampled:
             excite(plant.model, values, lanes.streams, interval, 0, count)
             samples.append(values[filters, :count].copy())
-            status = max(
-                status, plant.method.entries.cross(plant.model, values, interval, 0, count)
-            )
+            status = max(status, plant.entries.cross(plant.model, values, interval, 0, count))
         else:
-            status = max(status, plant.method.entries.propagate(plant.model, values, 0, count))
+            status = max(status, plant.entries.propagate(plant.model, values, 0, count))
         rotate(plant.model, values, interval, 0, count)
     if not np.isfinite(values[:4, :count]).all():
         status = at.DIVERGED
     if status > at.ENDED:
-        return status, before[:4], []
+        return status, before, []
     age = int(values[at.NOW, 0])
     values[at.NOW, 0] += 1.0
     followed = [
         _Lane(plant, before[:, i], age, [sample[:, i] for sample in samples]) for i in range(count)
     ]
-    return status, before[:4], followed
+    return status, before[plant.support.state_rows], followed
 
 
 def _parts(plant: Plant) -> list[tuple[int, int, int, Array]]:
@@ -277,11 +323,42 @@ class _Lane:
         )
 
     def _parameters(self) -> Array:
+        names = self.plant.support.names  # of a damping under control: what its actuator holds
+        c, d = (names.get(f"{part}.damping", at.C) for part in ("interface", "carriage"))
         rows = (
-            *(at.M1, at.M2, at.K1, at.D, at.ALPHA, at.BETA, at.C, at.MU1, at.MU2, at.VR),
+            *(at.M1, at.M2, at.K1, d, at.ALPHA, at.BETA, c, at.MU1, at.MU2, at.VR),
             *(at.CHI, at.FN, at.K0, at.L0, at.STRETCH, at.FORCE),
         )
-        return self.lane[list(rows)].copy()
+        found = np.append(self.lane[list(rows)], self._reaction())
+        if self._springs() == "linear":
+            found[precise.STRETCH] = 0.0
+        return found
+
+    def _reaction(self) -> float:
+        """Return what acts on the sphere where a force acts on the carriage [N]."""
+        return -float(self.lane[at.FORCE]) if self.plant.support.is_between else 0.0
+
+    def _springs(self) -> str:
+        """Return the springs' kind."""
+        names = self.plant.support.names
+        if "springs.stiffness" not in names:
+            return "none"
+        if "springs.rest_length" in names:
+            return "finite_stretch"
+        return "small_on_large" if self.lane[at.STRETCH] > 0.0 else "linear"
+
+    def reach(self, start: Array) -> tuple[int, Array, Array]:
+        """Return status, end and scale as `Step.end`, by the reference that knows the scene."""
+        support, lane = self.plant.support, self.lane
+        if support.interface is LINE:
+            return self.step().end(start)
+        numbers = {name: float(lane[row]) for name, row in support.names.items()}
+        numbers |= {"force": float(lane[at.FORCE]), "reaction": self._reaction()}
+        numbers["springs.stretch"] = float(lane[at.STRETCH])
+        kinds = support.interface.kind, self._springs()
+        end, largest = device_kernel.end_of(numbers, kinds, self.step(), start)
+        scale = np.repeat([largest[:2].max(), largest[2:4].max()], 2)
+        return precise.OK, end[:4], scale
 
     def _jumps(self) -> dict[Fraction, tuple[float, float]]:
         """Return by what impulses change v1 and v2 [m/s], by the time since the step's start."""

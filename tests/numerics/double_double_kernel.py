@@ -2,7 +2,7 @@
 
 A number is a pair (high, low) of doubles, some 32 digits (Dekker, 1971). The motion follows
 docs/model.md, the excitation docs/excitation.md; no code of the package is used. Harmonics and
-sweeps are oscillators whose series stand beside that of the motion; lines between samples, jumps
+sweeps are oscillators whose series stand next to that of the motion; lines between samples, jumps
 and the ends of sweeps divide a control step into pieces.
 """
 
@@ -25,7 +25,10 @@ MOST_SERIES = 2000
 OK, TOO_MANY, COLLAPSED, ESCAPED = range(4)
 
 # Parameters of a lane; SIZE of them.
-(M1, M2, K1, D, ALPHA, BETA, C, MU1, MU2, VR, CHI, FN, K0, L0, STRETCH, FORCE, SIZE) = range(17)
+(M1, M2, K1, D, ALPHA, BETA, C, MU1, MU2, VR, CHI, FN, K0, L0, STRETCH, FORCE, REACTION, SIZE) = (
+    range(18)
+)
+"""FORCE and REACTION [N] act on carriage and sphere; a STRETCH of 0 is that of plain springs K0."""
 
 # Of an oscillator: its amplitude, whether it shakes the ground, its kind (0: of a constant
 # frequency, 1: linear, 2: logarithmic), its last frequency [rad/s], and the piece from which it has
@@ -126,7 +129,9 @@ def _expand(c, p, regime, now, oscillators, kinds):
     finite = p[L0] > 0.0
     stretch = p[STRETCH], 0.0
     k2 = 0.0, 0.0
-    if p[K0] > 0.0 and not finite:
+    if p[STRETCH] == 0.0:
+        k2 = p[K0], 0.0
+    elif p[K0] > 0.0 and not finite:
         k2 = _over((2.0, 0.0), _times(stretch, _times(stretch, stretch)))
         k2 = _times((2.0 * p[K0], 0.0), _add((1.0, 0.0), k2))
     slope, constant = (p[C], 0.0), (0.0, 0.0)
@@ -191,6 +196,8 @@ def _expand(c, p, regime, now, oscillators, kinds):
                 following = _times(part, _times(growth, _get(c, row + 2, n)))
             _set(c, row + 2, n + 1, following)
         a1 = _over(_add(_add(inner, push), _minus(outer)), m1)
+        if n == 0:
+            inner = _add(inner, (-p[REACTION], 0.0))
         a2 = _over(_minus(inner), m2)
         _set(c, _V1, n + 1, _times(part, _add(a1, _minus(shake))))
         _set(c, _V2, n + 1, _times(part, _add(a2, _minus(shake))))

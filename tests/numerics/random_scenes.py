@@ -20,12 +20,19 @@ MOST_INTERVALS = 40
 """Sample intervals of a control step that the excitation asks for, about."""
 
 DRAWN = "exact", "switched", "series", "splitting", "taylor"
-METHODS = *DRAWN, "runge_kutta"
+METHODS = *DRAWN, "runge_kutta", "devices"
 GENERAL = 1_000_000
 """The first seed of scenes for the general method; those before are for a method that is drawn."""
 
 PARAMETRIC = 2_000_000
 """The first seed of scenes for the splitting with drawn parameters."""
+
+DEVICES = 3_000_000
+"""The first seed of scenes with devices: see `_device`."""
+
+VALUED = "stribeck", "bouc_wen", "magnetorheological"
+"""Kinds of interface in value form."""
+
 EXCITATIONS = (
     *("harmonic", "sweep", "noise", "kanai_tajimi", "clough_penzien", "impulse", "record"),
 )
@@ -39,6 +46,8 @@ def random_plant(seed: int, folder: Path) -> tuple[Scene, Plant]:
     Half of the scenes for a method ask for it, the others for what `auto` takes.
     """
     rng, method = np.random.default_rng(seed), method_of(seed)
+    if seed >= DEVICES:
+        return _with_device(rng, folder / f"{seed}.csv")
     own = (method,) if seed >= GENERAL else DRAWN
     if seed < GENERAL:
         rng.choice(DRAWN)
@@ -66,6 +75,8 @@ def _is_swapped(scene: Scene, chosen: str, method: str) -> bool:
 
 def method_of(seed: int) -> str:
     """Return the method for which the scene of a seed is made."""
+    if seed >= DEVICES:
+        return "devices"
     if seed >= GENERAL:
         return "splitting" if seed >= PARAMETRIC else "runge_kutta"
     return str(np.random.default_rng(seed).choice(DRAWN))
@@ -306,6 +317,159 @@ def _record(rng: np.random.Generator, size: float, step: float, file: Path) -> V
             "start": float(rng.uniform(0.0, 0.5) * times[-1]),
         }
     return part
+
+
+def _with_device(rng: np.random.Generator, file: Path) -> tuple[Scene, Plant]:
+    """Return a random scene with a device, and its plant."""
+    for _ in range(TRIES):
+        try:
+            scene = _device(rng, file)
+            plant = compile_scene(scene)
+        except (SceneError, CompileError):
+            continue
+        return scene, plant
+    msg = f"no scene with a device in {TRIES} tries"
+    raise RuntimeError(msg)
+
+
+def _device(rng: np.random.Generator, file: Path) -> Scene:
+    """Return a scene with one or more devices.
+
+    They are plain springs, with a cubic term or without; a force between the masses; a damping
+    under control, of the interface or of the carriage; and interfaces in value form, of which the
+    magnetorheological one may be driven by a voltage.
+    """
+    x, rate, m1 = _near(rng, 0.01), _near(rng, 60.0), _near(rng, 0.1)
+    m2, k1, pull = m1 * float(10.0 ** rng.uniform(-1.5, 0.3)), m1 * rate**2, m1 * rate**2 * x
+    step = float(10.0 ** rng.uniform(-2.0, 0.7) / rate)
+    is_linear = rng.random() < 0.4
+    springs = _device_springs(rng, x, k1, is_linear=is_linear)
+    interface = _device_interface(rng, x, rate, pull, is_linear=is_linear)
+    data: Values = {
+        "carriage": {
+            "mass": m1,
+            "stiffness": k1,
+            "damping": float(rng.random() < 0.7) * _near(rng, 0.05 * m1 * rate),
+            "linear_coefficient": float(rng.choice([1.0, 1.0, 1.0, 0.0])),
+            "cubic_coefficient": float(not is_linear) * rng.integers(2) * _near(rng, x**-2),
+        },
+        "sphere": {"mass": m2},
+        "springs": springs,
+        "interface": interface,
+        "initial": {
+            "carriage_displacement": [-x, x],
+            "sphere_offset": [-x, x],
+            "carriage_velocity": [-x * rate, x * rate],
+            "sphere_velocity": [-x * rate, x * rate],
+        },
+        "control": {"time_step": step, "steps": 1_000_000},
+        "solver": {"tolerance": float(10.0 ** rng.uniform(-11.0, -1.0))},
+    }
+    if rng.random() < 0.2:
+        data["initial"] = {}  # from rest
+    data["actuation"] = _device_actuation(rng, data, pull, step)
+    data["excitation"] = _excitations(rng, "devices", _Size(m1, k1, x, rate, step), file)
+    data["randomization"] = _drawn(rng, data)
+    has_device = springs["kind"] == "linear" or interface["kind"] in VALUED
+    if not (has_device or {"damping", "voltage"} & set(data["actuation"])) and (
+        data["actuation"].get("force", {}).get("between") != "masses"
+    ):
+        return _device(rng, file)
+    return Scene(**data)
+
+
+def _device_springs(rng: np.random.Generator, x: float, k1: float, *, is_linear: bool) -> Values:
+    kinds = ["none", "linear", "linear", "small_on_large", "finite_stretch"]
+    kind = str(rng.choice(kinds[:-1] if is_linear else kinds))
+    if kind == "none":
+        return {"kind": kind}
+    springs: Values = {"kind": kind, "stiffness": _near(rng, 0.1 * k1)}
+    if kind == "linear":
+        hardens = float(not is_linear) * rng.integers(2)
+        return springs | {"cubic_coefficient": hardens * _near(rng, x**-2)}
+    springs["stretch"] = float(rng.uniform(1.0, 3.0))
+    if kind == "finite_stretch":
+        springs["rest_length"] = x * float(rng.uniform(3.0, 20.0))
+    return springs
+
+
+def _device_interface(
+    rng: np.random.Generator, x: float, rate: float, pull: float, *, is_linear: bool
+) -> Values:
+    """Return an interface whose force is of the carriage spring's size."""
+    kinds = ["none", "viscous", "viscous", "dry_friction", *VALUED, VALUED[-1]]
+    kind = str(rng.choice(kinds[:4] if is_linear else kinds))
+    v, load = x * rate, pull * float(10.0 ** rng.uniform(-1.5, 0.3))
+    if kind == "none":
+        return {"kind": kind}
+    if kind == "viscous":
+        return {"kind": kind, "damping": load / v}
+    if kind == "bouc_wen":
+        yielding = x * float(10.0 ** rng.uniform(-1.5, 0.5))
+        return {
+            "kind": kind,
+            "stiffness": load / yielding,
+            "yield_displacement": yielding,
+            "stiffness_ratio": float(rng.uniform(0.0, 1.0)),
+            "exponent": float(rng.choice([1.0, 2.0, rng.uniform(1.0, 4.0)])),
+            "shape": float(rng.uniform(0.5, 1.2)),
+            "damping": float(rng.random() < 0.5) * load / v,
+        }
+    if kind == "magnetorheological":
+        return {"kind": kind} | _damper(rng, x, v, load)
+    friction = {
+        "kind": kind,
+        "static_coefficient": 0.3,
+        "kinetic_coefficient": 0.3 * float(rng.uniform(0.3, 1.0)),
+        "reference_velocity": v * float(10.0 ** rng.uniform(-1.5, 0.0)),
+        "slip_damping": float(rng.random() < 0.5) * 0.1 * load / v,
+        "normal_force": load,
+    }
+    if kind == "stribeck":
+        friction["stribeck_velocity"] = v * float(10.0 ** rng.uniform(-1.5, 0.5))
+    return friction
+
+
+def _damper(rng: np.random.Generator, x: float, v: float, load: float) -> Values:
+    """Return the numbers of a magnetorheological damper: its yield force, and what it is at."""
+    gain, largest = _near(rng, 50.0), x * float(10.0 ** rng.uniform(-1.0, 0.5))
+    gamma = gain / largest**2
+    share, series = float(rng.uniform(0.0, 0.9)), _near(rng, load / v)
+    return {
+        "voltage": float(rng.uniform(0.0, 1.0)),
+        "damping": 0.3 * series * float(rng.uniform(0.0, 1.0)),
+        "damping_per_volt": 0.1 * series * float(rng.uniform(0.0, 1.0)),
+        "series_damping": series,
+        "series_damping_per_volt": series * float(rng.uniform(0.0, 1.0)),
+        "hysteresis": (1.0 - share) * load / largest,
+        "hysteresis_per_volt": share * load / largest,
+        "stiffness": load / x * float(10.0 ** rng.uniform(-2.0, 0.0)),
+        "accumulator_stiffness": load / x * float(10.0 ** rng.uniform(-3.0, -1.0)),
+        "accumulator_offset": x * float(rng.choice([0.0, 1.0])),
+        "gain": gain,
+        "gamma": gamma,
+        "beta": gamma * float(rng.uniform(-0.9, 0.9)),
+    }
+
+
+def _device_actuation(rng: np.random.Generator, data: Values, pull: float, step: float) -> Values:
+    actuation: Values = {}
+    if rng.random() < 0.5:
+        between = str(rng.choice(["ground", "masses", "masses"]))
+        actuation["force"] = {"limit": pull, "between": between} | _slow(rng, pull, step)
+    if "stretch" in data["springs"] and rng.random() < 0.4:
+        low, high = data["springs"]["stretch"], data["springs"]["stretch"] + 1.0
+        actuation["stretch"] = {"minimum": low, "maximum": high} | _slow(rng, 1.0, step)
+    kind, mode = data["interface"]["kind"], rng.random()
+    if kind == "magnetorheological" and mode < 0.7:
+        actuation["voltage"] = {"lag": 0.0, "maximum": 2.25} | _slow(rng, 1.0, step)
+    elif mode < 0.5:
+        of = "carriage" if kind != "viscous" or rng.random() < 0.5 else "interface"
+        now = data[of]["damping"]
+        most = 2.0 * now + 1e-3 * pull
+        limits = {"of": of, "minimum": now * float(rng.choice([0.0, 0.5])), "maximum": most}
+        actuation["damping"] = limits | _slow(rng, most, step)
+    return actuation
 
 
 def _drawn(rng: np.random.Generator, data: Values) -> Values:

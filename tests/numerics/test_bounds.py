@@ -8,6 +8,7 @@ from mm_gym import Scene, compile_scene
 from mm_gym.lanes import extended
 from mm_gym.simulation.lanes import Lanes
 
+from . import double_double_kernel as precise
 from .bounds import advance, outcome
 from .decimal_series import ControlStep
 
@@ -105,7 +106,7 @@ def test_the_fast_reference_agrees_with_decimal_series(parts):
     for n in range(2):
         _, starts, followed = advance(lanes, rng)
         step = followed[0].step()
-        force, stretch = step.parameters[[-1, -2]]
+        force, stretch = step.parameters[[precise.FORCE, precise.STRETCH]]
         _, got, scale = step.end(starts[:, 0])
         want, _ = ControlStep(scene, n * plant.time_step, force, stretch).end(starts[:, 0])
         # Both are rounded to doubles once, at the end.

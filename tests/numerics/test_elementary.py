@@ -16,7 +16,7 @@ VECTORISED = {"sin", "cos", "tan", "exp", "log", "log2", "log10", "pow", "hypot"
 """Functions of which Intel's library has a version for vectors."""
 
 ONE_AT_A_TIME = {
-    "extended.logarithm_of_ratio": {"log"},  # beside a call that no loop is vectorised over
+    "extended.logarithm_of_ratio": {"log"},  # next to a call that no loop is vectorised over
     "filters._halvings_of": {"log2"},  # never inlined into a loop
     "impulse_process._wait": {"log"},  # within a loop that ends early
     "bounds.largest_eigenvalue": {"hypot"},  # for a bound of the rates

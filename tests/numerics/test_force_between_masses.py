@@ -314,7 +314,7 @@ def test_predictions_of_controllers_have_the_disturbance_on_the_carriage_alone()
     model = pytest.importorskip("agents.controllers.model").Model
     scene = scene_of("cubic", "friction", solver={"tolerance": 1e-12})
     state = np.array([[0.004, 0.012, 0.1, 0.3], [0.001, -0.01, 0.2, -0.1]])
-    made = model(scene, 2)
+    made = model(scene)
     made.begin(state)
     made.advance(np.array([[1.0], [-2.0]]), np.array([0.5, -0.3]))
     found = made.advance(np.array([[0.7], [0.2]]), np.array([0.0, 0.9]))[0]

@@ -114,7 +114,7 @@ def by_scipy(scene, trajectory, instants, *, sweep):
 @pytest.mark.parametrize("plant", PLANTS)
 def test_plants_move_as_scipy_from_impulse_to_impulse(plant, sweep):
     scene = excited(plant, sweep=sweep)
-    # Ends of control steps, instants beside impulses, and the instant of one.
+    # Ends of control steps, instants next to impulses, and the instant of one.
     instants = np.array([0.01, 0.0336, 0.0337, 0.03375, 0.04, 0.0634, 0.08])
     trajectory = simulate(scene, times=instants, seed=2)
     times, _ = jumps_of(trajectory)

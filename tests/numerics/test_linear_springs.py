@@ -27,6 +27,7 @@ from mm_gym.tuning.closed_forms import closed_form
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 pytestmark = pytest.mark.filterwarnings("ignore:solver.tolerance has no effect")
 
@@ -334,9 +335,9 @@ def test_the_absorber_of_a_cubic_carriage_keeps_linear_springs_with_a_cubic_term
     assert share == pytest.approx(2.0 * mu**2 / (1.0 + 4.0 * mu))
 
 
-def test_a_scene_file_and_a_picture_have_them() -> None:
+def test_a_scene_file_and_a_picture_have_them(tmp_path: Path) -> None:
     scene = scene_of(VISCOUS, BETA)
-    assert "cubic_coefficient = 20000" in toml_of(scene)
+    assert "cubic_coefficient = 20000" in toml_of(scene, tmp_path)
     pytest.importorskip("pygame")
     env = MovingMassEnv(scene, render_mode="rgb_array")
     env.reset(seed=0)

@@ -384,16 +384,15 @@ def test_regulators_refuse_it_by_name():
 
 
 def test_controllers_hold_it_and_search_the_best():
-    baselines = pytest.importorskip("agents.evaluation.baselines")
+    baselines = pytest.importorskip("agents.controllers.tuned")
     constant = pytest.importorskip("agents.controllers.constant")
     scene = scene_of(**{"initial.sphere_offset": [-0.01, 0.01]})
     held = constant.no_control(scene)
-    held.begin(2)
-    actions = held.action(np.zeros((2, 4)), np.full((2, 1), 1.5))
+    actions, _ = held.action(held.begin(2), np.zeros((2, 4)), np.full((2, 1), 1.5))
     np.testing.assert_allclose(actions, (1.5 - 0.5 * (HIGH + LOW)) / (0.5 * (HIGH - LOW)))
     best = baselines.best_constant(scene)
     assert best.law.name.startswith("constant damping")
-    assert LOW <= best.law.damping <= HIGH
+    assert LOW <= best.law.value <= HIGH
 
 
 @pytest.mark.parametrize(

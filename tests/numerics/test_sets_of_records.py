@@ -213,8 +213,8 @@ def test_scene_file_names_a_set_relative_to_its_folder(tmp_path, folder, monkeyp
         scene = load_scene(path)
         assert scene.excitation[0].paths == expected
         copy = tmp_path / "copy.toml"
-        copy.write_text(toml_of(scene))
-        assert load_scene(copy) == scene
+        copy.write_text(toml_of(scene, tmp_path))
+        assert load_scene(copy).excitation[0].paths == expected
     monkeypatch.chdir(tmp_path)
     assert main(["simulate", str(inner / "0.toml"), "--csv", str(inner / "m1.csv")]) == 2
 
