@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from typing import TYPE_CHECKING
 
@@ -66,15 +65,8 @@ def _compiled(scene: Scene) -> Plant:
         delay=scene.sensors.delay,
         steps=scene.control.steps,
         time_step=scene.control.time_step,
-        digest=_digest(scene, support),
+        digest=scene.digest,
     )
-
-
-def _digest(scene: Scene, support: Support) -> str:
-    """Return an identifier of the scene and of the content of its records."""
-    if not any(part.kind == "record" for part in scene.excitation):
-        return scene.digest
-    return hashlib.sha256(scene.digest.encode() + support.excitation.tobytes()).hexdigest()[:16]
 
 
 def _check_solver(scene: Scene, method: Method, support: Support) -> None:

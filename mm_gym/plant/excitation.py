@@ -446,11 +446,10 @@ def samples_of(name: str, part: Any) -> tuple[Any, Array, float]:  # noqa: ANN40
     SceneError
         If a record cannot be read: the field, the file, and its line and column.
     """
-    field = "file" if getattr(part, "files", None) is None else "files"
     try:
         if isinstance(part, Recorded) and part.files is not None:
             part = part.model_copy(update={"files": part.paths})
         return part, *KINDS[part.kind].samples(part)
     except SceneError as error:
-        msg = f"{name}.{field}: {error}"
+        msg = f"{name}.{part.source}: {error}"
         raise SceneError(msg) from error

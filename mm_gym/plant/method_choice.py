@@ -136,7 +136,7 @@ def _reasons(support: Support, obstacles: dict[Method, str], chosen: Method) -> 
         reasons.append(_coupling(support))
     moves = [_moves(name, support) for name in support.varying]
     if support.sampled:
-        moves.append("there is excitation besides harmonics")
+        moves.append("there is excitation other than harmonics")
     return (*reasons, *(moves or [FIXED]), *skipped)
 
 

@@ -1,4 +1,4 @@
-"""Arrays of numbers in files of NumPy (.npz) and MATLAB (.mat, versions 5 and 7.3).
+"""Arrays of numbers in files of NumPy (.npy, .npz) and MATLAB (.mat, versions 5 and 7.3).
 
 Nothing in a file is executed, and none takes more memory than `MOST_ARRAY_BYTES` for an array,
 whatever it claims: sizes are checked before the numbers are read. Files of version 5 are read here,
@@ -13,6 +13,7 @@ import zlib
 from importlib import import_module
 from io import BytesIO
 from math import prod
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -42,8 +43,12 @@ MATLAB_REAL = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (
 
 MAT_HEADER, MAT_VERSIONS = 128, (b"\x00\x01IM", b"\x01\x00MI")
 MAT_MATRIX, MAT_COMPRESSED = 14, 15
-MAT_CLASS, MAT_UNREAL, MAT_REAL = 0xFF, 0x0A00, range(6, 16)
-"""Bits of an array's flags: its class, and if it is complex or logical; the classes of numbers."""
+MAT_CLASS, MAT_UNREAL, MAT_REAL, MAT_STRUCT = 0xFF, 0x0A00, range(6, 16), 2
+"""Bits of an array's flags: its class, and if it is complex or logical; the classes of numbers, and
+that of structs."""
+
+MOST_DEPTH = 16
+"""Structs in structs that are looked into."""
 
 MAT_TYPES = dict(
     zip(
@@ -113,7 +118,9 @@ def _chosen(file: Path, variable: str | None, names: Sequence[str]) -> str:
     allowed = ", ".join(map(repr, sorted(names))) or "none, the file has no array of real numbers"
     if variable is None:
         refuse(file, None, f"variable: missing; allowed: {allowed}")
-    if names.count(variable) != 1:
+    if names.count(variable) > 1:
+        refuse(file, None, f"variable: got {variable!r}, the name of several; allowed: {allowed}")
+    if variable not in names:
         refuse(
             file, None, f"variable: got {variable!r}{suggest(variable, names)}; allowed: {allowed}"
         )
@@ -121,9 +128,18 @@ def _chosen(file: Path, variable: str | None, names: Sequence[str]) -> str:
 
 
 def _check_size(file: Path, name: str, shape: Sequence[int], itemsize: int) -> None:
-    if not 0 <= prod(shape) * itemsize <= MOST_ARRAY_BYTES:
-        allowed = f"at most {MOST_ARRAY_BYTES} bytes"
-        refuse(file, None, f"{name}: got {prod(shape)} numbers; allowed: {allowed}")
+    size = prod(shape) * itemsize
+    if not 0 <= size <= MOST_ARRAY_BYTES:
+        refuse(file, None, f"{name}: got {size} bytes; allowed: at most {MOST_ARRAY_BYTES} bytes")
+
+
+def _read_npy(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
+    if variable is not None:
+        refuse(file, None, f"variable: got {variable!r}; it has no effect: the file has one array")
+    try:
+        return "array", _of_npy(content)
+    except (ValueError, EOFError, OverflowError) as error:
+        refuse(file, None, f"not an .npy file of plain numbers: {error}")
 
 
 def _read_npz(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
@@ -158,7 +174,11 @@ def _of_npy(data: bytes) -> NDArray[Any]:
     if version not in headers:
         msg = f"version {version} of the .npy format; allowed: 1.0 or 2.0"
         raise ValueError(msg)
-    shape, is_fortran, dtype = headers[version](stream)
+    try:
+        shape, is_fortran, dtype = headers[version](stream)
+    except (SyntaxError, TokenError) as error:  # the header is Python's text of a dictionary
+        msg = f"its header is damaged: {error}"
+        raise ValueError(msg) from error
     rest = len(data) - stream.tell()
     if dtype.kind not in REAL or prod(shape) * dtype.itemsize != rest:
         msg = (
@@ -173,7 +193,7 @@ def _read_mat(file: Path, content: bytes, variable: str | None) -> tuple[str, ND
     if any(content[place : place + len(HDF5_MARK)] == HDF5_MARK for place in HDF5_PLACES):
         return _read_hdf5(file, content, variable)
     if content[MAT_HEADER - 4 : MAT_HEADER] not in MAT_VERSIONS:
-        refuse(file, None, "not a MATLAB file of version 5 or 7.3")
+        refuse(file, None, "not a MATLAB file of version 5 or 7.3 (save with -v7 or -v7.3)")
     order = "<" if content.endswith(b"IM", 0, MAT_HEADER) else ">"
     arrays: list[tuple[str, tuple[int, ...], NDArray[Any]]] = []
     room, data = MOST_ARRAY_BYTES, memoryview(content)[MAT_HEADER:]
@@ -187,9 +207,8 @@ def _read_mat(file: Path, content: bytes, variable: str | None) -> tuple[str, ND
                 if not stream.eof or not room:
                     refuse(file, None, "a variable is not whole, or too large")
                 matrix = next(_elements(memoryview(inflated), order))
-            array = _matrix(matrix[1], order) if matrix[0] == MAT_MATRIX else None
-            if array is not None:
-                arrays.append(array)
+            if matrix[0] == MAT_MATRIX:
+                arrays += _matrices(matrix[1], order)
         name = _chosen(file, variable, [name for name, _, _ in arrays])
         shape, flat = next((shape, flat) for one, shape, flat in arrays if one == name)
         return name, flat.reshape(shape, order="F")
@@ -215,36 +234,64 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
         place = end if kind == MAT_COMPRESSED else end + -end % 8
 
 
-def _matrix(data: memoryview, order: str) -> tuple[str, tuple[int, ...], NDArray[Any]] | None:
-    """Return name, shape and numbers of a variable, or None if it has no real numbers."""
+def _matrices(
+    data: memoryview, order: str, outer: Sequence[str] = ()
+) -> list[tuple[str, tuple[int, ...], NDArray[Any]]]:
+    """Return name, shape and numbers of a variable, or of the fields of a struct, if they are real.
+
+    Parameters
+    ----------
+    data, order
+        A matrix, and its order of bytes.
+    outer
+        The names of the structs that it is in, and its own in the last of them.
+    """
     parts = _elements(data, order)
     flags, _ = struct.unpack(order + "II", next(parts)[1])
-    if flags & MAT_CLASS not in MAT_REAL or flags & MAT_UNREAL:
-        return None
+    kind = flags & MAT_CLASS
+    if kind not in {MAT_STRUCT, *MAT_REAL} or flags & MAT_UNREAL:
+        return []  # before the shape: tables, strings and other objects have none
     shape = tuple(np.frombuffer(next(parts)[1], order + "i4").tolist())
-    name = bytes(next(parts)[1]).decode("ascii", "replace")
-    kind, numbers = next(parts, (9, data[:0]))
-    if kind not in MAT_TYPES:
-        msg = f"{name}: got numbers of type {kind}"
+    own = bytes(next(parts)[1]).decode("ascii", "replace")
+    names = outer or (own,)
+    if kind == MAT_STRUCT:
+        if prod(shape) != 1 or len(names) >= MOST_DEPTH:
+            return []
+        (length,) = struct.unpack(order + "i", next(parts)[1])
+        words = bytes(next(parts)[1])
+        starts = range(0, len(words), max(length, 1))
+        fields = (
+            words[i : i + length].partition(b"\0")[0].decode("ascii", "replace") for i in starts
+        )
+        inner = ((field, part) for field, (_, part) in zip(fields, parts, strict=True) if part)
+        return [one for field, part in inner for one in _matrices(part, order, (*names, field))]
+    name = ".".join(names)
+    if not name:  # what the objects of a file are made of
+        return []
+    number, numbers = next(parts, (9, data[:0]))
+    if number not in MAT_TYPES:
+        msg = f"{name}: got numbers of type {number}"
         raise ValueError(msg)
-    return name, shape, np.frombuffer(numbers, order + MAT_TYPES[kind])
+    return [(name, shape, np.frombuffer(numbers, order + MAT_TYPES[number]))]
 
 
 def _read_hdf5(file: Path, content: bytes, variable: str | None) -> tuple[str, NDArray[Any]]:
     try:
         h5py: Any = import_module("h5py")  # optional
     except ImportError as error:
-        msg = f'{file}: MATLAB 7.3 needs h5py; install it with: pip install "mm-gym[matlab]"'
+        msg = f"{file}: MATLAB 7.3 needs h5py; install the extra `matlab`"
         raise DependencyNotInstalled(msg) from error
     try:
         with h5py.File(BytesIO(content), "r") as data:
-            arrays = {
-                name: data[name]
-                for name in data
-                if isinstance(data.get(name, getlink=True), h5py.HardLink)
-                and data.get(name, getclass=True) is h5py.Dataset
-                and _is_real(data[name])
-            }
+            arrays: dict[str, Any] = {}
+
+            def note(path: str, found: Any) -> None:  # noqa: ANN401 - of h5py, which is optional
+                # "#refs#" has the elements of cells, and of arrays of structs, without their order.
+                is_array = isinstance(found, h5py.Dataset) and path[0] != "#" and _is_real(found)
+                if is_array and "MATLAB_sparse" not in found.parent.attrs:
+                    arrays[path.replace("/", ".")] = found
+
+            data.visititems(note)  # of links only hard ones, each object once
             name = _chosen(file, variable, list(arrays))
             one = arrays[name]
             _check_size(file, name, one.shape, one.dtype.itemsize)
@@ -293,6 +340,7 @@ def _of_chunks(file: Path, name: str, dataset: Any) -> NDArray[Any]:  # noqa: AN
 
 
 READERS: dict[str, Callable[[Path, bytes, str | None], tuple[str, NDArray[Any]]]] = {
+    ".npy": _read_npy,
     ".npz": _read_npz,
     ".mat": _read_mat,
 }

@@ -34,9 +34,9 @@ def read_record(
 
     A file named ``.AT2``, or with the word NPTS in its first four lines, has the format of the PEER
     ground motion databases: four header lines, one of which states NPTS and DT, then the samples
-    in any number of columns. A file named ``.npz`` (NumPy) or ``.mat`` (MATLAB 5 or 7.3) has
-    arrays, (n,) or (n, k), of which nothing is executed; an array with fewer rows than columns has
-    its series in rows, which are read as if they were its columns. All other files are text in
+    in any number of columns. A file named ``.npy``, ``.npz`` (NumPy) or ``.mat`` (MATLAB 5 or 7.3)
+    has arrays, (n,) or (n, k), of which nothing is executed; an array with fewer rows than columns
+    has its series in rows, which are read as if they were its columns. All other files are text in
     columns, separated by semicolons, commas, tabs or blanks: samples, or times [s] and samples.
     With semicolons the decimal mark may be a comma. Headings without numbers may come first, and
     ``#`` begins a comment.
@@ -56,7 +56,8 @@ def read_record(
     skip
         Lines at the beginning of a text that are not looked at.
     variable
-        Name of the array in a ``.mat`` or ``.npz`` file; by default the only one.
+        Name of the array in a ``.mat`` or ``.npz`` file; by default the only one. A field of a
+        MATLAB struct has the struct's name before its own: ``"test.table.acceleration"``.
 
     Raises
     ------
@@ -85,7 +86,7 @@ def _read(
     if file.suffix.lower() in READERS:
         return _stated_unit(file, options), *read_arrays(file, options)
     if options.variable is not None:
-        refuse(file, None, f"variable: no effect; allowed: for files named {', '.join(READERS)}")
+        refuse(file, None, "variable: no effect; allowed: for files named .npz, .mat")
     text = read_text(file)
     if file.suffix.lower() == ".at2" or any(map(states_counts, header_of(text, options.skip))):
         for name in ("time_step", "column"):

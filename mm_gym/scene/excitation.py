@@ -272,7 +272,7 @@ class Recorded(Sampled):
 
     kind: Literal["record"] = "record"
     file: Name | None = None
-    """a PEER AT2 file, text in columns, or a .mat or .npz file of arrays; a path in a scene file is
+    """a PEER AT2 file, text in columns, or a .mat, .npy or .npz file; a path in a scene file is
     relative to that file's folder"""
     files: (
         Annotated[
@@ -300,7 +300,8 @@ class Recorded(Sampled):
     skip: Annotated[int, Field(ge=0)] = 0
     """lines at the beginning of a text that are not looked at"""
     variable: Annotated[str, Field(min_length=1)] | None = None
-    """name of the array in a .mat or .npz file; by default the only one"""
+    """name of the array in a .mat or .npz file, or of the field of a struct, as in "run.acc"; by
+    default the only one"""
     scale: float = 1.0
     """factor of the values [-]"""
     scale_to: ScaleTo | None = None
@@ -316,6 +317,11 @@ class Recorded(Sampled):
         Rule(("target", "inertial_mass", "scale_to"), _shakes),
         Rule(("inertial_mass", "target"), _inertial_force),
     )
+
+    @property
+    def source(self) -> str:
+        """The field that names the files: "file" or "files"."""
+        return "file" if self.files is None else "files"
 
     @property
     def paths(self) -> tuple[str, ...]:

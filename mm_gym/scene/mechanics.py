@@ -158,7 +158,7 @@ class Magnetorheological(Part):
     hysteresis_per_volt: NonNegative = 69.5
     """what u adds to alpha [N/(m V)]"""
     stiffness: NonNegative = 4.69
-    """k0 [N/m]: beside the hysteresis"""
+    """k0 [N/m]: in parallel with the hysteresis"""
     accumulator_stiffness: NonNegative = 0.5
     """k1 [N/m]"""
     accumulator_offset: float = 0.0

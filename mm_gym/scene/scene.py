@@ -10,6 +10,8 @@ from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
+from mm_gym.files import read_bytes
+from mm_gym.records.text import MOST_BYTES
 from mm_gym.scene.actuators import Actuation, DampingActuator, VoltageActuator
 from mm_gym.scene.dotted_names import put
 from mm_gym.scene.draft import draft_of, findings_of
@@ -19,6 +21,7 @@ from mm_gym.scene.excitation import (
     NumberOrRange,
     Positive,
     Range,
+    Recorded,
 )
 from mm_gym.scene.joint_findings import joint_findings
 from mm_gym.scene.mechanics import (
@@ -356,9 +359,29 @@ class Scene(Document):
 
     @property
     def digest(self) -> str:
-        """Sixteen hexadecimal digits that identify the content of the scene."""
-        content = self.model_dump_json(exclude=self._without_effect())
-        return hashlib.sha256(content.encode()).hexdigest()[:16]
+        """Sixteen hexadecimal digits that identify the content of the scene.
+
+        Of records the content of the files counts, wherever they are.
+
+        Raises
+        ------
+        SceneError
+            If a record's file cannot be read: the field, and why.
+        """
+        records = [(i, p) for i, p in enumerate(self.excitation) if isinstance(p, Recorded)]
+        left_out = self._without_effect()
+        if records:
+            left_out["excitation"] = {i: {"file", "files"} for i, _ in records}
+        whole = hashlib.sha256(self.model_dump_json(exclude=left_out).encode())
+        for i, part in records:
+            try:
+                for path in part.paths:
+                    content = read_bytes(path, most=MOST_BYTES)
+                    whole.update(hashlib.sha256(content).digest())
+            except SceneError as error:
+                msg = f"excitation.{i}.{part.source}: {error}"
+                raise SceneError(msg) from error
+        return whole.hexdigest()[:16]
 
     def _without_effect(self) -> dict[str, Any]:
         """Return the fields of `LATER` that have their default, as pydantic excludes fields."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import glob
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from mm_gym.errors import SceneError
 from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.draft import draft_of
+from mm_gym.scene.record_files import with_absolute_records
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_lines import lines_of
 from mm_gym.tasks import is_id, path_of
@@ -56,7 +56,7 @@ def check_scene(
     """
     file = path_of(path) if isinstance(path, str) and is_id(path) else Path(path)
     text = read_text(file)
-    data = _rooted(parse_toml(file, text), file.parent)
+    data = with_absolute_records(parse_toml(file, text), file.parent)
     try:
         scene, wrong, lines = Scene.of(data), frozenset[str](), list[str]()
     except SceneError as error:
@@ -69,25 +69,6 @@ def check_scene(
     if lines:
         raise SceneError(_with_lines(file, text, lines)) from None
     return scene
-
-
-def _rooted(data: dict[str, object], folder: Path) -> dict[str, object]:
-    """Resolve the relative paths of records from the scene's folder."""
-    sources = data.get("excitation")
-    for source in cast("list[object]", sources) if isinstance(sources, list) else ():
-        if isinstance(source, dict):
-            entry = cast("dict[str, object]", source)
-            if isinstance(entry.get("file"), str) and entry["file"]:
-                entry["file"] = str(folder / cast("str", entry["file"]))
-            files = entry.get("files")
-            if isinstance(files, str) and files:
-                entry["files"] = str(Path(glob.escape(str(folder))) / files)
-            elif isinstance(files, list):
-                entry["files"] = [
-                    str(folder / one) if isinstance(one, str) and one else one
-                    for one in cast("list[object]", files)
-                ]
-    return data
 
 
 def _with_lines(file: Path, text: str, findings: list[str]) -> str:

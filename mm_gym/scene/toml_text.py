@@ -7,8 +7,11 @@ import re
 from typing import TYPE_CHECKING, cast
 
 from mm_gym.scene.part import Part
+from mm_gym.scene.record_files import with_relative_records
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mm_gym.scene.scene import Scene
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -17,13 +20,18 @@ BARE = re.compile(r"[A-Za-z0-9_-]+")
 Table = dict[str, object]
 
 
-def toml_of(scene: Scene) -> str:
+def toml_of(scene: Scene, folder: Path) -> str:
     """Return the text of a scene file, from which `load_scene` reads the same scene.
 
-    Files of records are named as the scene names them: relative paths are those of the folder that
-    the scene file is in.
+    Parameters
+    ----------
+    scene
+        The scene.
+    folder
+        The folder of the file: records are named relative to it.
     """
-    tables = _differences(scene)
+    data = cast("Table", scene.model_dump(mode="json"))
+    tables = _differences(scene.of(with_relative_records(data, folder)))
     blocks = [_block("", {k: v for k, v in tables.items() if not _is_table(v)})]
     for name, value in tables.items():
         if isinstance(value, dict):

@@ -8,7 +8,6 @@ Equations are those of `docs/structures.md`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -336,14 +335,8 @@ class Reduction:
 
         Files of records are named relative to the file's folder.
         """
-        folder = Path(path).resolve().parent
-        data = cast("dict[str, object]", scene.model_dump(mode="json"))
-        for entry in cast("list[dict[str, object]]", data["excitation"]):
-            if entry["kind"] == "record":
-                file = Path(str(entry["file"])).resolve()
-                entry["file"] = Path(os.path.relpath(file, folder)).as_posix()
         head = "".join(f"# {line}\n" for line in self.explain().splitlines())
-        write_text(path, f"{head}\n{toml_of(Scene.of(data))}")
+        write_text(path, f"{head}\n{toml_of(scene, Path(path).resolve().parent)}")
 
 
 def _stated(entry: Entry) -> dict[str, object]:

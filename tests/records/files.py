@@ -54,12 +54,32 @@ def matlab(arrays, *, compressed=False):
     return stream.getvalue()
 
 
+def numpy_array(arrays):
+    """Return an .npy file of the only array."""
+    (array,) = arrays.values()
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
 def matlab73(arrays, *, compressed=False, classes=()):
-    """Return a MATLAB file of version 7.3 as MATLAB writes it: HDF5 behind 512 bytes of text."""
+    """Return a MATLAB file of version 7.3 as MATLAB writes it: HDF5 behind 512 bytes of text.
+
+    Structs, which are dictionaries, are groups.
+    """
     stream = io.BytesIO()
     options = {"chunks": True, "compression": "gzip", "shuffle": True} if compressed else {}
-    with h5py.File(stream, "w", userblock_size=512) as file:
+
+    def write(group, arrays):
         for name, array in arrays.items():
-            one = file.create_dataset(name, data=np.atleast_2d(array).T, **options)
-            one.attrs["MATLAB_class"] = np.bytes_(dict(classes).get(name, "double"))
+            if isinstance(array, dict):
+                one = group.create_group(name)
+                one.attrs["MATLAB_class"] = np.bytes_("struct")
+                write(one, array)
+            else:
+                one = group.create_dataset(name, data=np.atleast_2d(array).T, **options)
+                one.attrs["MATLAB_class"] = np.bytes_(dict(classes).get(name, "double"))
+
+    with h5py.File(stream, "w", userblock_size=512) as file:
+        write(file, arrays)
     return b"MATLAB 7.3 MAT-file".ljust(512) + stream.getvalue()[512:]

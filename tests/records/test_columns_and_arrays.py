@@ -1,5 +1,7 @@
 """Is the right column or array of a file read, or refused with its place?"""
 
+import io
+import struct
 import sys
 
 import h5py
@@ -7,11 +9,12 @@ import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled
 from scipy.io import loadmat
+from scipy.sparse import csc_array
 
 from mm_gym import SceneError
 from mm_gym.records import read_record
 
-from .files import COUNTS, SAMPLES, matlab, matlab73, numpy_archive, peer, read
+from .files import COUNTS, SAMPLES, matlab, matlab73, numpy_archive, numpy_array, peer, read
 
 TABLE = [
     ["time [s]", "north [g]", "east [m/s^2]"],
@@ -234,7 +237,7 @@ def test_arrays_that_are_wrong_are_refused_with_their_place(tmp_path, name, arra
 def test_only_real_numbers_are_arrays_of_a_record(tmp_path):
     others = {
         "letters": "abc",
-        "parts": {"x": 1.0},
+        "parts": {"x": "abc"},
         "cells": np.array([1, "a"], dtype=object),
         "complex": SERIES * 1j,
         "flags": SERIES > 0.0,
@@ -246,6 +249,83 @@ def test_only_real_numbers_are_arrays_of_a_record(tmp_path):
     letters = {"a": SERIES, "letters": np.array([[97, 98]], "u2")}
     content = matlab73(letters, classes={"letters": "char"})
     assert read(tmp_path, content, "m.mat", unit="N").values.tolist() == NORTH
+
+
+STRUCTS = {
+    "run": {"table": {"acc": SERIES, "name": "x"}, "dt": 0.01},
+    "acc": np.array([[0.0, 1.0], [1.0, 2.0]]),
+}
+
+
+@pytest.mark.parametrize(
+    "write", [matlab, lambda arrays: matlab(arrays, compressed=True), matlab73]
+)
+def test_field_of_a_struct_has_the_names_of_its_structs_before_its_own(tmp_path, write):
+    structs = STRUCTS
+    if write is matlab73:  # h5py has no characters as MATLAB has them
+        structs = STRUCTS | {"run": {"table": {"acc": SERIES}, "dt": 0.01}}
+    content = write(structs)
+    record = read(tmp_path, content, "m.mat", unit="N", variable="run.table.acc")
+    assert np.array_equal([record.times, record.values], SERIES.T)
+    assert read(tmp_path, content, "m.mat", unit="N", variable="acc").values.tolist() == [1.0, 2.0]
+    with pytest.raises(SceneError, match=r"got 'run'.*; allowed: 'acc', 'run.dt', 'run.table.acc'"):
+        read(tmp_path, content, "m.mat", unit="N", variable="run")
+
+
+def test_struct_arrays_cells_and_deep_structs_are_no_arrays_of_a_record(tmp_path):
+    inner = {"x": 1.0}
+    for _ in range(100):
+        inner = {"s": inner}
+    fields = np.zeros((2, 1), dtype=[("x", object)])
+    cells = np.array([np.eye(2), np.eye(3)], dtype=object)
+    others = {"several": fields, "cells": cells, "deep": inner, "sparse": csc_array(np.eye(3))}
+    content = matlab({"a": SERIES, "run": others})
+    assert read(tmp_path, content, "m.mat", unit="N").values.tolist() == NORTH
+
+
+def matlab_object(name):
+    """Return a variable of MATLAB's class 17, such as a string or a table: it has no shape."""
+    texts = [name, b"MCOS", b"string"]
+    parts = [struct.pack("<IIII", 6, 8, 17, 0)]
+    parts += [struct.pack("<II", 1, len(text)) + text.ljust(8, b"\0") for text in texts]
+    return struct.pack("<II", 14, sum(map(len, parts))) + b"".join(parts)
+
+
+def test_objects_of_matlab_leave_the_other_variables_readable(tmp_path):
+    unnamed = io.BytesIO(matlab({"x": np.arange(9, dtype="u1")})).getvalue()[128:]
+    # Behind the last variable is what the objects are made of: numbers without a name.
+    assert unnamed.count(struct.pack("<HH", 1, 1) + b"x\0\0\0") == 1
+    unnamed = unnamed.replace(struct.pack("<HH", 1, 1) + b"x\0\0\0", struct.pack("<II", 1, 0))
+    content = matlab({"a": SERIES}) + matlab_object(b"notes") + unnamed
+    record = read(tmp_path, content, "m.mat", unit="N")
+    assert np.array_equal([record.times, record.values], SERIES.T)
+
+
+def test_sparse_matrices_of_hdf5_are_no_arrays_of_a_record(tmp_path):
+    content = matlab73({"a": SERIES, "s": {"data": NORTH, "ir": [0, 1], "jc": [0, 1]}})
+    with h5py.File(tmp_path / "m.mat", "w") as file, h5py.File(io.BytesIO(content)) as whole:
+        whole.copy("a", file)
+        whole.copy("s", file)
+        file["s"].attrs["MATLAB_sparse"] = np.uint64(3)
+    assert read_record(tmp_path / "m.mat", unit="N").values.tolist() == NORTH
+
+
+def test_name_of_several_arrays_is_refused(tmp_path):
+    content = matlab({"a": SERIES}) + matlab({"a": SERIES})[128:]
+    with pytest.raises(SceneError, match="variable: got 'a', the name of several; allowed: 'a'"):
+        read(tmp_path, content, "m.mat", unit="N", variable="a")
+
+
+def test_array_alone_in_a_file_of_numpy_is_read(tmp_path):
+    record = read(tmp_path, numpy_array({"a": SERIES}), "m.npy", unit="kN")
+    assert record.times.tolist() == TIMES
+    assert record.values.tolist() == [1000.0 * value for value in NORTH]
+    with pytest.raises(SceneError, match=r"m\.npy: variable: got 'a'; it has no effect"):
+        read(tmp_path, numpy_array({"a": SERIES}), "m.npy", unit="N", variable="a")
+    with pytest.raises(SceneError, match=r"m\.npy: array, row 2, column 1: time: got 0; allowed"):
+        read(tmp_path, numpy_array({"a": np.zeros((3, 2))}), "m.npy", unit="N")
+    with pytest.raises(SceneError, match=r"not an \.npy file of plain numbers: got type object"):
+        read(tmp_path, numpy_array({"a": np.array([Trap(), 1])}), "m.npy", unit="N")
 
 
 class Trap:
@@ -270,9 +350,9 @@ def test_hdf5_links_to_other_files_are_not_followed(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"0 1\n1 2\n", b"MATLAB 5.0 MAT-file" + bytes(200)])
-@pytest.mark.parametrize("name", ["m.mat", "m.npz"])
+@pytest.mark.parametrize("name", ["m.mat", "m.npz", "m.npy"])
 def test_other_files_are_refused_by_their_content(tmp_path, name, content):
-    with pytest.raises(SceneError, match=r"m\.(mat|npz): not a"):
+    with pytest.raises(SceneError, match=r"m\.(mat|npz|npy): not a"):
         read(tmp_path, content, name, unit="N")
 
 
@@ -284,5 +364,5 @@ def test_unit_is_needed_for_arrays(tmp_path):
 def test_missing_extra_is_named(tmp_path, monkeypatch):
     content = matlab73({"a": SERIES})
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(DependencyNotInstalled, match=r"mm-gym\[matlab\]"):
+    with pytest.raises(DependencyNotInstalled, match="extra `matlab`"):
         read(tmp_path, content, "m.mat", unit="N")

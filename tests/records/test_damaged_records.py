@@ -14,7 +14,7 @@ from mm_gym import SceneError
 from mm_gym.records import arrays, read_record, text
 from mm_gym.records.text import MOST_BYTES
 
-from .files import GOOD, SAMPLES, matlab, matlab73, numpy_archive, peer, read
+from .files import GOOD, SAMPLES, matlab, matlab73, numpy_archive, numpy_array, peer, read
 
 SEEDS = [
     ("motion.at2", peer(SAMPLES * 3).encode()),
@@ -32,7 +32,11 @@ ARRAYS = [
         for one in (False, True)
     ],
     *[("motion.mat", matlab73({"acc": SERIES}, compressed=one)) for one in (False, True)],
+    ("motion.mat", matlab({"run": {"acc": SERIES, "name": "x"}})),
+    ("motion.mat", matlab73({"run": {"acc": SERIES}})),
+    ("motion.npy", numpy_array({"acc": SERIES})),
 ]
+VARIABLE = {ARRAYS[-1][1]: None} | {content: "run.acc" for _, content in ARRAYS[-3:-1]}
 PIECES = [
     *[b"\n", b"\r", b",", b";", b" ", b"#", b"-", b"E", b".", b"nan", b"inf", b"1e999", b"\x00"],
     *[b"\xff", b"NPTS", b"DT=", b"=", b"9" * 400, b"\xe2\x80\xa8", b"\xef\xbb\xbf", b"1_0", b"0x1"],
@@ -123,7 +127,7 @@ def test_damaged_file_of_arrays_is_read_or_refused(monkeypatch, kind):
         content = damaged(random.Random(i), whole)  # noqa: S311 - not cryptography
         start = time.process_time()
         try:
-            record = read_record(name, unit="g", variable="acc")
+            record = read_record(name, unit="g", variable=VARIABLE.get(whole, "acc"))
         except SceneError as error:
             messages.append(str(error))
         else:
@@ -157,7 +161,7 @@ def test_small_file_of_a_huge_array_is_refused_soon(monkeypatch, form):
     assert time.process_time() - start < 1.0
 
 
-@pytest.mark.parametrize("name", ["m.at2", "m.csv", "m.npz", "m.mat"])
+@pytest.mark.parametrize("name", ["m.at2", "m.csv", "m.npz", "m.npy", "m.mat"])
 def test_what_is_no_file_is_refused_at_once(tmp_path, name):
     os.mkfifo(tmp_path / name)
     (tmp_path / "folder").mkdir()
@@ -207,14 +211,14 @@ LARGE = {
     "wide": ("motion.at2", large(" 0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
     "narrow": ("motion.at2", large("1\n", "", GOOD)),
     "one line": ("motion.at2", large("1 ", "x", GOOD)),
-    "text beside": ("motion.csv", large("0,1,x\n", "7,y,x\n")),
+    "text in a row": ("motion.csv", large("0,1,x\n", "7,y,x\n")),
     "decimal commas": ("motion.csv", large("0;1\n", "7;1,5;2\n")),
     "glued": ("motion.at2", large("-0.1234567E-01" * 8 + "\n", "***\n", GOOD)),
 }
 
 
-STEPS = {"columns": 0.01, "comments": 0.01, "text beside": 0.01}
-COLUMNS = {"text beside": 2}
+STEPS = {"columns": 0.01, "comments": 0.01, "text in a row": 0.01}
+COLUMNS = {"text in a row": 2}
 
 
 @pytest.mark.parametrize("kind", LARGE)

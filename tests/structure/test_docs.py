@@ -62,13 +62,15 @@ def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, 
     (tmp_path / "frame.py").write_text(PROGRAMS[3])
     exec(compile(PROGRAMS[3], "frame.py", "exec"), {})  # noqa: S102
     assert [len(load_scene(f"{name}.toml").excitation) for name in ("train", "quake")] == [1, 2]
-    commands = re.findall(r"^    python -m (agents\..*)$", PAGE, re.MULTILINE)
-    shorter = {"agents.evolve": "--generations 1 --threads 1", "agents.evaluate": "--episodes 2"}
+    commands = re.findall(r"^    python -m agents[. ](.*)$", PAGE, re.MULTILINE)
+    shorter = {"evolve": "--generations 1 --threads 1", "evaluate": "--episodes 2"}
     for command in commands:
         # All baselines take minutes to tune.
         words = command.replace("baselines", "no-control").split()
         words += shorter.pop(words[0]).split()
-        subprocess.run([sys.executable, "-m", *words], check=True, cwd=tmp_path, env=ENVIRONMENT)
+        subprocess.run(
+            [sys.executable, "-m", "agents", *words], check=True, cwd=tmp_path, env=ENVIRONMENT
+        )
     assert not shorter
     assert (tmp_path / "comparison" / "costs.png").stat().st_size > 10_000
     exec(compile(PROGRAMS[4], "docs/structures.md, program 5", "exec"), {})  # noqa: S102
