@@ -18,7 +18,7 @@ try:
     from stable_baselines3.common.monitor import Monitor, ResultsWriter
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 except ImportError as error:
-    msg = 'Stable-Baselines3 is not installed, run `pip install "mm-gym[agents]"`'
+    msg = "Stable-Baselines3 is not installed: install the extra `agents`"
     raise DependencyNotInstalled(msg) from error
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity import Sensitivities, central_differences, difference_steps
 from mm_gym.step.channels import CHANNELS
 from mm_gym.step.task import state_cost, state_weights
 
@@ -25,7 +25,7 @@ try:
     from torch.autograd import Function
     from torch.autograd.function import once_differentiable
 except ImportError as error:
-    msg = 'torch is not installed, run `pip install "mm-gym[agents]"`'
+    msg = "torch is not installed: install the extra `agents`"
     raise DependencyNotInstalled(msg) from error
 
 if TYPE_CHECKING:
@@ -39,9 +39,6 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
     Array = NDArray[np.float64]
-
-RELATIVE_STEP = float(np.cbrt(np.finfo(float).eps))
-"""Of central differences, relative to the size of what is changed: their error is some 1e-10."""
 
 
 def step(
@@ -179,7 +176,7 @@ class Episodes:
         lanes: tuple[Any, Any] = start["values"], start["streams"]
         self._physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
         rows = [*plant.support.state_rows, *(a.row for a in self._physics.actuators)]
-        self._outputs = _Outputs(self.env, rows)
+        self._outputs = _Outputs(self.env, rows, difference_steps(self.env.scene, self._physics))
         asked = sum(a.has_memory_of_command for a in self._physics.actuators)
         self._state = torch.zeros(len(observation), len(rows) + asked, dtype=torch.float64)
         frames = plant.history + self._delay
@@ -271,23 +268,14 @@ class _Move(Function):
 class _Outputs:
     """What lanes show and cost at a control step's end, and its slopes over rows of the lanes."""
 
-    def __init__(self, env: MovingMassVectorEnv, rows: Sequence[int]) -> None:
-        self.env, self.rows = env, list(rows)
+    def __init__(self, env: MovingMassVectorEnv, rows: Sequence[int], steps: Array) -> None:
+        self.env, self.rows, self.steps = env, rows, steps
         self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
-        scales = env.scene.objective
-        sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
-        self.sizes = [*sizes, *[1.0] * (len(self.rows) - len(sizes))]
 
     def slopes(self) -> Array:
         """Return the slopes (lanes, channels + 1, rows) at the present step's end."""
         values = np.asarray(self.env.get_state()["values"])
-        count, steps = values.shape[1], RELATIVE_STEP * np.array(self.sizes)
-        changed = np.tile(values, 2 * len(self.rows))
-        for k, (row, one) in enumerate(zip(self.rows, steps, strict=True)):
-            changed[row, 2 * k * count : (2 * k + 1) * count] += one
-            changed[row, (2 * k + 1) * count : (2 * k + 2) * count] -= one
-        pairs = self._values(changed).reshape(-1, len(self.rows), 2, count)
-        found = (pairs[:, :, 0] - pairs[:, :, 1]) / (2.0 * steps[:, None])
+        found = central_differences(self._values, values, self.rows, self.steps)
         return np.ascontiguousarray(np.moveaxis(found, -1, 0))
 
     def _values(self, lanes: Array) -> Array:

@@ -44,7 +44,7 @@ class Actuator(NamedTuple):
 
     @property
     def has_memory_of_command(self) -> bool:
-        """Whether what it was asked for is a state besides what it applies."""
+        """Whether what it was asked for is a state other than what it applies."""
         return self.is_rate and self.lag_factor < 1.0
 
 

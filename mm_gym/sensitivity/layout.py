@@ -31,4 +31,4 @@ CAUSED = (
     *(at.FORCE, at.STRETCH, at.M1, at.M2, at.K1, at.D, at.ALPHA, at.BETA, at.C),
     *(at.MU1, at.MU2, at.VR, at.CHI, at.FN, at.K0, at.L0),
 )
-"""Rows of the parameters whose deviations are followed, besides those of harmonics."""
+"""Rows of the parameters whose deviations are followed, other than those of harmonics."""

@@ -31,7 +31,7 @@ def sweep(trajectory, actuators, weights, effort, stiffness, change, gain):
         1 + s + k, lanes): values, and their derivatives with respect to the state then.
     actuators
         (4, k) read: the least and the most that is applied, kept [-] and step [N, -]. Controls are
-        within -1 and 1 besides.
+        also within -1 and 1.
     weights, effort
         (3,) read: of x1**2, v1**2 and offset**2; of the controls' squares.
     stiffness
