@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m mm_gym", description="Vibration control by a moving mass."
     )
+    parser.add_argument("--version", action="version", version=f"mm-gym {version('mm-gym')}")
     commands = parser.add_subparsers(required=True, metavar="command")
     for name, run, text in (
         ("validate", _validate, "check scene files, and print every finding"),
@@ -138,7 +140,9 @@ def _add_tuning(tune: argparse.ArgumentParser) -> None:
 
 
 def _add_spectrum(spectrum: argparse.ArgumentParser) -> None:
-    spectrum.add_argument("file", metavar="FILE", help="of PEER, text in columns, .mat or .npz")
+    spectrum.add_argument(
+        "file", metavar="FILE", help="of PEER, text in columns, .mat, .npy or .npz"
+    )
     text = "of the samples, such as g or m/s^2; by default g for PEER's format"
     spectrum.add_argument("--unit", metavar="UNIT", help=text)
     text = "between the samples, if no column has times"

@@ -58,7 +58,7 @@ def style() -> Generator[None]:
     try:
         from matplotlib import rc_context  # noqa: PLC0415 - optional
     except ImportError as error:
-        msg = 'drawing needs matplotlib; install it with: pip install "mm-gym[plot]"'
+        msg = "drawing needs matplotlib; install the extra `plot`"
         raise DependencyNotInstalled(msg) from error
     with rc_context(LOOK):
         yield

@@ -38,7 +38,7 @@ LONGEST_LINE = 2**11
 """Most characters of a line: the parser's time grows with the square of a dotted key's length."""
 
 DEEPEST = 64
-"""Levels of lists and tables in each other, so that whoever walks through them may recurse."""
+"""Levels of lists and tables in each other, so that code may recurse through them."""
 
 
 def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
@@ -280,7 +280,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 def write_bytes(path: str | PathLike[str], content: bytes) -> None:
     """Write a file whole, or write to a device or pipe.
 
-    A file is written beside its path and renamed, with the mode and owner of the one that it
+    A file is written next to its path and renamed, with the mode and owner of the one that it
     replaces; missing folders are created. A link stays, and what it leads to is written.
 
     Raises

@@ -138,7 +138,7 @@ def _bar(total: int, title: str):  # noqa: ANN202 - the type is tqdm's, which is
     except ImportError as error:
         from gymnasium.error import DependencyNotInstalled  # noqa: PLC0415
 
-        msg = 'a progress bar needs tqdm; install it with: pip install "mm-gym[agents]"'
+        msg = "a progress bar needs tqdm; install the extra `agents`"
         raise DependencyNotInstalled(msg) from error
     return tqdm(total=total, desc=title, unit="points")
 

@@ -31,7 +31,7 @@ class Spring(NamedTuple):
 
     @property
     def place(self) -> float:
-        """|x1| [m] where the force vanishes besides the middle: wells, or a barrier; NaN if not."""
+        """|x1| [m] where the force vanishes off the middle: wells, or a barrier; NaN if not."""
         if self.alpha * self.beta >= 0.0:
             return math.nan
         return math.sqrt(-self.alpha / self.beta)

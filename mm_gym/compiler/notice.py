@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 SECONDS_PER_BYTE = 2.2e-4
 """Processor time over the size of the byte code of all kernels compiled, measured for the
-tasks on a Zen 5 core; on other machines, and beside other processes, it is more or less."""
+tasks on a Zen 5 core; on other machines, and with other processes, it is more or less."""
 
 NOT_KEPT = "each process compiles anew, for compiled code cannot be written"
 """How the warning begins, of a process that keeps nothing."""

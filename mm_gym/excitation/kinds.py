@@ -1,4 +1,4 @@
-"""Excitation besides harmonics: forces on the carriage and accelerations of the ground.
+"""Excitation other than harmonics: forces on the carriage and accelerations of the ground.
 
 In each sample interval of length h, each part of the excitation adds a polynomial in t / h to a
 jet: to that of the force [N], or to that of the ground's acceleration [m/s^2].
@@ -67,7 +67,7 @@ SWEEP_ROWS = COSINES + 2 * SWEEP_TERMS
 
 @borrowing_kernel
 def excited(model):
-    """Tell whether there is excitation besides harmonics."""
+    """Tell whether there is excitation other than harmonics."""
     return model[int(model[at.EXCITATION])] > 0.0
 
 

@@ -24,7 +24,7 @@ TWIN = {"color": "0.55", "linewidth": 0.8}
 """Look of the linear system that a nonlinear one is compared with."""
 
 MOST_COLUMNS = 5
-"""Entries of a legend that fit beside each other."""
+"""Entries of a legend that fit next to each other."""
 
 
 def run(system: Scene, duration: float, time_step: float) -> Trajectory:

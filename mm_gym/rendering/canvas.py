@@ -41,7 +41,7 @@ def load_pygame() -> Any:  # noqa: ANN401 - a module
     try:
         import pygame  # noqa: PLC0415 - optional
     except ImportError as error:
-        msg = 'rendering needs pygame-ce; install it with: pip install "mm-gym[render]"'
+        msg = "rendering needs pygame-ce; install the extra `render`"
         raise DependencyNotInstalled(msg) from error
     return pygame
 

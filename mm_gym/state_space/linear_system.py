@@ -162,7 +162,7 @@ class LinearSystem:
         try:
             import control  # noqa: PLC0415 - optional
         except ImportError as error:
-            msg = 'to_control needs python-control; install it with: pip install "mm-gym[agents]"'
+            msg = "to_control needs python-control; install the extra `agents`"
             raise ImportError(msg, name=error.name) from error
         if self.dead_time.any():
             msg = (

@@ -20,7 +20,7 @@ GUARD_DIGITS = 30
 """Digits kept beyond those that the squarings can lose: 17 for a double, the rest for the sums."""
 
 ASSEMBLY_DIGITS = 700
-"""Digits of the matrices' entries: a row's small terms must not be lost beside its large ones,
+"""Digits of the matrices' entries: a row's small terms must not be lost next to its large ones,
 since what they leave of the sum is what decays. More than three times LARGEST_EXPONENT, as the
 exponential itself."""
 

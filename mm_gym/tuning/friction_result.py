@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
@@ -101,8 +102,11 @@ class FrictionTuning:
         return drawn(_draw, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
-        """Write the tuned scene as a TOML file, whole or not at all."""
-        write_text(path, toml_of(self.tuned))
+        """Write the tuned scene as a TOML file, whole or not at all.
+
+        Files of records are named relative to the file's folder.
+        """
+        write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
 
 
 def _draw(result: FrictionTuning) -> Figure:

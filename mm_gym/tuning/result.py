@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -123,8 +124,11 @@ class Tuning:
         return drawn(_draw, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
-        """Write the tuned scene as a TOML file, whole or not at all."""
-        write_text(path, toml_of(self.tuned))
+        """Write the tuned scene as a TOML file, whole or not at all.
+
+        Files of records are named relative to the file's folder.
+        """
+        write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
 
 
 def _table(tuning: Tuning) -> str:

@@ -219,7 +219,7 @@ def test_the_text_compares_panels_of_unlike_damping():
 
 
 def test_the_sphere_alone_is_no_oscillator():
-    # E15: eq. 8 beside a carriage that stands still.
+    # E15: eq. 8 next to a carriage that stands still.
     system = scene("fig6d")
     m2, c = system.sphere.mass, system.interface.damping
     matrix = compile_scene(system).linear()[0][np.ix_([1, 3], [1, 3])]

@@ -63,7 +63,7 @@ def test_every_panel_has_its_letter_and_every_axis_a_unit(name):
     assert figure.get_size_inches()[0] == WIDTH
     for axes in figure.axes:
         labels = [axes.get_xlabel(), axes.get_ylabel()]
-        # An axis without a label is that of the panel below or beside, which it is tied to.
+        # An axis without a label is that of the panel below or to the side, which it is tied to.
         for label, siblings in zip(
             labels, (axes.get_shared_x_axes(), axes.get_shared_y_axes()), strict=True
         ):
