@@ -84,7 +84,7 @@ def add_products(weights, rows, total):
 
 @inlined_kernel
 def bounded_tanh(value):
-    """Return the rational function of `agents.policies.ACTIVATIONS`."""
+    """Return the rational function of `agents.network.layers.FUNCTIONS`."""
     v = min(max(value, -THREE), THREE)
     square = v * v
     return v * (TWENTY_SEVEN + square) / fma(NINE, square, TWENTY_SEVEN)
@@ -102,7 +102,7 @@ def add_unit(own, rows, total):
 
 @borrowing_kernel
 def correlate(pair, unit, rows, sums, left, right, result):
-    """Compute one correlation unit in each lane, see `agents.policies.Policy`.
+    """Compute one correlation unit in each lane, see `agents.network.layers.Correlation`.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
     actions
         (k, candidates * lanes) actions in [-1, 1]; written.
     parameters
-        (candidates, N) of each candidate, in the order of `agents.evolution.network.Network`.
+        (candidates, N) of each candidate, in the order of `agents.training.network.Network`.
     fixed
         (r, 4) memory, floor, offset and scale of each correlation unit; (m, m) and (m, n) of the
         linear memory.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.evaluation.episodes import limit_penalty
 from agents.evolution.network_kernel import forward
+from agents.scoring import limit_penalty
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from agents.evolution.network import Network
+    from agents.training.network import Network
     from mm_gym import Episodes, Scene
 
     Single = NDArray[np.float32]

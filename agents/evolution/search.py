@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.evaluation.episodes import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
-from agents.evolution.network import Network
 from agents.evolution.population import Candidates, Population
-from agents.search.search import Search
-from agents.search.starts import IN_WORDS, start_of
+from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
+from agents.training.network import Network
+from agents.training.search import Search
 from agents.training.seeds import training_seeds
+from agents.training.starts import IN_WORDS, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class Evolution(Search):
         try:
             import cma  # noqa: PLC0415 - an extra
         except ImportError as error:
-            msg = 'pycma is missing: pip install "mm-gym[evolve]"'
+            msg = "pycma is missing: install the extra `evolve`"
             raise DependencyNotInstalled(msg) from error
         options = {
             "popsize": self.settings.candidates,

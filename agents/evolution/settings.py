@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from agents.search.settings import SearchSettings
 from agents.training.config import Count, Positive
+from agents.training.search_settings import SearchSettings
 
 
 class EvolveSettings(SearchSettings):

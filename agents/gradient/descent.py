@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.evolution.network import Network as Evolved
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, hold_stable, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
-from agents.policies import UNIT
-from agents.search.search import Search
-from agents.search.starts import IN_WORDS, start_of
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
+from agents.network.layers import UNIT
 from agents.training.arrays import part_of
+from agents.training.network import Network as Evolved
+from agents.training.search import Search
 from agents.training.seeds import training_seeds
+from agents.training.starts import IN_WORDS, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,15 +33,6 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
     Single = NDArray[np.float32]
-
-FIRST, SECOND = 0.9, 0.99
-"""Adam's memory of the gradients, and of their squares."""
-
-LAST_RATE = 0.03
-"""Part of the learning rate that is left at the end."""
-
-AVERAGED = 0.03
-"""Weight of an iteration in the mean that is validated."""
 
 BIASES = ("bias", "last")
 
@@ -57,7 +49,10 @@ def descend(settings: GradientSettings, run: Run, *, bar: bool = True) -> None:
     RunError
         If the folder holds another run, or another process uses it.
     """
-    Descent(settings, settings.rewarded_scene()).finish(run, bar=bar)
+    search = Descent
+    if settings.cell:
+        from agents.gradient.recurrent import RecurrentDescent as search  # noqa: N813, PLC0415 - torch, which else is unused
+    search(settings, settings.rewarded_scene()).finish(run, bar=bar)
 
 
 class Descent(Search):
@@ -80,8 +75,8 @@ class Descent(Search):
         start = with_oscillators(start, settings.oscillators, generator)
         self.odd = scene.actuation.names == ("force",)
         evolved = Evolved(start, settings.hidden, odd=self.odd)
+        start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
-        self.start.units[:, UNIT.index("floor")] = settings.floor
         self.episodes = Episodes(scene, settings.episodes)
         self.network = Network(self.start, scene.control.steps, settings.episodes)
         self.mean = parameters_of(self.start)
@@ -96,13 +91,10 @@ class Descent(Search):
 
     def _advance(self) -> None:
         settings, count = self.settings, self.settings.episodes
-        done = self.rounds / self.total
-        first, last = np.log(settings.first_horizon), np.log(settings.horizon)
-        horizon = np.exp(first + (last - first) * done)
+        fade, rate = schedule(settings, self.rounds / self.total)
         self.episodes.run(self.network, training_seeds(settings.seed, count, self.rounds * count))
-        self.episodes.back(self.network, float(np.exp(-1.0 / horizon)), settings.feedback)
-        warmth = 0.5 * (1.0 + np.cos(np.pi * done))
-        self._follow(settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth))
+        self.episodes.back(self.network, fade, settings.feedback)
+        self._follow(rate)
 
     def _follow(self, rate: float) -> None:
         """Make a step of Adam along the gradient, of which only the direction counts."""
@@ -120,7 +112,8 @@ class Descent(Search):
             self.squares[name] += (1.0 - SECOND) * (slope**2 - self.squares[name])
             spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
             own[name] -= rate / (1.0 - FIRST**count) * self.slopes[name] / spread
-        hold_stable(own["keep"])
+        if "keep" in own:
+            hold_stable(own["keep"])
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.lqr import motion_weight, state_weight
-from agents.controllers.observed_state import ROWS
-from agents.controllers.trajectories import central_differences, difference_steps
+from agents.controllers.observation import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
-from mm_gym.sensitivity import Sensitivities
+from mm_gym.sensitivity import Sensitivities, central_differences, difference_steps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

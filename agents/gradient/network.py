@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from agents.network.layers import UNIT, Correlation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,33 +26,37 @@ LONGEST = 0.995
 """Largest eigenvalue of a memory: what is older than some 200 steps is forgotten."""
 
 
+ROLES = {
+    "layers.0.weight": "hidden",
+    "layers.0.bias": "bias",
+    "layers.2.weight": "output",
+    "layers.2.bias": "last",
+} | {name: name for name in ("keep", "enter", "pairs", "direct")}
+"""By the end of an array's name: what it is to a policy with one hidden layer."""
+
+
+def _roles(policy: Policy) -> dict[str, str]:
+    """Return the names of a policy's arrays by their roles, of what is trained."""
+    ends = {name: name.partition(".")[2] for name in policy.arrays}
+    return {ROLES[end]: name for name, end in ends.items() if end in ROLES}
+
+
 def parameters_of(policy: Policy) -> Parameters:
-    """Return what is trained of a policy with one hidden layer, copied."""
-    (hidden, output), (bias, last) = policy.weights, policy.biases
-    parameters = {
-        "keep": policy.keep,
-        "enter": policy.enter,
-        "pairs": policy.pairs.reshape(2 * len(policy.units), policy.pairs.shape[2]),
-        "direct": policy.direct,
-        "hidden": hidden,
-        "bias": bias,
-        "output": output,
-        "last": last,
-    }
-    return {name: array.astype(REAL) for name, array in parameters.items()}
+    """Return what is trained of a policy with one hidden layer, copied; pairs side by side."""
+    found = {role: policy.arrays[name].astype(REAL) for role, name in _roles(policy).items()}
+    if "pairs" in found:
+        found["pairs"] = found["pairs"].reshape(-1, found["pairs"].shape[-1])
+    return found
 
 
 def policy_of(parameters: Arrays, policy: Policy) -> Policy:
     """Return a policy with other parameters, copied; the numbers of its units stay."""
-    own = {name: array.astype(np.float32) for name, array in parameters.items()}
-    return replace(
-        policy,
-        keep=own["keep"],
-        enter=own["enter"],
-        pairs=own["pairs"].reshape(policy.pairs.shape),
-        direct=own["direct"],
-        weights=(own["hidden"], own["output"]),
-        biases=(own["bias"], own["last"]),
+    roles, arrays = _roles(policy), policy.arrays
+    return policy.with_arrays(
+        {
+            name: parameters[role].astype(np.float32).reshape(arrays[name].shape)
+            for role, name in roles.items()
+        }
     )
 
 
@@ -62,7 +67,7 @@ def hold_stable(keep: Single) -> None:
 
 
 class Network:
-    """The passes of an evolved policy (`agents.policies.Policy`) through episodes side by side.
+    """The passes of an evolved policy through episodes side by side.
 
     What the way back needs is recorded on the way forwards.
 
@@ -83,9 +88,11 @@ class Network:
 
     def __init__(self, policy: Policy, steps: int, lanes: int) -> None:
         self.parameters, self.gradient = parameters_of(policy), parameters_of(policy)
-        self.floor, self.offset, self.scale = policy.units.T[1:, :, None]
-        self.kept = policy.units[:, 0, None]
-        units, self.memory = len(policy.units), len(policy.keep)
+        correlation = policy.find(Correlation)
+        numbers = np.empty((0, len(UNIT)), np.float32) if correlation is None else correlation.units
+        self.kept, self.floor, self.offset, self.scale = numbers.T[:, :, None]
+        units = len(numbers)
+        self.memory = policy.remembers - 2 * units
         self.observed, hidden, _ = policy.sizes
         self.shown = self.observed + self.memory
         sizes = self.shown + units, 2 * units, units, units, hidden, hidden

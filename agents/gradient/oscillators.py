@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from agents.search.starts import Start
+    from agents.training.starts import Start
 
 TURNS = 0.2, 1.2
 """Least and largest angle of an oscillator in a control step [rad]."""

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
+import numpy as np
 from pydantic import Field
 
-from agents.search.settings import SearchSettings
 from agents.training.config import Count, Positive
+from agents.training.search_settings import SearchSettings
+
+FIRST, SECOND = 0.9, 0.99
+"""Adam's memory of the gradients, and of their squares."""
+
+LAST_RATE = 0.03
+"""Part of the learning rate that is left at the end."""
+
+AVERAGED = 0.03
+"""Weight of an iteration in the mean that is validated."""
 
 
 class GradientSettings(SearchSettings):
@@ -17,6 +27,9 @@ class GradientSettings(SearchSettings):
     """units of the hidden layer"""
     oscillators: Annotated[int, Field(ge=0)] = 4
     """of the linear memory, two states each, beside those that foretell a random force"""
+    cell: Annotated[int, Field(ge=0)] = 0
+    """units of a recurrent cell (GRU) in the place of the linear memory, trained by torch; 0 for
+    none"""
     episodes: Count = 256
     """of an iteration, new ones in the next"""
     iterations: Count = 600
@@ -36,3 +49,12 @@ class GradientSettings(SearchSettings):
     growing: ClassVar[tuple[str, ...]] = ("iterations", "time_budget")
     suffix: ClassVar[str] = "-gradient"
     folder: ClassVar[str | None] = "gradient"
+
+
+def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
+    """Return the factor of the slopes in a step back, and the rate, once a part of it is done."""
+    first, last = np.log(settings.first_horizon), np.log(settings.horizon)
+    horizon = np.exp(first + (last - first) * done)
+    warmth = 0.5 * (1.0 + np.cos(np.pi * done))
+    rate = settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth)
+    return float(np.exp(-1.0 / horizon)), rate

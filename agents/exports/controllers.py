@@ -1,0 +1,112 @@
+"""Controllers as policies, which C, ONNX and NumPy files are written from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.lqg import LQG, state_units
+from agents.network.layers import Clip, Dense, Regulator, Residual
+from agents.network.policy import Policy
+from agents.training.parts import base_controller
+from mm_gym import MovingMassVectorEnv, SceneError, compile_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+SMALL = 2.0**-14
+"""Observation whose action is not clipped; a power of two, which single precision has exactly."""
+
+ASKED, STEPS = 100, 3
+"""Random observations on which a law is checked, in so many steps one after the other."""
+
+CLOSE = 1e-9
+"""Largest difference of a linear law from its gains: round-off is less, a second law more."""
+
+
+def linear_base(base: Controller, scene: Scene) -> Values | None:
+    """Return gains and constants (k, n + 1) of a base, or None if it is not a linear law.
+
+    A law is linear if its clipped action is that of its gains on random observations, small and
+    large, whatever went before: so one that remembers is not, nor one that switches.
+    """
+    if base.reads != "observation":
+        return None
+    observed = int(np.prod(MovingMassVectorEnv(scene, 1).single_observation_space.shape))
+    env = MovingMassVectorEnv(scene, 1 + observed + ASKED)
+    env.reset(seed=0)
+    memory = base.begin(env)
+    generator = np.random.default_rng(0)
+    gains = None
+    for _ in range(STEPS):
+        sizes = generator.choice([SMALL, 0.01, 1.0], (ASKED, 1))
+        drawn = sizes * generator.standard_normal((ASKED, observed))
+        asked = np.vstack([np.zeros(observed), SMALL * np.eye(observed), drawn]).astype(np.float32)
+        proposed, memory = base.propose(memory, asked, {})
+        if gains is None:
+            constant = proposed[0]
+            rows = (proposed[1 : 1 + observed] - constant) / SMALL
+            gains = np.column_stack([rows.T, constant])
+        wanted = np.clip(asked.astype(np.float64) @ gains[:, :-1].T + gains[:, -1], -1.0, 1.0)
+        if not np.allclose(proposed, wanted, rtol=0.0, atol=CLOSE):
+            return None
+        memory = base.note(memory, proposed)
+    return gains
+
+
+def residual(policy: Policy, gains: Values, authority: float) -> Policy:
+    """Return a policy added to a linear controller of gains and constants (k, n + 1)."""
+    base = gains.astype(np.float32)
+    return Policy((Residual(policy.layers, base, authority),), policy.observed - len(base))
+
+
+def controller_policy(name: str, scene: Scene) -> Policy:
+    """Return a controller of a scene, by its name, as a policy.
+
+    Raises
+    ------
+    SceneError
+        If there is no such controller, or it is none that can be written as layers.
+    """
+    controller = base_controller(scene, name)
+    if isinstance(controller, LQG):
+        return _stationary(controller, scene)
+    gains = linear_base(controller, scene)
+    if gains is None:
+        msg = (
+            f"controller: got {name!r}; allowed for an export: the LQG, and controllers that are "
+            "linear in the observation"
+        )
+        raise SceneError(msg)
+    k, single = len(gains), gains.astype(np.float32)
+    ends = np.ones(k, np.float32)
+    layers = Dense(single[:, :-1], single[:, -1]), Clip(-ends, ends)
+    return Policy(layers, gains.shape[1] - 1)
+
+
+def _stationary(controller: LQG, scene: Scene) -> Policy:
+    """Return an LQG with the stationary gain of its filter, in units that suit single precision."""
+    plant, design, limit = compile_scene(scene), controller.design, controller.limit
+    system = design.system
+    units = state_units(scene, plant, system)
+    shown = [plant.channels.index(signal.name) for signal in system.outputs]
+    channels = [plant.observed[k] for k in shown]
+    factors = np.array([channel.factor for channel in channels])
+    observed = plant.history * len(plant.channels)
+    select = np.zeros((len(shown), observed))
+    select[range(len(shown)), [observed - len(plant.channels) + k for k in shown]] = 1.0
+    zeros = np.array([channel.zero * channel.factor for channel in channels])
+    numbers = (
+        *(system.A * units / units[:, None], limit * system.B[:, :1] / units[:, None]),
+        *(factors[:, None] * system.C * units, design.filters[-1] / factors / units[:, None]),
+        (design.gain * units / limit)[None],
+    )
+    regulator = Regulator(*(array.astype(np.float32) for array in numbers))
+    first = Dense(select.astype(np.float32), zeros.astype(np.float32))
+    return Policy((first, regulator), observed)

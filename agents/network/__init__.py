@@ -1,0 +1,1 @@
+"""Policies as layers: one definition that NumPy, torch, C and ONNX read."""

@@ -1,0 +1,451 @@
+"""The layers of a policy: the only place that says what one computes.
+
+A layer's `forward` is written once, over `xp`, which is NumPy or torch: on arrays it acts, on
+tensors torch differentiates it, and on the signals of `agents.network.graph` it becomes C and ONNX.
+To add a layer, write its class here, and list it in `KINDS`. It takes functions and operators that
+NumPy and torch have in common; arrays are constants or trained, see `Layer.fixed`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from types import ModuleType
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Single = NDArray[np.float32]
+    Numbers: TypeAlias = Any
+    """Arrays of NumPy, tensors of torch, or signals."""
+
+
+class Layer:
+    """A part of a policy.
+
+    Attributes
+    ----------
+    kind
+        Its name in files.
+    fixed
+        Names of the arrays that training leaves alone.
+    """
+
+    kind: ClassVar[str]
+    fixed: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def remembers(self) -> int:
+        """How many numbers it remembers from step to step, zeros at first."""
+        return 0
+
+    def outputs(self, inputs: int) -> int:
+        """Return how many numbers it makes of so many; raise `ValueError` if it cannot."""
+        raise NotImplementedError
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        """Return the outputs (lanes, m) of values (lanes, n), and what is remembered after them."""
+        raise NotImplementedError
+
+    @property
+    def arrays(self) -> dict[str, Single]:
+        """Arrays by name, without those of inner layers."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}  # pyright: ignore[reportArgumentType] - a dataclass
+        return {name: array for name, array in found.items() if hasattr(array, "shape")}
+
+    def require(self, **shapes: tuple[int, ...]) -> None:
+        """Raise `ValueError` unless arrays have these shapes."""
+        for name, shape in shapes.items():
+            got = tuple(getattr(self, name).shape)
+            if got != shape:
+                allowed = f"finite numbers of shape {shape}"
+                msg = f"{self.kind}, {name}: got shape {got}; allowed: {allowed}"
+                raise ValueError(msg)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMemory(Layer):
+    """Append a linear memory s (m,) to the values y: s = keep @ s + enter @ y."""
+
+    keep: Single
+    enter: Single
+    kind: ClassVar[str] = "linear_memory"
+
+    @property
+    def remembers(self) -> int:
+        return len(self.keep)
+
+    def outputs(self, inputs: int) -> int:
+        m = len(self.keep)
+        self.require(keep=(m, m), enter=(m, inputs))
+        return inputs + m
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        memory = memory @ self.keep.T + values @ self.enter.T
+        return xp.concatenate([values, memory], 1), memory
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation(Layer):
+    """Append r correlation units, each of two combinations of the values z.
+
+    With a = pairs[q, 0] @ z and b = pairs[q, 1] @ z, and sums that forget::
+
+        products = memory * products + 2 a b
+        squares = memory * squares + a^2 + b^2
+        unit = (products / (floor + squares) - offset) * scale
+
+    Without memory it is a switching function, +1 where a = b and -1 where a = -b, however small the
+    motion; with memory, of one signal at two instants, the cosine of its phase between them.
+
+    Attributes
+    ----------
+    pairs
+        (r, 2, n).
+    units
+        (r, 4): memory, floor, offset and scale of each, see `UNIT`.
+    """
+
+    pairs: Single
+    units: Single
+    kind: ClassVar[str] = "correlation"
+    fixed: ClassVar[tuple[str, ...]] = ("units",)
+
+    @property
+    def remembers(self) -> int:
+        return 2 * len(self.pairs)
+
+    def outputs(self, inputs: int) -> int:
+        r = len(self.pairs)
+        self.require(pairs=(r, 2, inputs), units=(r, len(UNIT)))
+        if not (self.units[:, UNIT.index("floor")] > 0.0).all():
+            msg = f"units: got floor {self.units[:, UNIT.index('floor')]}; allowed: more than 0"
+            raise ValueError(msg)
+        return inputs + r
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        r = len(self.pairs)
+        kept, floor, offset, scale = self.units.T
+        a, b = values @ self.pairs[:, 0].T, values @ self.pairs[:, 1].T
+        products = kept * memory[:, :r] + 2.0 * a * b
+        squares = kept * memory[:, r:] + (a * a + b * b)
+        units = (products / (floor + squares) - offset) * scale
+        return xp.concatenate([values, units], 1), xp.concatenate([products, squares], 1)
+
+
+UNIT = ("memory", "floor", "offset", "scale")
+"""The numbers of a correlation unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class LSTM(Layer):
+    """A long short-term memory cell of h units (Hochreiter and Schmidhuber, 1997).
+
+    Of gates i, f, g and o, one after the other::
+
+        i, f, g, o = enter @ values + recur @ output + bias
+        state = sigmoid(f) * state + sigmoid(i) * tanh(g)
+        output = sigmoid(o) * tanh(state)
+
+    Attributes
+    ----------
+    enter, recur, bias
+        (4 h, n), (4 h, h) and (4 h,).
+    """
+
+    enter: Single
+    recur: Single
+    bias: Single
+    kind: ClassVar[str] = "lstm"
+
+    @property
+    def remembers(self) -> int:
+        return len(self.bias) // 2
+
+    def outputs(self, inputs: int) -> int:
+        h = len(self.bias) // 4
+        self.require(enter=(4 * h, inputs), recur=(4 * h, h), bias=(4 * h,))
+        return h
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        h = len(self.bias) // 4
+        state, output = memory[:, :h], memory[:, h:]
+        gates = values @ self.enter.T + output @ self.recur.T + self.bias
+        enter, keep, new, leave = (gates[:, i * h : (i + 1) * h] for i in range(4))
+        state = _sigmoid(xp, keep) * state + _sigmoid(xp, enter) * xp.tanh(new)
+        output = _sigmoid(xp, leave) * xp.tanh(state)
+        return output, xp.concatenate([state, output], 1)
+
+
+@dataclass(frozen=True, eq=False)
+class GRU(Layer):
+    """A gated recurrent unit of h units (Cho and others, EMNLP 2014), as torch has it.
+
+    Of gates r and z and the candidate c, one after the other::
+
+        r, z = sigmoid((enter @ values + recur @ output + bias)[: 2 h])
+        c = tanh(enter @ values + bias + r * (recur @ output + bias of the memory))
+        output = (1 - z) * c + z * output
+
+    Attributes
+    ----------
+    enter, recur, bias
+        (3 h, n), (3 h, h) and (4 h,), where the bias of the memory is the last.
+    """
+
+    enter: Single
+    recur: Single
+    bias: Single
+    kind: ClassVar[str] = "gru"
+
+    @property
+    def remembers(self) -> int:
+        return len(self.bias) // 4
+
+    def outputs(self, inputs: int) -> int:
+        h = len(self.bias) // 4
+        self.require(enter=(3 * h, inputs), recur=(3 * h, h), bias=(4 * h,))
+        return h
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        h = len(self.bias) // 4
+        new = values @ self.enter.T + self.bias[: 3 * h]
+        old = memory @ self.recur.T
+        gates = _sigmoid(xp, new[:, : 2 * h] + old[:, : 2 * h])
+        reset, kept = gates[:, :h], gates[:, h:]
+        candidate = xp.tanh(new[:, 2 * h :] + reset * (old[:, 2 * h :] + self.bias[3 * h :]))
+        memory = candidate + kept * (memory - candidate)
+        return memory, memory
+
+
+@dataclass(frozen=True, eq=False)
+class Dense(Layer):
+    """weight @ values + bias."""
+
+    weight: Single
+    bias: Single
+    kind: ClassVar[str] = "dense"
+
+    def outputs(self, inputs: int) -> int:
+        self.require(weight=(len(self.bias), inputs), bias=(len(self.bias),))
+        return len(self.bias)
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        return values @ self.weight.T + self.bias, memory
+
+
+@dataclass(frozen=True, eq=False)
+class Activation(Layer):
+    """A function of each value, named in `FUNCTIONS`."""
+
+    function: str
+    kind: ClassVar[str] = "activation"
+
+    def outputs(self, inputs: int) -> int:
+        if self.function not in FUNCTIONS:
+            allowed = ", ".join(FUNCTIONS)
+            msg = f"activation, function: got {self.function!r}; allowed: {allowed}"
+            raise ValueError(msg)
+        return inputs
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        return FUNCTIONS[self.function](xp, values), memory
+
+
+def _rational(xp: ModuleType, values: Numbers) -> Numbers:
+    values = xp.clip(values, -3.0, 3.0)
+    square = values * values
+    return values * (27.0 + square) / (27.0 + 9.0 * square)
+
+
+def _sigmoid(xp: ModuleType, values: Numbers) -> Numbers:
+    return 0.5 + 0.5 * xp.tanh(0.5 * values)
+
+
+FUNCTIONS = {
+    "tanh": lambda xp, values: xp.tanh(values),
+    "relu": lambda xp, values: xp.clip(values, 0.0, None),
+    "rational": _rational,
+}
+"""Activations; "rational" is a tanh of four operations, smooth, and 1 from 3 on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clip(Layer):
+    """The values within bounds (n,)."""
+
+    low: Single
+    high: Single
+    kind: ClassVar[str] = "clip"
+    fixed: ClassVar[tuple[str, ...]] = ("low", "high")
+
+    def outputs(self, inputs: int) -> int:
+        self.require(low=(inputs,), high=(inputs,))
+        if not (self.low < self.high).all():
+            msg = f"low, high: got {self.low} and {self.high}; allowed: low < high"
+            raise ValueError(msg)
+        return inputs
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        return xp.clip(values, self.low, self.high), memory
+
+
+@dataclass(frozen=True, eq=False)
+class Regulator(Layer):
+    """Feed back the estimate x (s,) of a stationary Kalman filter, which knows the clipped action.
+
+    That is::
+
+        x = x + correct @ (values - show @ x)
+        action = clip(-gain @ x, -1, 1)
+        x = predict @ x + command @ action
+
+    Attributes
+    ----------
+    predict, command, show, correct, gain
+        (s, s), (s, k), (n, s), (s, n) and (k, s).
+    """
+
+    predict: Single
+    command: Single
+    show: Single
+    correct: Single
+    gain: Single
+    kind: ClassVar[str] = "regulator"
+
+    @property
+    def remembers(self) -> int:
+        return len(self.predict)
+
+    def outputs(self, inputs: int) -> int:
+        s, k = len(self.predict), len(self.gain)
+        self.require(predict=(s, s), command=(s, k), gain=(k, s))
+        self.require(show=(inputs, s), correct=(s, inputs))
+        return k
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        estimate = memory + (values - memory @ self.show.T) @ self.correct.T
+        action = xp.clip(-(estimate @ self.gain.T), -1.0, 1.0)
+        return action, estimate @ self.predict.T + action @ self.command.T
+
+
+@dataclass(frozen=True, eq=False)
+class _Around(Layer):
+    """A layer around others."""
+
+    layers: tuple[Layer, ...]
+
+    @property
+    def remembers(self) -> int:
+        return sum(layer.remembers for layer in self.layers)
+
+
+@dataclass(frozen=True, eq=False)
+class Skip(_Around):
+    """Add direct @ values to what inner layers make of the values."""
+
+    direct: Single
+    kind: ClassVar[str] = "skip"
+
+    def outputs(self, inputs: int) -> int:
+        made = outputs_of(self.layers, inputs)
+        self.require(direct=(made, inputs))
+        return made
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        made, memory = run(self.layers, xp, values, memory)
+        return made + values @ self.direct.T, memory
+
+
+@dataclass(frozen=True, eq=False)
+class Beside(_Around):
+    """Append what inner layers make of the values to them."""
+
+    kind: ClassVar[str] = "beside"
+
+    def outputs(self, inputs: int) -> int:
+        return inputs + outputs_of(self.layers, inputs)
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        made, memory = run(self.layers, xp, values, memory)
+        return xp.concatenate([values, made], 1), memory
+
+
+@dataclass(frozen=True, eq=False)
+class Residual(_Around):
+    """Add what inner layers make to a linear controller's action, which they read too.
+
+    That is::
+
+        proposed = clip(base[:, :-1] @ values + base[:, -1], -1, 1)
+        action = clip(proposed + authority * made, -1, 1)
+    """
+
+    base: Single
+    authority: float
+    kind: ClassVar[str] = "residual"
+
+    def outputs(self, inputs: int) -> int:
+        k = len(self.base)
+        self.require(base=(k, inputs + 1))
+        made = outputs_of(self.layers, inputs + k)
+        if made != k:
+            msg = f"residual: got {made} outputs of the inner layers; allowed: {k}"
+            raise ValueError(msg)
+        return made
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        proposed = xp.clip(values @ self.base[:, :-1].T + self.base[:, -1], -1.0, 1.0)
+        made, memory = run(self.layers, xp, xp.concatenate([values, proposed], 1), memory)
+        return xp.clip(proposed + self.authority * made, -1.0, 1.0), memory
+
+
+KINDS: dict[str, type[Layer]] = {
+    layer.kind: layer
+    for layer in (
+        LinearMemory,
+        Correlation,
+        LSTM,
+        GRU,
+        Dense,
+        Activation,
+        Clip,
+        Regulator,
+        Skip,
+        Beside,
+        Residual,
+    )
+}
+"""All layers by their name in files."""
+
+
+def run(
+    layers: Sequence[Layer], xp: ModuleType, values: Numbers, memory: Numbers
+) -> tuple[Numbers, Numbers]:
+    """Return what layers make of values one after the other, and what they remember after it."""
+    remembered: list[Numbers] = []
+    first = 0
+    for layer in layers:
+        last = first + layer.remembers
+        values, own = layer.forward(xp, values, memory[:, first:last])
+        if last > first:
+            remembered.append(own)
+        first = last
+    return values, xp.concatenate(remembered, 1) if remembered else memory
+
+
+def outputs_of(layers: Sequence[Layer], inputs: int) -> int:
+    """Return how many numbers layers make of so many; raise `ValueError` if they do not fit."""
+    for layer in layers:
+        inputs = layer.outputs(inputs)
+    return inputs
+
+
+def every(layers: Sequence[Layer]) -> Iterator[Layer]:
+    """Yield layers, and those in them."""
+    for layer in layers:
+        yield layer
+        yield from every(getattr(layer, "layers", ()))

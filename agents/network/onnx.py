@@ -1,0 +1,129 @@
+"""A graph as an ONNX file.
+
+One table of operators serves networks and controllers alike, and needs onnx alone; torch's exporter
+would need torch and onnxscript in addition, and reads modules of torch only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from agents.network.graph import Signal
+
+if TYPE_CHECKING:
+    from agents.network.graph import Graph, Operation, Values
+
+OPSET, FORMAT = 17, 8
+"""Versions of operators and file, of 2022: runtimes since read them."""
+
+OPERATORS = {
+    "tanh": "Tanh",
+    "negative": "Neg",
+    "absolute": "Abs",
+    "sqrt": "Sqrt",
+    "add": "Add",
+    "subtract": "Sub",
+    "multiply": "Mul",
+    "divide": "Div",
+    "minimum": "Min",
+    "maximum": "Max",
+}
+"""Those of `agents.network.graph.UNARY` and `BINARY`."""
+
+
+def onnx_bytes(graph: Graph, comment: str = "") -> bytes:
+    """Return the content of a graph's ONNX file.
+
+    The input "observation" and the output "action" are float (lanes, n), all others double; the
+    arithmetic between them is in double precision, as NumPy's is.
+
+    Parameters
+    ----------
+    comment
+        What is noted in the file.
+
+    Raises
+    ------
+    DependencyNotInstalled
+        If onnx is missing.
+    """
+    try:
+        import onnx  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        msg = "an ONNX file needs onnx: install the extra `onnx`"
+        raise DependencyNotInstalled(msg) from error
+    file = _File(onnx, graph)
+    model = onnx.helper.make_model(
+        file.whole(),
+        opset_imports=[onnx.helper.make_opsetid("", OPSET)],
+        ir_version=FORMAT,
+        producer_name="mm_gym",
+        doc_string=comment,
+    )
+    return model.SerializeToString()
+
+
+class _File:
+    """Operators, each named after its one output, and constants."""
+
+    def __init__(self, onnx: Any, graph: Graph) -> None:  # noqa: ANN401 - onnx has no types
+        self.onnx, self.graph = onnx, graph
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+        self.names: dict[Operation, str] = {}
+
+    def whole(self) -> Any:  # noqa: ANN401 - onnx has no types
+        """Return the graph."""
+        kinds, graph = self.onnx.TensorProto, self.graph
+        inputs = {name: one for name, one in graph.inputs.items() if one.shape[1]}
+        for name, one in inputs.items():
+            cast = name if name != "observation" else self.add("Cast", name, to=kinds.DOUBLE)
+            self.names[one.made_by] = cast
+        for operation in graph.needed():
+            self.names[operation] = self.operation(operation)
+        outputs = {name: one for name, one in graph.outputs.items() if one.shape[1]}
+        for name, one in outputs.items():
+            made = self.names[one.made_by]
+            made = self.add("Cast", made, to=kinds.FLOAT) if name == "action" else made
+            self.nodes.append(self.onnx.helper.make_node("Identity", [made], [name]))
+        told = [
+            [
+                self.onnx.helper.make_tensor_value_info(
+                    name,
+                    kinds.FLOAT if name in {"observation", "action"} else kinds.DOUBLE,
+                    ["lanes", one.shape[1]],
+                )
+                for name, one in of.items()
+            ]
+            for of in (inputs, outputs)
+        ]
+        return self.onnx.helper.make_graph(self.nodes, "policy", *told, self.constants)
+
+    def operation(self, one: Operation) -> str:
+        """Append an operation; return its output."""
+        given = [
+            self.names[value.made_by] if isinstance(value, Signal) else value
+            for value in one.inputs
+        ]
+        if one.name == "slice":
+            return self.add("Gather", *given, np.arange(one.first, one.first + one.width), axis=1)
+        if one.name == "concatenate":
+            return self.add("Concat", *given, axis=1)
+        if one.name == "product":
+            return self.add("Gemm", *given, transB=1)
+        return self.add(OPERATORS[one.name], *given)
+
+    def add(self, operator: str, *inputs: str | Values, **attributes: object) -> str:
+        """Append an operator; return its output. Inputs that are numbers become constants."""
+        name = f"{operator}_{len(self.nodes)}"
+        names = [text if isinstance(text, str) else self._constant(text) for text in inputs]
+        self.nodes.append(self.onnx.helper.make_node(operator, names, [name], name, **attributes))
+        return name
+
+    def _constant(self, array: Values) -> str:
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(array), name))
+        return name

@@ -1,0 +1,308 @@
+"""A policy: layers over observations, with an explicit memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from agents.network.arrays import numbers
+from agents.network.files import PolicyError, content_of
+from agents.network.graph import Graph
+from agents.network.layers import (
+    KINDS,
+    LSTM,
+    Activation,
+    Clip,
+    Correlation,
+    Dense,
+    Layer,
+    LinearMemory,
+    Residual,
+    Skip,
+    every,
+    outputs_of,
+    run,
+)
+from mm_gym.files import write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from agents.network.interface import Interface
+
+    Single = NDArray[np.float32]
+    Values = NDArray[np.float64]
+
+Kind = TypeVar("Kind", bound=Layer)
+
+FORMAT = 4
+"""Of files. 1 to 3 are NumPy's archives, see `agents.network.old_files`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """Layers, one after the other, whose last output is the action: that of a trained agent's mean.
+
+    Attributes
+    ----------
+    layers
+        From the observation (n,) to the action (k,) in [-1, 1].
+    observed, actions
+        n, k.
+
+    Raises
+    ------
+    ValueError
+        If the layers do not fit each other.
+    """
+
+    layers: tuple[Layer, ...]
+    observed: int
+    actions: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "actions", outputs_of(self.layers, self.observed))
+
+    @property
+    def sizes(self) -> list[int]:
+        """Numbers of an observation, of the outputs of each dense layer, the action's the last."""
+        dense = [layer for layer in every(self.layers) if isinstance(layer, Dense)]
+        return [self.observed, *(len(layer.bias) for layer in dense)]
+
+    @property
+    def remembers(self) -> int:
+        """How many numbers it remembers from step to step."""
+        return sum(layer.remembers for layer in self.layers)
+
+    @property
+    def arrays(self) -> dict[str, Single]:
+        """All arrays, by the names that they have in files: "0.keep", "2.layers.0.weight"."""
+        return dict(_named(self.layers))
+
+    def find(self, kind: type[Kind]) -> Kind | None:
+        """Return the first layer of a kind."""
+        return next((layer for layer in every(self.layers) if isinstance(layer, kind)), None)
+
+    def check(self, observation: int, action: int) -> None:
+        """Raise `PolicyError` unless observation and action have so many numbers."""
+        if (self.observed, self.actions) != (observation, action):
+            msg = (
+                f"policy: got {self.observed} observed numbers and {self.actions} actions; "
+                f"the scene has {observation} and {action}"
+            )
+            raise PolicyError(msg)
+
+    def begin(self, lanes: int) -> Values:
+        """Return the memory (lanes, m) with which an episode begins."""
+        return np.zeros((lanes, self.remembers))
+
+    def step(self, observation: ArrayLike, memory: Values) -> tuple[Values, Values]:
+        """Return the actions (lanes, k) for observations (lanes, n), and the memory after them."""
+        return run(self.layers, np, np.asarray(observation, np.float64), memory)
+
+    def act(self, observation: ArrayLike, memory: Values | None = None) -> Values:
+        """Return the actions (lanes, k) for observations (lanes, n) as the environment has them.
+
+        Parameters
+        ----------
+        observation
+            (lanes, n).
+        memory
+            What `begin` returned at the episode's start; moved on by a step. Without, an episode
+            begins.
+        """
+        values = np.asarray(observation, np.float64)
+        memory = self.begin(len(values)) if memory is None else memory
+        action, memory[:] = self.step(values, memory)
+        return action
+
+    def graph(self) -> Graph:
+        """Return what C and ONNX are written from."""
+        graph = Graph()
+        given = graph.input("observation", self.observed), graph.input("memory", self.remembers)
+        made = run(self.layers, np, *given)  # pyright: ignore[reportArgumentType] - signals
+        graph.outputs = dict(zip(("action", "next_memory"), made, strict=True))
+        return graph
+
+    def with_arrays(self, arrays: Mapping[str, Single]) -> Policy:
+        """Return the policy with other arrays, by their names in `arrays`."""
+        return replace(self, layers=_replaced(self.layers, arrays, ""))
+
+    def save(self, path: str | Path, interface: Interface | None = None) -> None:
+        """Write the policy whole: a kill leaves the old file or the new one."""
+        write_bytes(path, self.to_bytes(interface))
+
+    def to_bytes(self, interface: Interface | None = None) -> bytes:
+        """Return the content of the policy's file."""
+        layers = [_described(layer) for layer in self.layers]
+        description: dict[str, Any] = {"format": FORMAT, "observed": self.observed}
+        description["layers"] = layers
+        if interface is not None:
+            description["interface"] = interface.model_dump(mode="json")
+        return content_of(description, self.arrays)
+
+
+def _named(layers: Sequence[Layer], prefix: str = "") -> Iterator[tuple[str, Single]]:
+    for number, layer in enumerate(layers):
+        for name, array in layer.arrays.items():
+            yield f"{prefix}{number}.{name}", array
+        yield from _named(getattr(layer, "layers", ()), f"{prefix}{number}.layers.")
+
+
+def _replaced(layers: Sequence[Layer], arrays: Mapping[str, Any], prefix: str) -> tuple[Layer, ...]:
+    found: list[Layer] = []
+    for number, layer in enumerate(layers):
+        own = f"{prefix}{number}."
+        changed = {name: arrays[own + name] for name in layer.arrays if own + name in arrays}
+        if inner := getattr(layer, "layers", ()):
+            changed["layers"] = _replaced(inner, arrays, f"{own}layers.")
+        found.append(replace(layer, **changed))  # pyright: ignore[reportArgumentType] - a dataclass
+    return tuple(found)
+
+
+def _described(layer: Layer) -> dict[str, Any]:
+    """Return what a file says of a layer in JSON: all but its arrays."""
+    told: dict[str, Any] = {"kind": layer.kind}
+    for name in (one.name for one in fields(layer)):  # pyright: ignore[reportArgumentType] - a dataclass
+        value = getattr(layer, name)
+        if name == "layers":
+            told["layers"] = [_described(inner) for inner in value]
+        elif name not in layer.arrays:
+            told[name] = value
+    return told
+
+
+def policy_of(description: Mapping[str, Any], arrays: Mapping[str, Single]) -> Policy:
+    """Return the policy that a file describes; raise `ValueError` where it is wrong."""
+    observed, told = description.get("observed"), description.get("layers")
+    if type(observed) is not int or observed < 1 or not isinstance(told, list) or not told:
+        msg = f"observed, layers: got {observed!r} and {told!r}; allowed: a number and a list"
+        raise ValueError(msg)
+    left = dict(arrays)
+    policy = Policy(_read(told, left, ""), observed)
+    if left:
+        msg = f"{next(iter(left))}: unknown; allowed: {', '.join(policy.arrays)}"
+        raise ValueError(msg)
+    return policy
+
+
+DEEPEST = 4
+"""Layers within layers that are read."""
+
+
+def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ...]:
+    """Return layers, and take their arrays out of those that are left."""
+    if not isinstance(told, list) or prefix.count("layers") > DEEPEST:
+        msg = f"{prefix}layers: got {told!r}; allowed: a list, at most {DEEPEST} deep"
+        raise ValueError(msg)
+    found: list[Layer] = []
+    for number, entry in enumerate(told):
+        own = f"{prefix}{number}."
+        kind = KINDS.get(entry.get("kind")) if isinstance(entry, dict) else None
+        if kind is None:
+            msg = f"{own}kind: got {entry!r}; allowed: {', '.join(KINDS)}"
+            raise ValueError(msg)
+        given: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}
+        names = [one.name for one in fields(kind)]  # pyright: ignore[reportArgumentType] - a dataclass
+        for name in names:
+            if name == "layers":
+                given[name] = _read(given.get(name), left, f"{own}layers.")
+            elif name not in given:
+                given[name] = taken(left, own + name)
+        if set(given) != set(names):
+            msg = f"{own}{kind.kind}: got {', '.join(given)}; allowed: {', '.join(names)}"
+            raise ValueError(msg)
+        _check_settings(kind, given, own)
+        found.append(kind(**given))
+    return tuple(found)
+
+
+def _check_settings(kind: type[Layer], given: Mapping[str, Any], own: str) -> None:
+    """Raise `ValueError` unless what is no array has the type that the layer declares."""
+    types = {"str": str, "float": (float, int)}
+    for own_field in fields(kind):  # pyright: ignore[reportArgumentType] - a dataclass
+        wanted, value = types.get(str(own_field.type)), given[own_field.name]
+        wrong = wanted is not None and (not isinstance(value, wanted) or value is True)
+        if wrong or (wanted is None and not isinstance(value, np.ndarray | tuple)):
+            msg = f"{own}{own_field.name}: got {value!r}; allowed: {own_field.type}"
+            raise ValueError(msg)
+
+
+def taken(left: dict[str, Single], name: str) -> Single:
+    """Return one of several arrays, and drop it there; raise `ValueError` if it is none."""
+    if name not in left or not left[name].ndim or not left[name].size:
+        got = f"shape {left[name].shape}" if name in left else "nothing"
+        msg = f"{name}: got {got}; allowed: an array of finite numbers"
+        raise ValueError(msg)
+    found = numbers(left, name, left[name].shape, np.float32)
+    del left[name]
+    return found
+
+
+def network(
+    weights: Sequence[ArrayLike],
+    biases: Sequence[ArrayLike],
+    activation: str,
+    low: ArrayLike,
+    high: ArrayLike,
+    **optional: Any,  # noqa: ANN401 - as below
+) -> Policy:
+    """Return the policy of dense layers, with what may stand before, around and after them.
+
+    Parameters
+    ----------
+    weights, biases
+        Of each dense layer (outputs, inputs) and (outputs,).
+    activation
+        Of `agents.network.layers.FUNCTIONS`, after all of them but the last.
+    low, high
+        (k,) bounds of the action [-].
+    optional
+        `keep` and `enter` of a `LinearMemory`, then `pairs` and `units` of a `Correlation`, then
+        `cell`, the three arrays of an `LSTM`; `direct` of a `Skip`; `squashed`, whether a tanh
+        follows; `base` and `authority` of a `Residual`. Empty arrays stand for none.
+    """
+    given = {name: value for name, value in optional.items() if np.isscalar(value) or len(value)}
+    for one, other in (("keep", "enter"), ("pairs", "units")):
+        if (one in given) != (other in given):
+            msg = f"{one}, {other}: got one without the other; allowed: both, or none"
+            raise ValueError(msg)
+    dense: list[Layer] = []
+    for weight, bias in zip(weights, biases, strict=True):
+        dense += [Activation(activation)] if dense else []
+        dense.append(Dense(_single(weight), _single(bias)))
+    layers: list[Layer] = []
+    if "keep" in given:
+        layers.append(LinearMemory(_single(given["keep"]), _single(given["enter"])))
+    if "units" in given:
+        layers.append(Correlation(_single(given["pairs"]), _single(given["units"])))
+    if "cell" in given:
+        layers.append(LSTM(*map(_single, given["cell"])))
+    layers += [Skip(tuple(dense), _single(given["direct"]))] if "direct" in given else dense
+    layers += [Activation("tanh")] if given.get("squashed") else []
+    layers.append(Clip(_single(low), _single(high)))
+    observed = _observed(layers)
+    if "base" in given:
+        base = _single(given["base"])
+        layers, observed = [Residual(tuple(layers), base, given["authority"])], observed - len(base)
+    return Policy(tuple(layers), observed)
+
+
+PARTS = (*("keep", "enter", "pairs", "units", "cell", "direct", "squashed", "base", "authority"),)
+"""What `network` takes in addition."""
+
+
+def _observed(layers: Sequence[Layer]) -> int:
+    """Return how many numbers the first layer reads."""
+    first = layers[0].layers[0] if isinstance(layers[0], Skip) else layers[0]
+    of = {LinearMemory: "enter", Correlation: "pairs", LSTM: "enter", Dense: "weight"}
+    return getattr(first, of[type(first)]).shape[-1]
+
+
+def _single(values: ArrayLike) -> Single:
+    return np.asarray(values, np.float32)
