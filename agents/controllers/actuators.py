@@ -1,4 +1,4 @@
-"""The scene's actuators as a controller knows them: from its own commands to what they reach."""
+"""The scene's actuators as a controller knows them: their limits, rates and lags, and commands."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import columns, require_actuator
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from agents.controllers.controller import Values
     from mm_gym import Scene
 
-    Values = NDArray[np.float64]
+FIELD = "carriage.linear_coefficient"
 
 
 class Actuators:
@@ -55,16 +55,6 @@ class Actuators:
         )
         self.middle, self.half = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
 
-    def begin(self, applied: Values) -> None:
-        """Begin with what the actuators have (lanes, k) [N, -]."""
-        self.applied = applied.copy()
-        self.asked = applied.copy()
-
-    def advance(self, actions: Values) -> Values:
-        """Return what the actuators reach (lanes, k) in the next control step, and keep it."""
-        self.applied, self.asked = self.reached(actions, self.applied, self.asked)
-        return self.applied
-
     def reached(self, actions: Values, applied: Values, asked: Values) -> tuple[Values, Values]:
         """Return what the actuators reach and the values commanded so far, (lanes, k) both.
 
@@ -87,3 +77,59 @@ class Actuators:
         aim = applied + self.lag_factor * (wanted - applied)
         aim = np.minimum(np.maximum(aim, applied - self.travel), applied + self.travel)
         return np.minimum(np.maximum(aim, self.low), self.high), wanted
+
+
+class Command:
+    """Turn a wanted value into the action towards it, whether position or rate is commanded.
+
+    Parameters
+    ----------
+    scene
+        A scene with the actuator.
+    name
+        "force", "stretch", "damping" or "voltage".
+
+    Attributes
+    ----------
+    low, high
+        Limits of the value [N, -, N s/m, V].
+    column
+        Place of the actuator among all.
+    """
+
+    def __init__(self, scene: Scene, name: str) -> None:
+        require_actuator(scene, name)
+        actuators, self.name, self.column = Actuators(scene), name, columns(scene).index(name)
+        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
+        self.travel = float(actuators.travel[self.column])
+        self.is_rate = bool(actuators.is_rate[self.column])
+
+    def present(self, applied: Values) -> Values:
+        """Return the values (lanes,) among what the actuators have (lanes, k)."""
+        return applied[:, self.column]
+
+    def __call__(self, wanted: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards values (lanes,) from the present ones (lanes,).
+
+        A wanted value beyond the actuator's range stands for the end of the range.
+        """
+        wanted = np.clip(wanted, self.low, self.high)
+        if self.is_rate:
+            action = (wanted - present) / self.travel
+        else:
+            action = (wanted - 0.5 * (self.high + self.low)) / (0.5 * (self.high - self.low))
+        return np.clip(action, -1.0, 1.0)[:, None]
+
+
+def require_stable_rest(scene: Scene, law: str) -> None:
+    """Raise `DesignError` for a law that leaves the carriage to its spring, if that drives it off.
+
+    Such laws tune the springs of the sphere, which cannot hold the carriage at x1 = 0.
+    """
+    if min(scene.randomization.get(FIELD, (scene.carriage.linear_coefficient,))) < 0.0:
+        got = scene.randomization.get(FIELD, scene.carriage.linear_coefficient)
+        msg = (
+            f"{FIELD}: got {got}; allowed for the {law}: at least 0; it tunes the springs about "
+            "x1 = 0, which is unstable"
+        )
+        raise DesignError(msg)

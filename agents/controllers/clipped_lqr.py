@@ -7,19 +7,22 @@ from typing import TYPE_CHECKING
 import control
 import numpy as np
 
-from agents.controllers.controller import require_number
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Law, plant_of, require_number
+from agents.controllers.feedback import Both
 from agents.controllers.lead import Lead
-from agents.controllers.lqr import state_weight
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
-from mm_gym import compile_scene
+from agents.controllers.lqr import LQR, state_weight
+from agents.controllers.registry import Entry, without_weight
+from agents.controllers.searched import searched_pair
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
-class ClippedLQR:
+class ClippedLQR(Law):
     """Choose the stiffness whose force is closest to that of an actuator in the springs' place.
 
     A regulator is designed for the internal force between carriage and sphere about one stretch;
@@ -45,25 +48,58 @@ class ClippedLQR:
         require_stable_rest(scene, "clipped LQR")
         require_number("price", price, np.finfo(np.float64).tiny)
         self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"
-        self.command, self.lead = StretchCommand(scene), Lead(scene)
+        self.command, self.lead = Command(scene, "stretch"), Lead(scene)
         self.about, self.stiffness = stretch, scene.springs.stiffness
         self.k2 = spring_stiffness(stretch, self.stiffness)
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
-        a, _ = compile_scene(scene).linear(stretch)
+        a, _ = plant_of(scene).linear(stretch)
         gain, _, _ = control.lqr(
             a, internal, state_weight(scene), [[price / unit**2]], method="scipy"
         )
         self.gain = np.asarray(gain)[0]
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the stretch of the wanted stiffness."""
-        present = applied[:, -1]
+        present = self.command.present(applied)
         state = self.lead(state, present)
         offset = state[:, 1] - state[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             k2 = self.k2 - np.nan_to_num(state @ self.gain / offset)
-        return self.command(stretch_for_stiffness(k2, self.stiffness), present)
+        return self.command(stretch_for_stiffness(k2, self.stiffness), present), memory
+
+
+def best_clipped_lqr(scene: Scene) -> Feedback:
+    """Search the stretch and the price."""
+    return searched_pair(scene, lambda stretch, price: ClippedLQR(scene, stretch, price))
+
+
+def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
+    """Search the stretch and the price next to a regulator of the force.
+
+    The search takes long, so what it finds is kept for the next that asks about the same scene.
+    """
+    if not any(scene is known for known, _ in _FOUND):
+        found = searched_pair(
+            scene,
+            lambda stretch, price: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, price)),
+        )
+        _FOUND[:] = [(scene, found)]
+    return _FOUND[0][1]
+
+
+_FOUND: list[tuple[Scene, Feedback]] = []
+
+
+ENTRIES = (
+    Entry("clipped-lqr", ("stretch",), best_clipped_lqr, 21, label="clipped LQR"),
+    Entry(
+        "lqr-and-clipped-lqr",
+        ("force", "stretch"),
+        best_lqr_with_clipped_lqr,
+        31,
+        label="LQR + clipped LQR",
+        refuses=without_weight,
+        told=True,
+    ),
+)

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import require_number
-from agents.controllers.damping_command import MagnetorheologicalDamper
+from agents.controllers.actuators import Actuators, Command
+from agents.controllers.controller import Law, require_number
+from agents.controllers.damping_command import SWITCHINGS, MagnetorheologicalDamper
 from agents.controllers.lqr import design
-from agents.controllers.semi_active import SemiActive
+from agents.controllers.registry import Entry
+from agents.controllers.searched import searched
+from agents.controllers.semi_active import SemiActive, damper_entry
+from mm_gym import DesignError
+
+PRICES = np.linspace(-4.0, 2.0, 13)
+"""Exponents of the prices that are tried."""
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from agents.controllers.damping_command import Switching
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
@@ -45,7 +54,6 @@ class ClippedOptimal(SemiActive):
         self, scene: Scene, switching: Switching, price: float, *, on: float | None = None
     ) -> None:
         super().__init__(scene, switching, on)
-        require_number("price", price, np.finfo(np.float64).tiny)
         self.name = self._called("clipped-optimal", f"price {price:.2g}")
         if self.device.is_on_off:
             self.name += f", price {price:.2g}"
@@ -53,12 +61,54 @@ class ClippedOptimal(SemiActive):
         # Positive u accelerates the carriage: so does the interface's damper where v2 > v1.
         self.sign = -1.0 if self.device.of_interface else 1.0
 
-    def force(self, state: Values) -> Values:
+    def force(self, memory: Memory, state: Values) -> Values:
         """Return the wanted forces F (lanes,) [N]."""
         return self.sign * (state[:, self.design.states] @ self.design.gain[0])
 
 
-class ClippedVoltage:
+class SharedForce(ClippedOptimal):
+    """Give the regulator's force by a damper and, for the rest, by the force in parallel with it.
+
+    u = F - c r between the masses, with the damping c nearest to F / r: the damper gives what it
+    can, which costs no effort, and the force what is left, within its limit.
+
+    Parameters
+    ----------
+    scene
+        A scene with a force between the masses and an actuated damping of the interface.
+    price
+        As for `ClippedOptimal`, of the damper's and the actuator's force together.
+
+    Raises
+    ------
+    DesignError
+        If force and damping do not act between the same masses, or as for `lqr.design`.
+    """
+
+    def __init__(self, scene: Scene, price: float) -> None:
+        if _apart(scene) is not None:
+            msg = (
+                "actuation.force.between: allowed for a force that is shared with a damper: "
+                '"masses", with actuation.damping of the interface; only there do both act in '
+                "parallel"
+            )
+            raise DesignError(msg)
+        super().__init__(scene, "continuous", price)
+        self.name = f"clipped-optimal, rest by the force, price {price:.2g}"
+        self.drive, self.actuators = Command(scene, "force"), Actuators(scene)
+
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return the actions of force and damping."""
+        damping, memory = super().action(memory, state, applied)
+        actions = np.concatenate([np.zeros_like(damping), damping], 1)
+        reached, _ = self.actuators.reached(actions, applied, applied)
+        given = self.device.present(reached) * self.device.velocity(state)
+        rest = self.force(memory, state) - given
+        actions[:, :1] = self.drive(rest, self.drive.present(applied))
+        return actions, memory
+
+
+class ClippedVoltage(Law):
     """Follow the force of an LQR by the voltage of a magnetorheological damper.
 
     v = maximum where (F - f) f > 0, else minimum, with the damper's force f and the force F that
@@ -81,17 +131,13 @@ class ClippedVoltage:
 
     def __init__(self, scene: Scene, price: float) -> None:
         self.device = MagnetorheologicalDamper(scene)
-        require_number("price", price, np.finfo(np.float64).tiny)
         self.name = f"clipped-optimal, on-off, price {price:.2g}"
         self.design = design(regulated(scene, price))
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the regulator's force."""
         force = -state[:, self.design.states] @ self.design.gain[0]
-        return self.device.towards(force, state, self.device.present(applied))
+        return self.device.towards(force, state, self.device.present(applied)), memory
 
 
 def regulated(scene: Scene, price: float) -> Scene:
@@ -104,6 +150,7 @@ def regulated(scene: Scene, price: float) -> Scene:
     price
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
+    require_number("price", price, np.finfo(np.float64).tiny)
     damped = str(scene.actuation.damped)
     is_voltage = scene.actuation.voltage is not None
     out = "interface." if is_voltage else damped
@@ -122,3 +169,43 @@ def regulated(scene: Scene, price: float) -> Scene:
             **without,
         }
     )
+
+
+def best_clipped_optimal(switching: Switching, scene: Scene) -> Feedback:
+    """Search the price over six decades."""
+    return searched(
+        scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), PRICES
+    )
+
+
+def best_shared_force(scene: Scene) -> Feedback:
+    """Search the price of what damper and actuator give together over six decades."""
+    return searched(scene, lambda exponent: SharedForce(scene, 10.0**exponent), PRICES)
+
+
+def _apart(scene: Scene) -> str | None:
+    """Return why force and damper do not act in parallel, or None."""
+    if scene.actuation.is_between and scene.actuation.damped == "interface.damping":
+        return None
+    return "which is for a force and a damper between the masses, in parallel"
+
+
+def best_clipped_voltage(scene: Scene) -> Feedback:
+    """Search the price of the control of a voltage over six decades."""
+    return searched(scene, lambda exponent: ClippedVoltage(scene, 10.0**exponent), PRICES)
+
+
+ENTRIES = (
+    *(
+        damper_entry("clipped-optimal", switching, partial(best_clipped_optimal, switching), 44)
+        for switching in SWITCHINGS
+    ),
+    Entry("clipped-optimal-and-force", ("force", "damping"), best_shared_force, 48, refuses=_apart),
+    Entry(
+        "clipped-optimal-on-off",
+        ("voltage",),
+        best_clipped_voltage,
+        49,
+        label="clipped-optimal, on-off",
+    ),
+)

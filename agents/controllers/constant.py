@@ -1,131 +1,105 @@
-"""Constant control: one action, one force, one stretch or one damping throughout."""
+"""Constant control: one action, one force, one stretch, damping or voltage throughout."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.both import Both
-from agents.controllers.controller import columns, require_actuator, require_number
-from agents.controllers.damping_command import DampingCommand
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Controller, Law, columns, require_number
+from agents.controllers.feedback import Both, Feedback
+from agents.controllers.observed_state import ObservedActuators
+from agents.controllers.registry import Entry
+from agents.controllers.searched import grid, searched
+from agents.scoring import VALIDATION_SEED
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Law, Reads, Values
-    from mm_gym import MovingMassVectorEnv, Scene
+    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
+    from mm_gym import Scene
 
 
-UNITS = {"damping": "N s/m", "voltage": "V"}
-"""Of what a semi-active device holds."""
+CENTRED = np.linspace(-0.5, 0.5, 17)
+"""Forces over the force limit that are tried."""
+
+FORMATS = {"stretch": "{:.3f}", "damping": "{:.3g} N s/m", "voltage": "{:.3g} V"}
+"""How names tell what is held."""
 
 
-class ConstantAction:
+class ConstantAction(Controller):
     """The same action throughout."""
-
-    reads: Reads = "observation"
 
     def __init__(self, scene: Scene, action: float = 0.0) -> None:
         self.name = "zero action" if action == 0.0 else f"constant action {action:.3f}"
         self.values = np.full(len(columns(scene)), action)
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
-        """Nothing to prepare."""
-
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return the action for every lane."""
-        return np.tile(self.values, (len(observation), 1))
+        return np.tile(self.values, (len(observation), 1)), memory
 
 
-class ConstantForce:
+class ConstantForce(Law):
     """Push with one force [N]."""
 
     def __init__(self, scene: Scene, force: float = 0.0) -> None:
-        require_actuator(scene, "force")
-        actuator = scene.actuation.force
-        assert actuator is not None  # noqa: S101 - as required
-        require_number("force", force, -actuator.limit, actuator.limit)
+        command = Command(scene, "force")
+        require_number("force", force, command.low, command.high)
         self.name = f"constant force {force:.3f} N" if force else "no force"
-        self.value = force / actuator.limit
+        self.value = force / command.high
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the force over the limit."""
-        return np.full((len(state), 1), self.value)
+        return np.full((len(state), 1), self.value), memory
 
 
-class ConstantStretch:
-    """Go to one stretch [-] and stay; by default stay at the one that the episode begins with."""
+class Held(Law):
+    """Go to one value and stay; by default stay at the one that the episode begins with.
 
-    def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        self.name = "initial stretch" if stretch is None else f"constant stretch {stretch:.3f}"
-        self.stretch = stretch
-        self.command, self.column = StretchCommand(scene), columns(scene).index("stretch")
-        if stretch is not None:
-            require_number(
-                "stretch", stretch, self.command.actuator.minimum, self.command.actuator.maximum
-            )
-
-    def begin(self, lanes: int) -> None:
-        """Forget the last episode's stretch."""
-        self.wanted: Values | None = None
-
-    def action(self, state: Values, applied: Values) -> Values:
-        """Return the action towards the stretch."""
-        present = applied[:, self.column]
-        if self.wanted is None:
-            self.wanted = present.copy()
-            if self.stretch is not None:
-                self.wanted[:] = self.stretch
-        return self.command(self.wanted, present)
-
-
-class ConstantDamping:
-    """Go to one damping [N s/m] and stay; by default stay at the one that the episode begins with.
-
-    Of a magnetorheological damper it is the voltage [V].
+    Parameters
+    ----------
+    scene
+        A scene with the actuator.
+    actuator
+        "stretch" [-], "damping" [N s/m] or "voltage" [V].
+    value
+        What is held.
 
     Raises
     ------
     DesignError
-        If no damping is actuated, or the value is beyond its limits.
+        If there is no such actuator, or the value is beyond its limits.
     """
 
-    def __init__(self, scene: Scene, damping: float | None = None) -> None:
-        device = device_of(scene)
-        self.command = DampingCommand(scene, device)
-        self.name = f"initial {device}"
-        if damping is not None:
-            require_number(device, damping, self.command.low, self.command.high)
-            self.name = f"constant {device} {damping:.3g} {UNITS[device]}"
-        self.damping = damping
+    def __init__(self, scene: Scene, actuator: str, value: float | None = None) -> None:
+        self.command, self.value = Command(scene, actuator), value
+        self.name = f"initial {actuator}"
+        if value is not None:
+            require_number(actuator, value, self.command.low, self.command.high)
+            self.name = f"constant {actuator} {FORMATS[actuator].format(value)}"
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episode's damping."""
-        self.wanted: Values | None = None
+    def begin(self, lanes: int) -> Memory:
+        """Begin before the first value is known."""
+        if self.value is not None:
+            return {}
+        return {"begun": np.zeros(lanes, np.bool_), "held": np.zeros(lanes)}
 
-    def action(self, state: Values, applied: Values) -> Values:
-        """Return the action towards the damping."""
-        present = applied[:, self.command.column]
-        if self.wanted is None:
-            self.wanted = present.copy()
-            if self.damping is not None:
-                self.wanted[:] = self.damping
-        return self.command(self.wanted, present)
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return the action towards the value."""
+        present = self.command.present(applied)
+        if self.value is not None:
+            return self.command(np.full_like(present, self.value), present), memory
+        held = np.where(memory["begun"], memory["held"], present)
+        return self.command(held, present), {"begun": np.ones_like(memory["begun"]), "held": held}
 
 
 def constant_stretch(scene: Scene, stretch: float | None = None) -> Law:
-    """Return the law that holds a stretch, as `ConstantStretch`, and nothing else moves."""
-    return _held(scene, ConstantStretch(scene, stretch), "stretch")
+    """Return the law that holds a stretch [-], and nothing else moves."""
+    return _held(scene, Held(scene, "stretch", stretch))
 
 
 def constant_damping(scene: Scene, damping: float | None = None) -> Law:
-    """Return the law that holds a damping, as `ConstantDamping`, and nothing else moves."""
-    return _held(scene, ConstantDamping(scene, damping), device_of(scene))
+    """Return the law that holds a damping [N s/m] or a voltage [V], and nothing else moves."""
+    return _held(scene, Held(scene, device_of(scene), damping))
 
 
 def device_of(scene: Scene) -> str:
@@ -133,13 +107,15 @@ def device_of(scene: Scene) -> str:
     return "damping" if scene.actuation.voltage is None else "voltage"
 
 
-def _held(scene: Scene, law: Law, own: str) -> Law:
+def _held(scene: Scene, law: Held) -> Law:
     """Return a law of one actuator, by its name, with the others at rest."""
-    rest = {"force": ConstantForce, "stretch": ConstantStretch}
-    all_laws = [
-        law if name == own else rest.get(name, ConstantDamping)(scene) for name in columns(scene)
+    laws = [
+        law
+        if name == law.command.name
+        else (ConstantForce(scene) if name == "force" else Held(scene, name))
+        for name in columns(scene)
     ]
-    return law if len(all_laws) == 1 else Both(*all_laws)
+    return law if len(laws) == 1 else Both(*laws)
 
 
 def no_control(scene: Scene) -> Law:
@@ -152,3 +128,29 @@ def no_control(scene: Scene) -> Law:
         law = ConstantForce(scene)
     law.name = "no control"
     return law
+
+
+def uncontrolled(scene: Scene) -> Feedback:
+    """Return no control, which needs no state."""
+    return Feedback(scene, no_control(scene), ObservedActuators(scene))
+
+
+def best_constant(scene: Scene, seed: int = VALIDATION_SEED) -> Feedback:
+    """Return the best of what never moves: a stretch, else a damping, else a force.
+
+    With the seed of the final evaluation it is the best in hindsight.
+    """
+    source = ObservedActuators(scene)
+    if scene.actuation.stretch is not None:
+        values, make = grid(scene, "stretch"), constant_stretch
+    elif scene.actuation.device is not None:
+        values, make = grid(scene, device_of(scene)), constant_damping
+    else:
+        values, make = Command(scene, "force").high * CENTRED, ConstantForce
+    return searched(scene, lambda value: make(scene, value), values, seed, source)
+
+
+ENTRIES = (
+    Entry("no-control", (), uncontrolled, 1, "any"),
+    Entry("best-constant", (), best_constant, 2, "any"),
+)

@@ -1,42 +1,66 @@
-"""The protocols of controllers, of the laws in them, and of where a law gets the state from."""
+"""What every controller is: a function of its memory and of what it reads, over many lanes."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
-from mm_gym import DesignError
+import numpy as np
+from numpy.typing import NDArray
+
+from mm_gym import DesignError, compile_scene
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from mm_gym import MovingMassVectorEnv, Plant, Scene
 
-    from mm_gym import MovingMassVectorEnv, Scene
+Values: TypeAlias = NDArray[np.float64]
 
-    Values: TypeAlias = NDArray[np.float64]
+Memory: TypeAlias = dict[str, NDArray[Any]]
+"""All that an episode leaves in a controller: arrays by name, whose first axis is the lanes.
+
+Memories are not changed: a step returns a new one. So lanes can be taken out, begun anew and
+written to a file without knowing the controller.
+"""
+
+Acted: TypeAlias = tuple[Values, Memory]
+"""Actions (lanes, k), or what leads to them, and the memory then."""
+
+Observation: TypeAlias = NDArray[np.float32]
+Info: TypeAlias = dict[str, Any]
 
 Reads: TypeAlias = Literal["observation", "full state", "episode"]
 """What a controller may read: what an agent sees; the true state besides; also what was drawn."""
 
 
-class Controller(Protocol):
-    """What acts on many lanes at once."""
+class Controller(ABC):
+    """What acts on many lanes at once.
 
-    name: str
+    Its gains are made once, from the scene. What an episode changes is in the memory alone.
 
-    @property
-    def reads(self) -> Reads:
-        """What it reads; only who reads the full state is given `info`."""
-        ...
+    Attributes
+    ----------
+    name
+        In tables and figures.
+    reads
+        What it reads; only one that reads the full state is given `info`.
+    """
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
-        """Prepare for the episodes that have just begun in the lanes of `env`."""
+    name: str = "controller"
+    reads: Reads = "observation"
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
-        """Return actions (lanes, k) in [-1, 1].
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        """Return the memory of the episodes that have just begun in the lanes of `env`."""
+        return {}
+
+    @abstractmethod
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        """Return actions (lanes, k) in [-1, 1] and the memory, before any action is applied.
 
         Parameters
         ----------
+        memory
+            What the step before returned.
         observation
             (lanes, n): what an agent sees.
         info
@@ -44,28 +68,48 @@ class Controller(Protocol):
             force [N], stretch [-] and damping [N s/m]. Empty for a controller that reads the
             observation.
         """
-        ...
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Return the memory after actions (lanes, k), which need not be those proposed."""
+        return memory
+
+    def act(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        """Return the actions, and the memory once they are applied."""
+        action, memory = self.propose(memory, observation, info)
+        return action, self.note(memory, action)
+
+    def known(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Return what it may read of `info`."""
+        return {} if self.reads == "observation" else info
 
 
-class Law(Protocol):
-    """A control law: from the state to the action."""
+class Law(ABC):
+    """A control law: from the state to the action. One without memory has `action` alone."""
 
-    name: str
+    name: str = "law"
 
-    def begin(self, lanes: int) -> None:
-        """Prepare for so many new episodes."""
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of so many new episodes."""
+        return {}
 
-    def action(self, state: Values, applied: Values) -> Values:
-        """Return actions (lanes, k), which are clipped to [-1, 1] afterwards.
+    @abstractmethod
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return actions (lanes, k), which are clipped to [-1, 1] afterwards, and the memory.
 
         Parameters
         ----------
+        memory
+            What the step before returned.
         state
             (lanes, 4): x1, x2 [m], v1, v2 [m/s].
         applied
             (lanes, k): force [N], stretch [-] and damping [N s/m] that the actuators have.
         """
-        ...
+
+    @property
+    def remembers(self) -> bool:
+        """Whether an action depends on more than the present state."""
+        return bool(self.begin(1))
 
 
 class StateSource(Protocol):
@@ -73,15 +117,49 @@ class StateSource(Protocol):
 
     reads: Reads
 
-    def begin(self, lanes: int) -> None:
-        """Prepare for so many new episodes."""
-
-    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
-        """Return the states (lanes, 4) and what the actuators have (lanes, k)."""
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of so many new episodes."""
         ...
 
-    def send(self, action: Values) -> None:
-        """Take note of the actions (lanes, k) that were chosen."""
+    def read(
+        self, memory: Memory, observation: Observation, info: Info
+    ) -> tuple[Values, Values, Memory]:
+        """Return the states (lanes, 4), what the actuators have (lanes, k), and the memory."""
+        ...
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Return the memory after the actions (lanes, k) that were chosen."""
+        ...
+
+
+def joined(**parts: Memory) -> Memory:
+    """Return one memory of several; `part` returns each again."""
+    return {f"{name}/{key}": array for name, own in parts.items() for key, array in own.items()}
+
+
+def part(memory: Memory, name: str) -> Memory:
+    """Return the part of a memory that was joined under a name."""
+    begin = f"{name}/"
+    return {key.removeprefix(begin): memory[key] for key in memory if key.startswith(begin)}
+
+
+def chosen(lanes: NDArray[np.bool_], where: Values, elsewhere: Values) -> Values:
+    """Return rows of one array in the lanes that are chosen, and of another elsewhere."""
+    return np.where(lanes.reshape(-1, *[1] * (where.ndim - 1)), where, elsewhere)
+
+
+def plant_of(scene: Scene) -> Plant:
+    """Return what a scene compiles to, once for all scenes of one content."""
+    key = scene.digest
+    if key not in _PLANTS:
+        if len(_PLANTS) == MOST_PLANTS:
+            _PLANTS.pop(next(iter(_PLANTS)))
+        _PLANTS[key] = compile_scene(scene)
+    return _PLANTS[key]
+
+
+MOST_PLANTS = 32
+_PLANTS: dict[str, Plant] = {}
 
 
 def columns(scene: Scene) -> tuple[str, ...]:
@@ -102,3 +180,37 @@ def require_number(name: str, value: float, low: float = 0.0, high: float = inf)
         end = "" if high == inf else f" and at most {high:g}"
         msg = f"{name}: got {value!r}; allowed: a finite number of at least {low:g}{end}"
         raise DesignError(msg)
+
+
+def force_price(scene: Scene) -> float:
+    """Return the cost of the force [1/N^2].
+
+    Raises
+    ------
+    DesignError
+        If there is no force, it is commanded by its rate or costs nothing.
+    """
+    actuator, weight = scene.actuation.force, scene.objective.effort_weight
+    if actuator is None:
+        msg = (
+            "actuation.force: missing; "
+            "a regulator needs a force (a stretch or a damping does not enter the linear plant: it "
+            "multiplies the state)"
+        )
+        raise DesignError(msg)
+    if scene.actuation.device is not None:
+        msg = (
+            f"actuation.{scene.actuation.names[-1]}: a regulator moves the force alone; a damping "
+            "multiplies the state, so it does not enter the linear plant"
+        )
+        raise DesignError(msg)
+    if actuator.command == "rate":
+        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
+        raise DesignError(msg)
+    if weight == 0.0:
+        msg = (
+            "objective.effort_weight: got 0; "
+            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
+        )
+        raise DesignError(msg)
+    return weight / actuator.limit**2

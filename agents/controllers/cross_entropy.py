@@ -12,9 +12,6 @@ if TYPE_CHECKING:
 
     from agents.controllers.controller import Values
 
-CORRELATION = 0.6
-"""Correlation of successive actions' noise; white noise would hardly move the carriage."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
@@ -43,7 +40,7 @@ class Search:
     least_spread: float = 0.0
 
     def best(
-        self, first: Values, worth: Callable[[Values], Values], noise: np.random.Generator
+        self, first: Values, worth: Callable[[Values], Values], drawn: Callable[[], Values]
     ) -> Values:
         """Return the best plan (steps, lanes, k) of the first ones and of those drawn.
 
@@ -53,16 +50,14 @@ class Search:
             (steps, lanes, count, k) plans to begin with, the likeliest first; actions in -1 to 1.
         worth
             Returns the sums of rewards (lanes, plans) of plans (steps, lanes, plans, k).
-        noise
-            Where the plans are drawn from.
+        drawn
+            Returns the noise (steps, lanes, plans, k) of a round's plans, see `Noise`.
         """
-        steps, lanes, _, columns = first.shape
-        rows = np.arange(lanes)[:, None]
+        rows = np.arange(first.shape[1])[:, None]
         mean, kept = first[:, :, 0], first
         spread = np.full(mean.shape, self.spread)
         for _ in range(self.rounds):
-            drawn = correlated(noise, (steps, lanes, self.plans, columns))
-            plans = mean[:, :, None] + spread[:, :, None] * drawn
+            plans = mean[:, :, None] + spread[:, :, None] * drawn()
             plans[:, :, : kept.shape[2]] = kept
             np.clip(plans, -1.0, 1.0, out=plans)
             order = np.argsort(-worth(plans), axis=1)[:, : self.elite]
@@ -70,11 +65,3 @@ class Search:
             kept, mean = elite[:, :, : self.kept], elite.mean(axis=2)
             spread = np.maximum(elite.std(axis=2), self.least_spread)
         return kept[:, :, 0]
-
-
-def correlated(noise: np.random.Generator, shape: tuple[int, ...]) -> Values:
-    """Return standard normal numbers of a shape (steps, ...), correlated from step to step."""
-    drawn = noise.standard_normal(shape)
-    for i in range(1, len(drawn)):
-        drawn[i] = CORRELATION * drawn[i - 1] + np.sqrt(1.0 - CORRELATION**2) * drawn[i]
-    return drawn

@@ -1,13 +1,13 @@
-"""Semi-active dampers: the command towards a wanted damping or voltage, or a wanted force."""
+"""Semi-active dampers: the command towards a wanted force."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from agents.controllers.actuators import Actuators
-from agents.controllers.controller import columns, require_actuator, require_number
+from agents.controllers.actuators import Command
+from agents.controllers.controller import require_number
 from agents.controllers.spring_force import middle
 
 if TYPE_CHECKING:
@@ -16,39 +16,8 @@ if TYPE_CHECKING:
 
 Switching: TypeAlias = Literal["on-off", "continuous"]
 
-
-class DampingCommand:
-    """Turn a wanted damping into the action towards it, whether position or rate is commanded.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping, or voltage.
-    device
-        "damping", or "voltage", of which all is true in [V].
-
-    Attributes
-    ----------
-    low, high
-        Limits of the damping [N s/m].
-    column
-        Place of the damping among the actuators.
-    """
-
-    def __init__(self, scene: Scene, device: str = "damping") -> None:
-        require_actuator(scene, device)
-        actuators, self.column = Actuators(scene), columns(scene).index(device)
-        self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
-        self.travel = float(actuators.travel[self.column])
-        self.is_rate = bool(actuators.is_rate[self.column])
-
-    def __call__(self, wanted: Values, present: Values) -> Values:
-        """Return actions (lanes, 1) towards dampings (lanes,) from the present ones (lanes,)."""
-        if self.is_rate:
-            action = (wanted - present) / self.travel
-        else:
-            action = (wanted - 0.5 * (self.high + self.low)) / (0.5 * (self.high - self.low))
-        return np.clip(action, -1.0, 1.0)[:, None]
+SWITCHINGS: tuple[Switching, ...] = get_args(Switching)
+"""Ways in which a semi-active damper follows a wanted force."""
 
 
 class Damper:
@@ -76,14 +45,11 @@ class Damper:
     """
 
     def __init__(self, scene: Scene, switching: Switching, on: float | None = None) -> None:
-        self.command, self.is_on_off = DampingCommand(scene), switching == "on-off"
+        self.command, self.is_on_off = Command(scene, "damping"), switching == "on-off"
         self.on = self.command.high if on is None else on
         require_number("on", self.on, self.command.low, self.command.high)
+        self.present = self.command.present
         self.of_interface = scene.actuation.damped == "interface.damping"
-
-    def present(self, applied: Values) -> Values:
-        """Return the dampings (lanes,) [N s/m] among what the actuators have (lanes, k)."""
-        return applied[:, self.command.column]
 
     def velocity(self, state: Values) -> Values:
         """Return the relative velocities (lanes,) [m/s] of the damper's ends."""
@@ -123,7 +89,8 @@ class MagnetorheologicalDamper:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.command = DampingCommand(scene, "voltage")
+        self.command = Command(scene, "voltage")
+        self.present = self.command.present
         interface = scene.interface
         assert interface.kind == "magnetorheological"  # noqa: S101 - as the scene demands
         self.values = {
@@ -133,10 +100,6 @@ class MagnetorheologicalDamper:
         }
         bend = self.values["gamma"] + self.values["beta"]  # 0: never yields
         self.bound = np.sqrt(self.values["gain"] / max(bend, np.finfo(np.float64).tiny))
-
-    def present(self, applied: Values) -> Values:
-        """Return the voltages (lanes,) [V] among what the actuators have (lanes, k)."""
-        return applied[:, self.command.column]
 
     def force(self, state: Values, voltage: Values) -> Values:
         """Return the forces f (lanes,) [N] on the carriage at voltages (lanes,) [V]."""

@@ -1,4 +1,4 @@
-"""What disturbs the model: its covariance, measured, and the force that it amounts to."""
+"""What disturbs the model: its covariance, measured, and the force or the motion behind it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.model import Model
-from mm_gym import MovingMassVectorEnv, compile_scene
+from agents.controllers.controller import plant_of
+from agents.controllers.model import Innovation, Model
+from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Memory, Values
     from mm_gym import Scene
 
 LANES, STEPS, SEED = 64, 200, 3_000_000
@@ -36,14 +39,17 @@ def deviations(scene: Scene) -> Values:
     scene = scene.replace(**{"objective.rail_half_length": None})
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     _, info = env.reset(seed=SEED)
-    model, actuators = Model(scene, LANES), Actuators(scene)
-    actuators.begin(info["applied"])
+    model, actuators = Model(scene), Actuators(scene)
+    applied = asked = info["applied"]
+    own = model.at_rest(LANES)
     action = np.zeros(env.action_space.shape)
     steps = min(STEPS, scene.control.steps)
     differences = np.empty((steps, LANES, 4))
     for step in range(steps):
-        model.begin(info["state"])
-        predicted = model.advance(actuators.advance(action))[0].copy()
+        model.begin(info["state"], own)
+        applied, asked = actuators.reached(action, applied, asked)
+        predicted = model.advance(applied)[0].copy()
+        own = model.own
         *_, info = env.step(action)
         differences[step] = info["state"] - predicted
     return differences
@@ -78,7 +84,7 @@ def force_column(scene: Scene) -> Values:
     """Return the state (4,) that a force of 1 N on the carriage leads to in a control step."""
     if scene.actuation.is_between:
         scene = scene.replace(**{"actuation.force.between": "ground"})
-    return compile_scene(scene).discrete()[1][:, 0]
+    return plant_of(scene).discrete()[1][:, 0]
 
 
 def force_of(column: Values, deviation: Values) -> Values:
@@ -94,17 +100,15 @@ class ForceObserver:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene, self.column = scene, force_column(scene)
+        self.innovation, self.column = Innovation(scene), force_column(scene)
+        self.begin = self.innovation.begin
 
-    def begin(self, lanes: int) -> None:
-        """Prepare for so many new episodes."""
-        self.model = Model(self.scene, lanes)
-        self.last: Values | None = None
+    def force(
+        self, memory: Memory, state: Values, applied: Values
+    ) -> tuple[Values, NDArray[np.bool_], Memory]:
+        """Return the forces (lanes,) [N] of the step that led to the state.
 
-    def force(self, state: Values, applied: Values) -> Values | None:
-        """Return the force (lanes,) [N] of the step that led to the state; None at the start."""
-        last, self.last = self.last, state.copy()
-        if last is None:
-            return None
-        self.model.begin(last)
-        return force_of(self.column, state - self.model.advance(applied)[0])
+        Also which are known, all but at an episode's start, where it is 0; and the memory.
+        """
+        missed, known, memory = self.innovation.missed(memory, state, applied)
+        return force_of(self.column, missed), known, memory

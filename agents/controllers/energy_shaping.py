@@ -6,16 +6,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import require_actuator, require_number
-from agents.controllers.spring_force import sphere_springs
+from agents.controllers.controller import Law, require_actuator, require_number
+from agents.controllers.registry import Entry
+from agents.controllers.searched import searched_pair
+from agents.controllers.spring_force import middle, sphere_springs
 from mm_gym import DesignError
 
+RATIOS = np.linspace(0.3, 1.7, 15)
+"""Frequencies of a sphere over that of the carriage on its spring that are tried."""
+
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
-class EnergyShaping:
+class EnergyShaping(Law):
     """Give the sphere another potential energy, and damp its motion relative to the carriage.
 
     u = k e - s(e) + g w on the carriage, -u on the sphere, with relative displacement e = x2 - x1,
@@ -56,11 +62,31 @@ class EnergyShaping:
         self.springs, self.limit = sphere_springs(scene), actuator.limit
         self.stiffness, self.gain = stiffness, gain
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the force over the limit."""
         offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
         force = self.stiffness * offset - self.springs(offset) + self.gain * slip
-        return np.clip(force / self.limit, -1.0, 1.0)[:, None]
+        return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory
+
+
+def best_energy_shaping(scene: Scene) -> Feedback:
+    """Search the frequency of the sphere and the damping of the slip, over four decades."""
+    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
+    m2 = middle(scene, "sphere.mass")
+
+    def make(ratio: float, damping: float) -> EnergyShaping:
+        rate = ratio * np.sqrt(k1 / m1)
+        return EnergyShaping(scene, m2 * rate**2, damping * m2 * rate)
+
+    return searched_pair(scene, make, RATIOS)
+
+
+def _against_the_ground(scene: Scene) -> str | None:
+    if scene.actuation.is_between:
+        return None
+    return "which is for a force between the masses, and this one acts against the ground"
+
+
+ENTRIES = (
+    Entry("energy-shaping", ("force",), best_energy_shaping, 12, refuses=_against_the_ground),
+)

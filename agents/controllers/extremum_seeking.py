@@ -6,15 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import require_number
-from agents.controllers.stretch_command import StretchCommand
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Law, require_number
+from agents.controllers.feedback import Feedback
+from agents.controllers.registry import Entry
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 
-class ExtremumSeeking:
+class ExtremumSeeking(Law):
     """Wobble the stretch slowly, see whether the motion grows with it, and go the other way.
 
     The logarithm of the carriage's energy, averaged, passes a high-pass filter; multiplied by the
@@ -37,34 +39,44 @@ class ExtremumSeeking:
         for name, value in (("wobble", wobble), ("period", period), ("gain", gain)):
             require_number(name, value, np.finfo(np.float64).tiny)
         self.name = f"extremum seeking, gain {gain:.2g}"
-        self.command = StretchCommand(scene)
-        actuator, step = self.command.actuator, scene.control.time_step
-        self.low, self.high = actuator.minimum, actuator.maximum
+        self.command = Command(scene, "stretch")
+        step, scope = scene.control.time_step, self.command.high - self.command.low
         frequency = np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
         self.frequency = frequency
         self.turn = step * frequency / period  # of the wobble in a step [rad]
-        self.wobble = wobble * (self.high - self.low)
-        self.gain = gain * step * frequency / (2.0 * np.pi) * (self.high - self.low) / wobble
+        self.wobble = wobble * scope
+        self.gain = gain * step * frequency / (2.0 * np.pi) * scope / wobble
         self.forget = np.exp(-step * frequency / (2.0 * np.pi))  # averages over a period
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin to seek from the stretch that is there."""
-        self.step = 0
-        self.centre: Values | None = None
-        self.energy, self.mean = np.zeros(lanes), np.zeros(lanes)
+        names = ("centre", "energy", "mean")
+        return {"step": np.zeros(lanes, np.int64)} | {name: np.zeros(lanes) for name in names}
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the stretch that is tried."""
-        present = applied[:, -1]
-        if self.centre is None:
-            self.centre = present.copy()
+        step, present = memory["step"], self.command.present(applied)
+        centre = np.where(step == 0, present, memory["centre"])
         energy = (self.frequency * state[:, 0]) ** 2 + state[:, 2] ** 2
-        self.energy = self.forget * self.energy + (1.0 - self.forget) * energy
-        cost = np.log(np.maximum(self.energy, np.finfo(np.float64).tiny))
+        energy = self.forget * memory["energy"] + (1.0 - self.forget) * energy
+        cost = np.log(np.maximum(energy, np.finfo(np.float64).tiny))
         slow = 1.0 - self.turn
-        self.mean = cost if self.step == 0 else slow * self.mean + (1.0 - slow) * cost
-        if self.step * self.turn > 2.0 * np.pi:  # the filters have settled
-            slope = (cost - self.mean) * np.sin(self.step * self.turn)
-            self.centre = np.clip(self.centre - self.gain * slope, self.low, self.high)
-        self.step += 1
-        return self.command(self.centre + self.wobble * np.sin(self.step * self.turn), present)
+        mean = np.where(step == 0, cost, slow * memory["mean"] + (1.0 - slow) * cost)
+        slope = (cost - mean) * np.sin(step * self.turn)
+        moved = np.clip(centre - self.gain * slope, self.command.low, self.command.high)
+        centre = np.where(step * self.turn > 2.0 * np.pi, moved, centre)  # filters have settled
+        wanted = centre + self.wobble * np.sin((step + 1) * self.turn)
+        kept = {"step": step + 1, "centre": centre, "energy": energy, "mean": mean}
+        return self.command(wanted, present), kept
+
+
+ENTRIES = (
+    Entry(
+        "extremum-seeking",
+        ("stretch",),
+        lambda scene: Feedback(scene, ExtremumSeeking(scene)),
+        54,
+        "further",
+        "extremum seeking",
+    ),
+)

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import Controller, Law, joined, part
 from agents.controllers.observed_state import ObservedState
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Law, Reads, StateSource, Values
+    from agents.controllers.controller import (
+        Acted,
+        Info,
+        Memory,
+        Observation,
+        Reads,
+        StateSource,
+        Values,
+    )
     from mm_gym import MovingMassVectorEnv, Scene
 
 
-class Feedback:
+class Feedback(Controller):
     """Feed the state back through a law.
 
     Parameters
@@ -32,20 +39,59 @@ class Feedback:
     def __init__(self, scene: Scene, law: Law, source: StateSource | None = None) -> None:
         self.law = law
         self.source = source or ObservedState(scene)
-        self.name = law.name
+        self.name, self.reads = law.name, self.source.reads
 
-    @property
-    def reads(self) -> Reads:
-        """What the source reads."""
-        return self.source.reads
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        """Begin source and law."""
+        return joined(source=self.source.begin(env.num_envs), law=self.law.begin(env.num_envs))
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
-        """Prepare law and source for new episodes."""
-        self.source.begin(env.num_envs)
-        self.law.begin(env.num_envs)
-
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return the law's action, clipped."""
-        action = np.clip(self.law.action(*self.source.read(observation, info)), -1.0, 1.0)
-        self.source.send(action)
-        return action
+        state, applied, source = self.source.read(part(memory, "source"), observation, info)
+        action, law = self.law.action(part(memory, "law"), state, applied)
+        return np.clip(action, -1.0, 1.0), joined(source=source, law=law)
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Tell the source."""
+        source = self.source.note(part(memory, "source"), action)
+        return joined(source=source, law=part(memory, "law"))
+
+
+class TrueState:
+    """The state and the actuators' values from the environment's `info`: for bounds."""
+
+    reads: Reads = "full state"
+
+    def begin(self, lanes: int) -> Memory:
+        """Return nothing to remember."""
+        return {}
+
+    def read(
+        self, memory: Memory, observation: Observation, info: Info
+    ) -> tuple[Values, Values, Memory]:
+        """Return what `info` says."""
+        return info["state"], info["applied"], memory
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Return nothing to remember."""
+        return memory
+
+
+class Both(Law):
+    """One law for each actuator, in the order of the action."""
+
+    def __init__(self, *laws: Law) -> None:
+        self.name = " + ".join(law.name for law in laws)
+        self.laws = laws
+
+    def begin(self, lanes: int) -> Memory:
+        """Begin all."""
+        return joined(**{str(k): law.begin(lanes) for k, law in enumerate(self.laws)})
+
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return their columns."""
+        found = [
+            law.action(part(memory, str(k)), state, applied) for k, law in enumerate(self.laws)
+        ]
+        actions, memories = zip(*found, strict=True)
+        return np.concatenate(actions, 1), joined(**{str(k): own for k, own in enumerate(memories)})

@@ -6,11 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.lqr import quadratic_cost, states_that_matter
-from mm_gym import DesignError, compile_scene
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Law
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import problem_of
+from agents.controllers.registry import Entry, without_weight
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 
@@ -18,7 +22,7 @@ MOST_STEPS = 100_000
 """Longest episode: its gains are found and kept step by step."""
 
 
-class FiniteHorizonLQR:
+class FiniteHorizonLQR(Law):
     """Feed the state back through the gain that is optimal for the steps left of the episode.
 
     The Riccati recursion runs back from the end, so nothing need be stabilisable: a stroke that the
@@ -49,20 +53,14 @@ class FiniteHorizonLQR:
     name = "finite-horizon LQR"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        own, steps = quadratic_cost(scene, stretch), scene.control.steps
+        (self.states, a, b, own), steps = problem_of(scene, stretch), scene.control.steps
         if steps > MOST_STEPS:
             msg = (
                 f"control.steps: got {steps}; allowed for a finite-horizon LQR: at most "
                 f"{MOST_STEPS}; the LQR is its limit for long episodes"
             )
             raise DesignError(msg)
-        assert scene.actuation.force is not None  # noqa: S101 - `quadratic_cost` refuses otherwise
-        self.limit = scene.actuation.force.limit
-        plant = compile_scene(scene)
-        self.states = states_that_matter(plant.linear(stretch)[0], own.state)
-        a, b = plant.discrete(stretch)
-        rows = np.ix_(self.states, self.states)
-        a, b, own = a[rows], b[list(self.states), :1], own.of(self.states)
+        self.limit = Command(scene, "force").high
         across = 2.0 * b.T @ own.cross
         self.gains = np.empty((steps, len(a)))
         cost = np.zeros_like(a)
@@ -75,12 +73,27 @@ class FiniteHorizonLQR:
             self.gains[step] = gain[0]
         self.cost = cost
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin at the first step."""
-        self.step = 0
+        return {"step": np.zeros(lanes, np.int64)}
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the force over the limit."""
-        gain = self.gains[min(self.step, len(self.gains) - 1)]
-        self.step += 1
-        return -(state[:, self.states] @ gain)[:, None] / self.limit
+        step = memory["step"]
+        gain = self.gains[np.minimum(step, len(self.gains) - 1)]
+        force = np.einsum("ln,ln->l", state[:, self.states], gain)
+        return -force[:, None] / self.limit, {"step": step + 1}
+
+
+ENTRIES = (
+    Entry(
+        "finite-horizon-lqr",
+        ("force",),
+        lambda scene: Feedback(scene, FiniteHorizonLQR(scene)),
+        51,
+        "further",
+        "finite-horizon LQR",
+        refuses=without_weight,
+        told=True,
+    ),
+)

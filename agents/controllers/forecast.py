@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import chosen, joined, part, plant_of
 from agents.controllers.disturbance import (
     ORDER,
     ForceObserver,
@@ -14,11 +15,10 @@ from agents.controllers.disturbance import (
 )
 from agents.controllers.excitation_filter import ExcitationFilter
 from agents.controllers.frequency_estimators import LinearPrediction
-from agents.controllers.lqg import MOTION
-from mm_gym import compile_scene
+from agents.controllers.lqr import STATES
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 SHAPED = ("noise", "kanai_tajimi", "clough_penzien")
@@ -41,35 +41,35 @@ class Forecast:
         if not self.silent and not self.harmonic:
             self.weights = prediction_weights(scene)
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        self.observer.begin(lanes)
-        self.past: list[Values] = [np.zeros(lanes)] * ORDER
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes."""
+        if self.silent:
+            return {}
+        return {**joined(observer=self.observer.begin(lanes)), "past": np.zeros((lanes, ORDER))}
 
-    def ahead(self, state: Values, applied: Values, steps: int) -> Values:
+    def ahead(self, memory: Memory, state: Values, applied: Values, steps: int) -> Acted:
         """Return the forces (steps, lanes) [N] of the steps to come; call it at each step."""
         forces = np.zeros((steps, len(state)))
         if self.silent:
-            return forces
+            return forces, memory
+        own, past = part(memory, "observer"), memory["past"]
         if isinstance(self.observer, LinearPrediction):
-            frequency = self.observer.frequency(state, applied)
-            found = np.isfinite(frequency)  # not where the force has been zero so far
+            frequency, own = self.observer.frequency(own, state, applied)
+            found = np.isfinite(frequency)  # not at the start, nor where the force has been zero
             factor = 2.0 * np.cos(np.where(found, frequency, 0.0) * self.step)
-            if len(self.observer.forces) < 3:  # noqa: PLR2004 - as LinearPrediction
-                return forces
-            _, before, last = (np.where(found, value, 0.0) for value in self.observer.forces)
+            before, last = (np.where(found, force, 0.0) for force in own["forces"].T[1:])
             for force in forces:
                 before, last = last, factor * last - before
                 force[:] = last
-            return forces
-        force = self.observer.force(state, applied)
-        if force is not None:
-            self.past = [force, *self.past[:-1]]
-        past = self.past
+            return forces, {**joined(observer=own), "past": past}
+        force, known, own = self.observer.force(own, state, applied)
+        past = chosen(known, np.column_stack([force, past[:, :-1]]), past)
+        memory, newest = {**joined(observer=own), "past": past}, list(past.T)
         for force in forces:
-            force[:] = sum(weight * value for weight, value in zip(self.weights, past, strict=True))
-            past = [force, *past[:-1]]
-        return forces
+            pairs = zip(self.weights, newest, strict=True)
+            force[:] = sum(weight * value for weight, value in pairs)
+            newest = [force, *newest[:-1]]
+        return forces, memory
 
 
 class PushForecast:
@@ -83,27 +83,26 @@ class PushForecast:
         self.silent = not scene.excitation
         self.filter: ExcitationFilter | None = None
         if any(part.kind in SHAPED for part in scene.excitation):
-            system = compile_scene(scene).state_space([], MOTION, sampled=True)
+            system = plant_of(scene).state_space([], STATES, sampled=True)
             self.filter = ExcitationFilter(scene, system)
         else:
             self.forces, self.column = Forecast(scene), force_column(scene)
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        if self.filter is None:
-            self.forces.begin(lanes)
-        else:
-            self.filter.begin(lanes)
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes."""
+        return (self.forces if self.filter is None else self.filter).begin(lanes)
 
-    def ahead(self, state: Values, applied: Values, steps: int) -> Values | None:
+    def ahead(
+        self, memory: Memory, state: Values, applied: Values, steps: int
+    ) -> tuple[Values | None, Memory]:
         """Return what is added to x1, x2 [m], v1, v2 [m/s], (steps, 4, lanes), or None for nothing.
 
         Call it at each step.
         """
         if self.silent:
-            return None
+            return None, memory
         if self.filter is None:
-            forces = self.forces.ahead(state, applied, steps)
-            return forces[:, None] * self.column[:, None]
-        self.filter.observe(state, applied)
-        return np.moveaxis(self.filter.ahead(steps), 1, 2)
+            forces, memory = self.forces.ahead(memory, state, applied, steps)
+            return forces[:, None] * self.column[:, None], memory
+        memory = self.filter.observe(memory, state, applied)
+        return np.moveaxis(self.filter.ahead(memory, steps), 1, 2), memory

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from agents.controllers.controller import chosen, joined, part
 from agents.controllers.disturbance import ForceObserver
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 
@@ -18,11 +19,12 @@ class FrequencyEstimator(Protocol):
 
     name: str
 
-    def begin(self, lanes: int) -> None:
-        """Prepare for so many new episodes."""
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of so many new episodes."""
+        ...
 
-    def frequency(self, state: Values, applied: Values) -> Values:
-        """Return the frequencies (lanes,) [rad/s], NaN as long as they are unknown."""
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return the frequencies (lanes,) [rad/s], NaN as long as they are unknown; the memory."""
         ...
 
 
@@ -40,24 +42,29 @@ class LinearPrediction:
         self.observer, self.memory = ForceObserver(scene), memory
         self.step = scene.control.time_step
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        self.observer.begin(lanes)
-        self.forces: list[Values] = []
-        self.products = np.zeros((2, lanes))
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes: no force is known."""
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "seen": np.zeros(lanes, np.int64),
+            "forces": np.zeros((lanes, 3)),  # p[n-1], p[n], p[n+1]
+            "products": np.zeros((lanes, 2)),
+        }
 
-    def frequency(self, state: Values, applied: Values) -> Values:
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the frequencies; they are known from the fourth step on."""
-        force = self.observer.force(state, applied)
-        if force is not None:
-            self.forces = [*self.forces[-2:], force]
-        if len(self.forces) < 3:  # noqa: PLR2004 - p[n-1], p[n], p[n+1]
-            return np.full(len(state), np.nan)
-        before, middle, after = self.forces
-        self.products = self.memory * self.products + (middle * (before + after), 2.0 * middle**2)
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        seen = memory["seen"] + known
+        forces = np.column_stack([memory["forces"][:, 1:], force])
+        before, middle, after = forces.T
+        new = np.column_stack([middle * (before + after), 2.0 * middle**2])
+        whole, products = seen >= forces.shape[1], memory["products"]
+        products = chosen(whole, self.memory * products + new, products)
         with np.errstate(divide="ignore", invalid="ignore"):
-            cosine = self.products[0] / self.products[1]
-        return np.arccos(np.clip(cosine, -1.0, 1.0)) / self.step
+            cosine = products[:, 0] / products[:, 1]
+        frequency = np.arccos(np.clip(cosine, -1.0, 1.0)) / self.step
+        memory = {"seen": seen, "forces": forces, "products": products}
+        return np.where(whole, frequency, np.nan), {**joined(observer=own), **memory}
 
 
 class ShortTimeFourier:
@@ -78,21 +85,22 @@ class ShortTimeFourier:
         time = step * np.arange(self.length)
         self.wave = np.hanning(self.length) * np.exp(-1j * np.outer(self.frequencies, time))
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        self.observer.begin(lanes)
-        self.past = np.zeros((self.length, lanes))
-        self.seen = 0
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes: no force is known."""
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "seen": np.zeros(lanes, np.int64),
+            "past": np.zeros((lanes, self.length)),
+        }
 
-    def frequency(self, state: Values, applied: Values) -> Values:
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the line of largest magnitude, once the window is half full."""
-        force = self.observer.force(state, applied)
-        if force is not None:
-            self.past = np.concatenate([self.past[1:], force[None]])
-            self.seen += 1
-        if 2 * self.seen < self.length:
-            return np.full(len(state), np.nan)
-        return self.frequencies[np.abs(self.wave @ self.past).argmax(axis=0)]
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        past = chosen(known, np.column_stack([memory["past"][:, 1:], force]), memory["past"])
+        seen = memory["seen"] + known
+        found = self.frequencies[np.abs(self.wave @ past.T).argmax(axis=0)]
+        frequency = np.where(2 * seen < self.length, np.nan, found)
+        return frequency, {**joined(observer=own), "seen": seen, "past": past}
 
 
 class FrequencyLockedLoop:
@@ -120,28 +128,29 @@ class FrequencyLockedLoop:
         self.observer = ForceObserver(scene)
         self.damping, self.gain = damping, gain
 
-    def begin(self, lanes: int) -> None:
-        """Begin at the first frequency."""
-        self.observer.begin(lanes)
-        self.value = np.zeros((2, lanes))  # in phase and in quadrature
-        self.estimate = np.full(lanes, self.start)
-        self.last = np.zeros(lanes)
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes: the first frequency, and no force."""
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "value": np.zeros((lanes, 2)),  # in phase and in quadrature
+            "estimate": np.full(lanes, self.start),
+            "last": np.zeros(lanes),
+        }
 
-    def frequency(self, state: Values, applied: Values) -> Values:
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the frequencies to which the loop has locked so far."""
-        force = self.observer.force(state, applied)
-        if force is None:
-            return self.estimate.copy()
-        step = self.step / self.SUBSTEPS
-        phase, quadrature = self.value
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        step, estimate, last = self.step / self.SUBSTEPS, memory["estimate"], memory["last"]
+        phase, quadrature = memory["value"].T
         for i in range(1, self.SUBSTEPS + 1):
-            signal = self.last + (force - self.last) * (i / self.SUBSTEPS)
+            signal = last + (force - last) * (i / self.SUBSTEPS)
             error = signal - phase
-            phase = phase + step * self.estimate * (self.damping * error - quadrature)
-            quadrature = quadrature + step * self.estimate * phase
+            phase = phase + step * estimate * (self.damping * error - quadrature)
+            quadrature = quadrature + step * estimate * phase
             power = np.maximum(phase**2 + quadrature**2, np.finfo(np.float64).tiny)
-            turn = -self.gain * self.damping * self.estimate * error * quadrature / power
+            turn = -self.gain * self.damping * estimate * error * quadrature / power
             limit = self.start
-            self.estimate = np.clip(self.estimate + step * turn, 0.25 * limit, 4.0 * limit)
-        self.value, self.last = np.stack([phase, quadrature]), force
-        return self.estimate.copy()
+            estimate = np.clip(estimate + step * turn, 0.25 * limit, 4.0 * limit)
+        moved = {"value": np.column_stack([phase, quadrature]), "estimate": estimate, "last": force}
+        moved = {name: chosen(known, new, memory[name]) for name, new in moved.items()}
+        return moved["estimate"].copy(), {**joined(observer=own), **moved}

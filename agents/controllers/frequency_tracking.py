@@ -6,24 +6,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Law
+from agents.controllers.feedback import Feedback
+from agents.controllers.frequency_estimators import (
+    FrequencyLockedLoop,
+    LinearPrediction,
+    ShortTimeFourier,
+)
+from agents.controllers.registry import Entry
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from collections.abc import Callable
+
+    from agents.controllers.controller import Acted, Memory, Values
     from agents.controllers.frequency_estimators import FrequencyEstimator
     from mm_gym import Scene
 
 
 def reachable_band(scene: Scene) -> tuple[float, float]:
     """Return the frequencies [rad/s] with which the springs can make the sphere resonate."""
-    actuator = StretchCommand(scene).actuator
-    ends = spring_stiffness([actuator.maximum, actuator.minimum], scene.springs.stiffness)
+    command = Command(scene, "stretch")
+    ends = spring_stiffness([command.high, command.low], scene.springs.stiffness)
     low, high = np.sqrt(ends / scene.sphere.mass)
     return float(low), float(high)
 
 
-class FrequencyTracking:
+class FrequencyTracking(Law):
     """Hold the stretch at which the sphere resonates with the frequency that is estimated.
 
     As `MatchingStretch`, from measured signals alone. Until the estimate begins the stretch stays.
@@ -32,16 +42,43 @@ class FrequencyTracking:
     def __init__(self, scene: Scene, estimator: FrequencyEstimator) -> None:
         require_stable_rest(scene, "frequency tracking")
         self.name = f"frequency tracking, {estimator.name}"
-        self.estimator, self.command = estimator, StretchCommand(scene)
+        self.estimator, self.command = estimator, Command(scene, "stretch")
         self.mass, self.stiffness = scene.sphere.mass, scene.springs.stiffness
+        self.begin = estimator.begin
 
-    def begin(self, lanes: int) -> None:
-        """Prepare the estimator."""
-        self.estimator.begin(lanes)
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the matching stretch."""
-        frequency = self.estimator.frequency(state, applied)
-        present = applied[:, -1]
+        frequency, memory = self.estimator.frequency(memory, state, applied)
+        present = self.command.present(applied)
         matching = stretch_for_stiffness(self.mass * frequency**2, self.stiffness)
-        return self.command(np.where(np.isnan(frequency), present, matching), present)
+        return self.command(np.where(np.isnan(frequency), present, matching), present), memory
+
+
+def _tracker(name: str, order: int, estimator: Callable[[Scene], FrequencyEstimator]) -> Entry:
+    return Entry(
+        name,
+        ("stretch",),
+        lambda scene: Feedback(scene, FrequencyTracking(scene, estimator(scene))),
+        order,
+        label=f"frequency tracking, {name}",
+        refuses=_not_harmonic,
+    )
+
+
+def _not_harmonic(scene: Scene) -> str | None:
+    if {part.kind for part in scene.excitation} == {"harmonic"}:
+        return None
+    return "which looks for the frequency of a harmonic, and the excitation is another one"
+
+
+ENTRIES = (
+    _tracker("linear-prediction", 25, LinearPrediction),
+    _tracker(
+        "frequency-locked-loop",
+        26,
+        lambda scene: FrequencyLockedLoop(scene, 0.5 * sum(reachable_band(scene))),
+    ),
+    _tracker(
+        "short-time-fourier", 27, lambda scene: ShortTimeFourier(scene, reachable_band(scene))
+    ),
+)

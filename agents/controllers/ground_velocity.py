@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import joined, part, plant_of
 from agents.controllers.disturbance import force_column, state_scales
-from agents.controllers.lqg import MOTION
-from agents.controllers.model import Model
-from mm_gym import compile_scene
+from agents.controllers.lqr import STATES
+from agents.controllers.model import Innovation
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Memory, Values
     from mm_gym import Scene
 
 CORNER = 0.1
@@ -31,8 +31,8 @@ class GroundVelocity:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene, self.step = scene, scene.control.time_step
-        system = compile_scene(scene).state_space(["ground"], MOTION, sampled=True)
+        self.innovation, self.step = Innovation(scene), scene.control.time_step
+        system = plant_of(scene).state_space(["ground"], STATES, sampled=True)
         units = state_scales(scene)
         causes = [system.B[:4, 0] / units]
         if any(part.target == "force" for part in scene.excitation):
@@ -41,25 +41,22 @@ class GroundVelocity:
         carriage = scene.carriage
         self.kept = float(np.exp(-CORNER * np.sqrt(carriage.stiffness / carriage.mass) * self.step))
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin with a ground at rest."""
-        self.model = Model(self.scene, lanes)
-        self.last: Values | None = None
-        self.velocity: Values = np.zeros(lanes)
+        return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
 
-    def observe(self, state: Values, applied: Values) -> Values:
-        """Return the velocities (lanes,) [m/s] now; call it at each step.
+    def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
+        """Return the memory, in which "velocity" (lanes,) [m/s] is that now; call it at each step.
 
         Parameters
         ----------
+        memory
+            Of the step before.
         state
             (lanes, 4) x1, x2 [m], v1, v2 [m/s] now, relative to the ground.
         applied
             (lanes, k) what the actuators had in the step that led to it.
         """
-        last, self.last = self.last, state.copy()
-        if last is not None:
-            self.model.begin(last)
-            missed = state - self.model.advance(applied)[0]
-            self.velocity = self.kept * self.velocity + self.step * (missed @ self.row)
-        return self.velocity
+        missed, _, own = self.innovation.missed(part(memory, "innovation"), state, applied)
+        velocity = self.kept * memory["velocity"] + self.step * (missed @ self.row)
+        return {**joined(innovation=own), "velocity": velocity}

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.controllers.lqg import MOTION, hidden_mode, require_detectable
-from agents.controllers.lqr import force_price, state_weight
-from mm_gym import DesignError, compile_scene
+from agents.controllers.controller import Controller, force_price, plant_of
+from agents.controllers.lqg import require_detectable
+from agents.controllers.lqr import STATES, hidden_mode, state_weight
+from agents.controllers.observation import Frame
+from agents.controllers.registry import Entry, without_weight
+from mm_gym import DesignError
 from mm_gym.errors import suggest
 
 if TYPE_CHECKING:
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Reads
+    from agents.controllers.controller import Acted, Info, Memory, Observation
     from mm_gym import LinearSystem, MovingMassVectorEnv, Scene
 
     Array = NDArray[np.float64]
@@ -124,7 +127,7 @@ def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
     try:
         *_, found, _ = control.hinfsyn(control.StateSpace(*plant), count, 1)
     except control.ControlSlycot as error:
-        msg = 'H-infinity needs Slycot; install it with: pip install "mm-gym[robust]"'
+        msg = "H-infinity needs Slycot; install the extra `robust`"
         raise DependencyNotInstalled(msg) from error
     except ArithmeticError as error:
         msg = f"no H-infinity controller exists: {' '.join(str(error).split())}"
@@ -184,7 +187,7 @@ def sampled(system: Matrices) -> Matrices:
 
 def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, list[str]]:
     """Return the sampled plant from force and disturbance, and the names of what is measured."""
-    plant = compile_scene(scene)
+    plant = plant_of(scene)
     measured = [name for name in plant.channels if name.startswith("carriage_")]
     if channels is not None:
         measured = [name for name in plant.channels if name in channels]
@@ -201,7 +204,7 @@ def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, 
         raise DesignError(msg)
     is_ground = {part.target for part in scene.excitation} == {"ground"}
     inputs = ["force", "ground" if is_ground else "disturbance"]
-    return plant.state_space(inputs, [*MOTION, *measured], sampled=True).controllable(), measured
+    return plant.state_space(inputs, [*STATES, *measured], sampled=True).controllable(), measured
 
 
 def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Matrices:
@@ -211,9 +214,8 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     assert actuator is not None  # noqa: S101 - `force_price` refuses otherwise
     limit, count, size = actuator.limit, len(measured), len(system.A)
     disturbed = limit / (scene.carriage.mass if system.inputs[1].name == "ground" else 1.0)
-    channels = {channel.name: channel for channel in compile_scene(scene).observed}
-    scales = np.array([1.0 / channels[name].factor for name in measured])
-    noise = np.hypot(NOISE, np.array([channels[name].noise for name in measured]) / scales)
+    scales, noise = (frame := Frame(scene, measured)).unit, frame.noise
+    noise = np.hypot(NOISE, noise / scales)
     weights, axes = np.linalg.eigh(state_weight(scene))
     kept = weights > 0.0
     costs = np.sqrt(weights[kept])[:, None] * axes[:, kept].T @ system.C[:4]
@@ -228,27 +230,36 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     return Matrices(system.A * unit / unit[:, None], b / unit[:, None], c * unit, d)
 
 
-class HInfinity:
+class HInfinity(Controller):
     """Run the controller on what is observed."""
 
     name = "H-infinity"
-    reads: Reads = "observation"
 
     def __init__(self, scene: Scene, channels: Sequence[str] | None = None) -> None:
         self.design = design_h_infinity(scene, channels)
+        self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
         """Begin at rest."""
-        measured = [signal.name for signal in self.design.system.outputs[4:]]
-        names = [channel.name for channel in env.plant.observed]
-        # Observations are over the channels' scales, as what the controller measures.
-        self.columns = [names.index(name) - len(names) for name in measured]
-        self.state = np.zeros((env.num_envs, len(self.design.controller.A)))
+        return {"state": np.zeros((env.num_envs, len(self.design.controller.A)))}
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Array:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return the force over the limit."""
-        k = self.design.controller
-        seen = observation[:, self.columns].astype(np.float64)
-        action = self.state @ k.C.T + seen @ k.D.T
-        self.state = self.state @ k.A.T + seen @ k.B.T
-        return np.clip(action, -1.0, 1.0)
+        k, state = self.design.controller, memory["state"]
+        seen = self.frame.numbers(observation)  # over the channels' scales
+        action = state @ k.C.T + seen @ k.D.T
+        return np.clip(action, -1.0, 1.0), {"state": state @ k.A.T + seen @ k.B.T}
+
+
+ENTRIES = (
+    Entry(
+        "h-infinity",
+        ("force",),
+        HInfinity,
+        53,
+        "further",
+        "H-infinity",
+        refuses=without_weight,
+        told=True,
+    ),
+)

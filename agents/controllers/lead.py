@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm
 
-from agents.controllers.controller import require_actuator
-from mm_gym import compile_scene
+from agents.controllers.actuators import Command
+from agents.controllers.controller import plant_of
 from mm_gym.analysis import spring_stiffness
 
 if TYPE_CHECKING:
@@ -37,16 +37,14 @@ class Lead:
     """
 
     def __init__(self, scene: Scene, name: str = "stretch") -> None:
-        require_actuator(scene, name)
-        actuator = getattr(scene.actuation, name)
-        self.low, self.range = actuator.minimum, actuator.maximum - actuator.minimum
-        rate = np.inf if actuator.rate_limit is None else actuator.rate_limit
-        crossing = self.range / rate
+        command = Command(scene, name)
+        self.low, self.range = command.low, command.high - command.low
+        crossing = self.range / command.travel * scene.control.time_step
         at = self.low + self.range * np.linspace(0.0, 1.0, GRID)
         if name == "stretch":
             stiffest = spring_stiffness(self.low, scene.springs.stiffness)
             longest = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
-            first, last = (compile_scene(scene).linear(s)[0] for s in (at[0], at[-1]))
+            first, last = (plant_of(scene).linear(s)[0] for s in (at[0], at[-1]))
             k2 = spring_stiffness(at, scene.springs.stiffness)
             share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
         else:
@@ -54,7 +52,9 @@ class Lead:
             fastest = np.abs(np.linalg.eigvals(first).imag).max()
             longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
             share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
-        self.time = actuator.lag + (0.5 * crossing if crossing < longest else 0.0)
+        self.time = getattr(scene.actuation, name).lag + (
+            0.5 * crossing if crossing < longest else 0.0
+        )
         self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)
 
     def __call__(self, state: Values, present: Values) -> Values:
@@ -68,5 +68,5 @@ class Lead:
 
 def _damped(scene: Scene, value: float) -> Values:
     """Return A (4, 4) about rest with a value of the damping that is actuated."""
-    system = compile_scene(scene).state_space([], [], at={str(scene.actuation.damped): value})
+    system = plant_of(scene).state_space([], [], at={str(scene.actuation.damped): value})
     return system.A[:4, :4]

@@ -9,20 +9,27 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.sparse import csc_matrix
 
-from agents.controllers.lqr import design, quadratic_cost, states_that_matter
-from mm_gym import DesignError, compile_scene
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Law
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import design, problem_of
+from agents.controllers.registry import Entry, without_weight
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 MOST_STEPS = 1000
 """Longest horizon; the matrices have the square of its size."""
 
-SETTINGS = {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000}
+RHO = 0.1
+"""Step size with which the solver begins."""
+
+SETTINGS = {"rho": RHO, "verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000}
 
 
-class LinearMPC:
+class LinearMPC(Law):
     """Minimise the reward's quadratic cost over a horizon, within the force's limit and rate limit.
 
     The forces of the horizon are the unknowns of a quadratic program, solved at each step; the
@@ -50,45 +57,43 @@ class LinearMPC:
         if not (isinstance(horizon, int) and 1 <= horizon <= MOST_STEPS):
             msg = f"horizon: got {horizon!r}; allowed: 1 to {MOST_STEPS} control steps"
             raise DesignError(msg)
-        cost = quadratic_cost(scene)
-        actuator = scene.actuation.force
-        assert actuator is not None  # noqa: S101 - `quadratic_cost` refuses otherwise
-        self.name, self.limit = f"linear MPC, {horizon} steps ahead", actuator.limit
-        plant = compile_scene(scene)
-        self.states = states_that_matter(plant.linear()[0], cost.state)
-        a, b = plant.discrete()
-        rows = np.ix_(self.states, self.states)
-        a, b, cost = a[rows], b[list(self.states), :1] * self.limit, cost.of(self.states)
-        free, forced = _predicted(a, b, horizon)
+        self.states, a, b, cost = problem_of(scene)
+        command = Command(scene, "force")
+        self.name, self.limit = f"linear MPC, {horizon} steps ahead", command.high
+        free, forced = _predicted(a, b * self.limit, horizon)
         weights = np.stack([cost.state] * (horizon - 1) + [cost.state + _cost_to_go(scene, len(a))])
         both = np.einsum("kin,kij,kjm->nm", forced, weights, forced)
         self.slope = np.einsum("kin,kij,kjm->nm", forced, weights, free)
-        most = np.inf if actuator.rate_limit is None else actuator.rate_limit / self.limit
-        self.travel = most * scene.control.time_step
+        self.travel = command.travel / self.limit
         self.hessian = both + cost.force * self.limit**2 * np.eye(horizon)
         across = self.limit * np.einsum("i,kin->kn", cost.cross[:, 0], forced)
         self.hessian += across + across.T
         self.slope += self.limit * np.einsum("i,kij->kj", cost.cross[:, 0], free)
-        self.begin(0)  # or tell at once that there is no solver
-
-    def begin(self, lanes: int) -> None:
-        """Begin without plans, and with a solver that remembers no other episodes."""
         self.solver = _solver(self.hessian, self.travel)
-        self.plans = np.zeros((lanes, len(self.slope)))
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def begin(self, lanes: int) -> Memory:
+        """Begin without plans."""
+        size = len(self.slope)
+        return {"plan": np.zeros((lanes, size)), "dual": np.zeros((lanes, 2 * size))}
+
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the first force of each plan over the limit."""
+        size = len(self.slope)
         slopes = state[:, self.states] @ self.slope.T
-        low = np.concatenate([-np.ones(len(self.slope)), -np.full(len(self.slope), self.travel)])
+        low = np.concatenate([-np.ones(size), -np.full(size, self.travel)])
+        plans, duals = memory["plan"].copy(), memory["dual"].copy()
         for lane, slope in enumerate(slopes):
             first = applied[lane, 0] / self.limit
             bounds = low.copy(), -low
             for bound in bounds:
-                bound[len(slope)] += first  # the first move is from what is applied
+                bound[size] += first  # the first move is from what is applied
             self.solver.update(q=slope, l=bounds[0], u=bounds[1])
-            self.solver.warm_start(x=np.append(self.plans[lane, 1:], self.plans[lane, -1]))
-            self.plans[lane] = self.solver.solve(raise_error=False).x
-        return self.plans[:, :1].copy()
+            x = np.append(plans[lane, 1:], plans[lane, -1])
+            self.solver.warm_start(x=x, y=duals[lane])
+            self.solver.update_settings(rho=RHO)  # else it adapts to the lanes before
+            found = self.solver.solve(raise_error=False)
+            plans[lane], duals[lane] = found.x, found.y
+        return plans[:, :1].copy(), {"plan": plans, "dual": duals}
 
 
 def _predicted(a: Values, b: Values, horizon: int) -> tuple[Values, Values]:
@@ -117,7 +122,7 @@ def _solver(hessian: Values, travel: float) -> Any:  # noqa: ANN401 - of an opti
     try:
         osqp = import_module("osqp")
     except ImportError as error:
-        msg = 'linear MPC needs OSQP; install it with: pip install "mm-gym[mpc]"'
+        msg = "linear MPC needs OSQP; install the extra `mpc`"
         raise DependencyNotInstalled(msg) from error
     count = len(hessian)
     moves = np.eye(count) - np.eye(count, k=-1)
@@ -127,3 +132,17 @@ def _solver(hessian: Values, travel: float) -> Any:  # noqa: ANN401 - of an opti
     upper = csc_matrix(np.triu(hessian))
     solver.setup(upper, np.zeros(count), csc_matrix(limits), -bound, bound, **SETTINGS)
     return solver
+
+
+ENTRIES = (
+    Entry(
+        "linear-mpc",
+        ("force",),
+        lambda scene: Feedback(scene, LinearMPC(scene)),
+        52,
+        "further",
+        "linear MPC",
+        refuses=without_weight,
+        told=True,
+    ),
+)

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import control
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.controller import require_number
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Controller, force_price, plant_of, require_number
 from agents.controllers.lqr import (
+    STATES,
     Quadratic,
-    force_price,
+    hidden_mode,
     motion_weight,
     reaction_weights,
     state_weight,
 )
-from mm_gym import DesignError, compile_scene
+from agents.controllers.observation import Frame
+from agents.controllers.registry import Entry, without_weight
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Reads
+    from agents.controllers.controller import Acted, Info, Memory, Observation
     from mm_gym import LinearSystem, MovingMassVectorEnv, Plant, Scene
 
     Array = NDArray[np.float64]
-
-UNSEEN = 1e-9
-"""Singular value of a mode's pencil below which the sensors do not show it."""
 
 FLOOR = 1e-4
 """Standard deviation that is added to every scaled observation: an equation for sensors without
@@ -39,8 +40,6 @@ SETTLED = 1e-10
 
 MOST_NUMBERS = 500_000
 """Numbers of gains that are kept for an episode's start."""
-
-MOTION = ("x1", "x2", "v1", "v2")
 
 REACTIONS = ("carriage_acceleration", "sphere_acceleration")
 """What `reaction_weights` weighs."""
@@ -95,7 +94,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     """
     force_price(scene)
     require_number("unmodelled", unmodelled)
-    plant = compile_scene(scene)
+    plant = plant_of(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
@@ -127,7 +126,7 @@ def regulator(
     """
     every = [signal.name for signal in system.states]
     weight = _weight(scene, at, every)
-    seen = [name for name in MOTION if weight[every.index(name)].any()]
+    seen = [name for name in STATES if weight[every.index(name)].any()]
     part = plant.state_space(["force"], seen, sampled=True, at=at)
     names = [signal.name for signal in part.observable().states]
     if not set(names) <= set(every):  # combinations of states
@@ -164,13 +163,13 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     A force with a lag is one of the states, and its acceleration is of what it then is.
     """
     weight = np.zeros((len(every) + 1, len(every) + 1))
-    motion = [every.index(name) for name in MOTION]
+    motion = [every.index(name) for name in STATES]
     weight[np.ix_(motion, motion)] = motion_weight(scene)
     weight[-1, -1] = force_price(scene)
     reactions = reaction_weights(scene)
     names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
     if names:
-        instant = compile_scene(scene.replace(sensors={}))  # of sensors without delay
+        instant = plant_of(scene.replace(sensors={}))  # of sensors without delay
         shown = instant.state_space(["force"], names, sampled=True, at=at)
         rows = np.zeros((len(names), len(every) + 1))
         for k, signal in enumerate(shown.states):
@@ -235,7 +234,7 @@ def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
     return np.array(
         [
             sizes[signal.name[0]]
-            if signal.name in MOTION
+            if signal.name in STATES
             else units.get(signal.name.partition("[")[0], 1.0)
             for signal in system.states
         ]
@@ -293,24 +292,7 @@ def require_detectable(a: Array, c: Array) -> None:
         raise DesignError(msg)
 
 
-def hidden_mode(a: Array, c: Array) -> complex | None:
-    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
-
-    Returns
-    -------
-    complex or None
-        The first that C does not show; with A' and B' the first that B does not reach.
-    """
-    rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    for eigenvalue in np.linalg.eigvals(a):
-        if abs(eigenvalue) >= 1.0 - 1e-9:
-            pencil = np.vstack([a - eigenvalue * np.eye(len(a)), rows])
-            if np.linalg.svd(pencil, compute_uv=False)[-1] < UNSEEN:
-                return complex(eigenvalue)
-    return None
-
-
-class LQG:
+class LQG(Controller):
     """Feed back the Kalman filter's estimate; reads the observation alone.
 
     Kwakernaak and Sivan, *Linear Optimal Control Systems* (1972), section 6.5. The filter's gain
@@ -318,40 +300,33 @@ class LQG:
     """
 
     name = "LQG"
-    reads: Reads = "observation"
 
     def __init__(
         self, scene: Scene, stretch: float | None = None, unmodelled: float = 1e-3
     ) -> None:
         self.design = design_lqg(scene, stretch, unmodelled)
-        assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
-        self.limit = scene.actuation.force.limit
+        self.limit = Command(scene, "force").high
+        self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs])
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
         """Start the filter from the middle of the initial ranges."""
-        observed, system = env.plant.observed, self.design.system
-        names = [signal.name for signal in system.outputs]
-        self.columns = [k for k, channel in enumerate(observed) if channel.name in names]
-        self.zero = np.array([observed[k].zero for k in self.columns])
-        self.unit = np.array([1.0 / observed[k].factor for k in self.columns])
-        self.newest = len(observed)
-        self.estimate = np.zeros((env.num_envs, len(system.A)))
-        self.step = 0
+        estimate = np.zeros((env.num_envs, len(self.design.system.A)))
+        return {"step": np.zeros(env.num_envs, np.int64), "estimate": estimate}
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Array:
-        """Return the force over the limit."""
-        design = self.design
-        seen = observation[:, -self.newest :][:, self.columns].astype(np.float64)
-        seen = seen * self.unit + self.zero
-        gain = design.filters[min(self.step, len(design.filters) - 1)]
-        self.step += 1
-        estimate = self.estimate + (seen - self.estimate @ design.system.C.T) @ gain.T
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        """Return the force over the limit, and the corrected estimate."""
+        design, step, estimate = self.design, memory["step"], memory["estimate"]
+        gain = design.filters[np.minimum(step, len(design.filters) - 1)]
+        missed = self.frame.values(observation) - estimate @ design.system.C.T
+        estimate = estimate + np.einsum("lnp,lp->ln", gain, missed)
         force = np.clip(-estimate @ design.gain, -self.limit, self.limit)
-        self.estimate = estimate @ design.system.A.T + force[:, None] * design.system.B[:, 0]
-        self.corrected = estimate
-        return force[:, None] / self.limit
+        return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
 
-    def send(self, action: Array) -> None:
-        """Take note that another action (lanes, 1) is applied in this step than was returned."""
+    def note(self, memory: Memory, action: Array) -> Memory:
+        """Move the estimate on by the action (lanes, 1) that is applied."""
         system = self.design.system
-        self.estimate = self.corrected @ system.A.T + self.limit * action * system.B[:, 0]
+        estimate = memory["estimate"] @ system.A.T + self.limit * action * system.B[:, 0]
+        return {**memory, "estimate": estimate}
+
+
+ENTRIES = (Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),)

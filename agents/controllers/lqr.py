@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import control
 import numpy as np
 
-from mm_gym import DesignError, compile_scene
+from agents.controllers.actuators import Command
+from agents.controllers.constant import Held
+from agents.controllers.controller import Law, force_price, plant_of
+from agents.controllers.feedback import Both, Feedback
+from agents.controllers.registry import Entry, without_weight
+from agents.controllers.searched import grid, searched
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 STATES = ("x1", "x2", "v1", "v2")
 
-UNREACHED = 1e-10
-"""Singular value of a mode's pencil below which the force does not reach it.
+HIDDEN = 1e-9
+"""Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
 
 It is well above the round-off of entries of order one, and far below a usable input.
 """
@@ -70,10 +77,7 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
         weight or is not stabilisable, or the solution fails its checks: residual, definiteness,
         closed-loop eigenvalues.
     """
-    plant, cost = compile_scene(scene), quadratic_cost(scene, stretch)
-    states = states_that_matter(plant.linear(stretch)[0], cost.state)
-    a, b = plant.discrete(stretch)
-    a, b, cost = a[np.ix_(states, states)], b[list(states), :1], cost.of(states)
+    states, a, b, cost = problem_of(scene, stretch)
     _require_stabilisable(a, b, states)
     stage = cost.ahead(a, b) if cost.cross.any() else cost
     try:
@@ -122,6 +126,39 @@ class Quadratic(NamedTuple):
         )
 
 
+class Problem(NamedTuple):
+    """The sampled plant and its cost, of the states that the cost depends on.
+
+    Attributes
+    ----------
+    states
+        Indices out of x1, x2, v1, v2.
+    a, b
+        (n, n) and (n, 1) of a control step.
+    cost
+        Of a step.
+    """
+
+    states: tuple[int, ...]
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    cost: Quadratic
+
+
+def problem_of(scene: Scene, stretch: float | None = None) -> Problem:
+    """Return what a regulator of the force is designed for, at a stretch of the springs.
+
+    Raises
+    ------
+    DesignError
+        As for `quadratic_cost`.
+    """
+    plant, cost = plant_of(scene), quadratic_cost(scene, stretch)
+    states = states_that_matter(plant.linear(stretch)[0], cost.state)
+    a, b = plant.discrete(stretch)
+    return Problem(states, a[np.ix_(states, states)], b[list(states), :1], cost.of(states))
+
+
 def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
     """Return the cost of x1, x2, v1, v2 at a step's end and of the force that is held in it.
 
@@ -138,7 +175,7 @@ def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
     weight[:4, :4] = motion_weight(scene)
     reactions = reaction_weights(scene)
     if any(reactions):
-        a, b = compile_scene(scene).linear(stretch)
+        a, b = plant_of(scene).linear(stretch)
         for row, squared in zip(np.hstack([a, b])[2:], reactions, strict=True):
             weight += squared * np.outer(row, row)
     _require_weight(weight[:4, :4])
@@ -155,40 +192,6 @@ def reaction_weights(scene: Scene) -> tuple[float, float]:
     on_sphere = o.sphere_acceleration_weight / o.sphere_acceleration_scale**2
     on_sphere += o.coupling_force_weight * (mass / o.coupling_force_scale) ** 2
     return o.carriage_acceleration_weight / o.carriage_acceleration_scale**2, on_sphere
-
-
-def force_price(scene: Scene) -> float:
-    """Return the cost of the force [1/N^2].
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing.
-    """
-    actuator, weight = scene.actuation.force, scene.objective.effort_weight
-    if actuator is None:
-        msg = (
-            "actuation.force: missing; "
-            "a regulator needs a force (a stretch or a damping does not enter the linear plant: it "
-            "multiplies the state)"
-        )
-        raise DesignError(msg)
-    if scene.actuation.device is not None:
-        msg = (
-            f"actuation.{scene.actuation.names[-1]}: a regulator moves the force alone; a damping "
-            "multiplies the state, so it does not enter the linear plant"
-        )
-        raise DesignError(msg)
-    if actuator.command == "rate":
-        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
-        raise DesignError(msg)
-    if weight == 0.0:
-        msg = (
-            "objective.effort_weight: got 0; "
-            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
-        )
-        raise DesignError(msg)
-    return weight / actuator.limit**2
 
 
 def state_weight(scene: Scene) -> NDArray[np.float64]:
@@ -244,18 +247,30 @@ def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> t
 def _require_stabilisable(
     a: NDArray[np.float64], b: NDArray[np.float64], states: tuple[int, ...]
 ) -> None:
-    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay."""
-    names = ", ".join(STATES[i] for i in states)
+    eigenvalue = hidden_mode(a.T, b.T)
+    if eigenvalue is not None:
+        msg = (
+            f"the states {', '.join(STATES[i] for i in states)} are not stabilisable: "
+            f"the force does not reach the mode {eigenvalue:.6g}"
+        )
+        raise DesignError(msg)
+
+
+def hidden_mode(a: NDArray[np.float64], c: NDArray[np.float64]) -> complex | None:
+    """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
+
+    Returns
+    -------
+    complex or None
+        The first that C does not show; with A' and B' the first that B does not reach.
+    """
+    rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     for eigenvalue in np.linalg.eigvals(a):
-        if abs(eigenvalue) >= 1.0 - 1e-12:
-            pencil = np.hstack([a - eigenvalue * np.eye(len(a)), b / max(np.abs(b).max(), 1e-300)])
-            smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
-            if smallest < UNREACHED:
-                msg = (
-                    f"the states {names} are not stabilisable: "
-                    f"the force does not reach the mode {eigenvalue:.6g}"
-                )
-                raise DesignError(msg)
+        if abs(eigenvalue) >= 1.0 - 1e-9:
+            pencil = np.vstack([a - eigenvalue * np.eye(len(a)), rows])
+            if np.linalg.svd(pencil, compute_uv=False)[-1] < HIDDEN:
+                return complex(eigenvalue)
+    return None
 
 
 def _check(
@@ -285,19 +300,50 @@ def _check(
         raise DesignError(msg)
 
 
-class LQR:
+class LQR(Law):
     """Feed the state back through the optimal gain."""
 
     name = "LQR"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
         self.design = design(scene, stretch)
-        assert scene.actuation.force is not None  # noqa: S101 - design refuses otherwise
-        self.limit = scene.actuation.force.limit
+        self.limit = Command(scene, "force").high
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return -gain @ state over the force limit."""
-        return state[:, self.design.states] @ (-self.design.gain.T / self.limit)
+        return state[:, self.design.states] @ (-self.design.gain.T / self.limit), memory
+
+
+def regulator(scene: Scene) -> Feedback:
+    """Return the LQR, without the stroke's weight if none can be designed with it."""
+    try:
+        return Feedback(scene, LQR(scene))
+    except DesignError as error:
+        with suppress(DesignError):
+            law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}))
+            law.name = "LQR, blind to the stroke"
+            return Feedback(scene, law)
+        raise error from None
+
+
+def best_lqr_at_constant_stretch(scene: Scene) -> Feedback:
+    """Search the stretch at which a regulator of the force does best."""
+    return searched(
+        scene,
+        lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)),
+        grid(scene, "stretch"),
+    )
+
+
+ENTRIES = (
+    Entry("lqr", ("force",), regulator, 10, label="LQR", refuses=without_weight, told=True),
+    Entry(
+        "lqr",
+        ("force", "stretch"),
+        best_lqr_at_constant_stretch,
+        30,
+        label="LQR + constant stretch",
+        refuses=without_weight,
+        told=True,
+    ),
+)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Controller
+from agents.controllers.registry import Entry
+from agents.scoring import FREQUENCY
 from mm_gym.analysis import stretch_for_stiffness
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Reads, Values
+    from agents.controllers.controller import Acted, Info, Memory, Observation, Reads
     from mm_gym import MovingMassVectorEnv, Scene
 
-FREQUENCY = "excitation.0.frequency"
-"""The field that the law knows and an agent does not."""
 
-
-class MatchingStretch:
+class MatchingStretch(Controller):
     """Hold the stretch at which the sphere resonates with a known harmonic force.
 
     Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
@@ -32,13 +29,32 @@ class MatchingStretch:
 
     def __init__(self, scene: Scene) -> None:
         require_stable_rest(scene, "matching stretch")
-        self.command = StretchCommand(scene)
+        self.command = Command(scene, "stretch")
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
         """Compute each lane's stretch from its frequency."""
         k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
-        self.stretch = stretch_for_stiffness(k2, env.drawn("springs.stiffness"))
+        return {"stretch": stretch_for_stiffness(k2, env.drawn("springs.stiffness"))}
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return the action towards the matching stretch."""
-        return self.command(self.stretch, info["applied"][:, -1])
+        present = self.command.present(info["applied"])
+        return self.command(memory["stretch"], present), memory
+
+
+def _unknown_frequency(scene: Scene) -> str | None:
+    if FREQUENCY in scene.randomization:
+        return None
+    return f"which reads {FREQUENCY}, and randomization does not draw it"
+
+
+ENTRIES = (
+    Entry(
+        "matching-stretch",
+        ("stretch",),
+        MatchingStretch,
+        60,
+        "informed",
+        refuses=_unknown_frequency,
+    ),
+)

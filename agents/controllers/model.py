@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import chosen, columns, plant_of
 from mm_gym import DesignError, MovingMassVectorEnv
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from agents.controllers.controller import Memory, Values
     from mm_gym import Scene
-
-    Values = NDArray[np.float64]
 
 AMPLE = 1e3
 """Force limit of the model over all that is known to push: a disturbance enters as a force."""
@@ -35,20 +34,20 @@ class Model:
     Nothing shows an interface's own states (`Interface.states`), such as z of Bouc and Wen. They
     begin at 0, as an episode does, and are then what the steps of the model make of them.
 
+    It keeps nothing from one `begin` to the next.
+
     Parameters
     ----------
     scene
         The scene whose motion is predicted.
-    lanes
-        Number of states advanced at once.
 
     Attributes
     ----------
     own
-        (k, lanes) the interface's own states after the last step; k is 0 if it has none.
+        (lanes, n) the interface's own states after the last step; n is 0 if it has none.
     """
 
-    def __init__(self, scene: Scene, lanes: int) -> None:
+    def __init__(self, scene: Scene) -> None:
         force = scene.actuation.force
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         self.limit = AMPLE * max(unit, 1.0 if force is None else force.limit)
@@ -79,20 +78,25 @@ class Model:
         self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
         self.columns = columns(scene)
-        self.env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
-        self.state = self.env.reset(seed=0)[1]["state"]
-        self.own_rows = self.env.plant.support.own_rows
-        self.own: Values = np.zeros((len(self.own_rows), lanes))
+        self.own_rows = plant_of(self.scene).support.own_rows
+        self.envs: dict[int, MovingMassVectorEnv] = {}
+
+    def at_rest(self, lanes: int) -> Values:
+        """Return the interface's own states (lanes, n) with which an episode begins."""
+        return np.zeros((lanes, len(self.own_rows)))
 
     def begin(self, state: Values, own: Values | None = None) -> None:
-        """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s].
+        """Begin with states (lanes, 4): x1, x2 [m], v1, v2 [m/s], and the interface's own ones.
 
-        The interface's own states are `own` (k, lanes), by default those after the last step: a
-        model that is begun at each step anew, with the state that is then known, follows them.
+        Those are (lanes, n), by default as an episode begins.
         """
-        self.state = state
-        if own is not None:
-            self.own = own
+        lanes = len(state)
+        if lanes not in self.envs:
+            made = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled", copy=False)
+            made.reset(seed=0)
+            self.envs[lanes] = made
+        self.env, self.state = self.envs[lanes], state
+        self.own = self.at_rest(lanes) if own is None else own
         if not self.is_between:  # else each step begins anew
             self._reset({})
 
@@ -109,7 +113,7 @@ class Model:
         )
         if self.own_rows:
             begun = self.env.get_state()
-            cast("Values", begun["values"])[self.own_rows] = self.own
+            cast("Values", begun["values"])[self.own_rows] = self.own.T
             self.env.set_state(begun)
 
     def advance(self, applied: Values, disturbance: Values | float = 0.0) -> tuple[Values, Values]:
@@ -134,8 +138,45 @@ class Model:
         _, rewards, *_, info = self.env.step(actions)
         self.state = info["state"].copy() if self.is_between else info["state"]
         if self.own_rows:
-            self.own = cast("Values", self.env.get_state()["values"])[self.own_rows]
+            self.own = cast("Values", self.env.get_state()["values"])[self.own_rows].T
         return info["state"], rewards
+
+
+class Innovation:
+    """By how much the motion differs from what the model predicts for the last control step."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.model = Model(scene)
+
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of new episodes: no step has been made."""
+        return {
+            "begun": np.zeros(lanes, np.bool_),
+            "last": np.zeros((lanes, 4)),
+            "own": self.model.at_rest(lanes),
+        }
+
+    def missed(
+        self, memory: Memory, state: Values, applied: Values
+    ) -> tuple[Values, NDArray[np.bool_], Memory]:
+        """Return what the model missed (lanes, 4), which lanes have a last step, and the memory.
+
+        Parameters
+        ----------
+        memory
+            Of the step before.
+        state
+            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now.
+        applied
+            (lanes, k) what the actuators had in the step that led to it.
+        """
+        begun, last, own = memory["begun"], memory["last"], memory["own"]
+        missed = np.zeros_like(last)
+        if begun.any():
+            self.model.begin(last, own)
+            missed = chosen(begun, state - self.model.advance(applied)[0], missed)
+            own = chosen(begun, self.model.own, own)
+        return missed, begun, {"begun": np.ones_like(begun), "last": state.copy(), "own": own}
 
 
 def require_reward_of_motion(scene: Scene) -> None:

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.cross_entropy import correlated
+from agents.controllers.controller import Law, joined, part
 from agents.controllers.forecast import PushForecast
+from agents.controllers.noise import Noise
 from agents.controllers.trajectories import Trajectories
 from mm_gym import DesignError, MovingMassVectorEnv
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.noise import States
     from mm_gym import Scene
 
 SEED = 5_000_000
@@ -46,7 +48,7 @@ class Steps:
     fresh_spread: float = 1.0
 
 
-class NewtonPredictiveControl:
+class NewtonPredictiveControl(Law):
     """Improve plans over a receding horizon by Gauss-Newton steps, and begin the best.
 
     The plans are the rest of the last step's, some around it and some drawn at random: each alone
@@ -82,44 +84,58 @@ class NewtonPredictiveControl:
         self.name = f"predictive control, {self.steps.horizon} steps ahead"
         self.scene = scene.replace(excitation=[], randomization={}, initial={}, sensors={})
         self.forecast = PushForecast(scene)
-        self._prepare(1)  # refuses actuators that it cannot plan for
+        self.noise, self._problems = Noise(SEED), dict[int, Trajectories]()
+        self._problem(1)  # refuses actuators that it cannot plan for
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin without a plan."""
-        self.forecast.begin(lanes)
-        self._prepare(lanes)
-        self.plan: Values = np.zeros((self.steps.horizon, len(self.problem.actuators), lanes))
-        # The interface's own state, which nothing shows, is what the model makes of it.
-        self.own: Values = np.zeros((len(self.problem.support.own_rows), lanes))
-        self.noise = np.random.default_rng(SEED)
+        problem = self._problem(lanes)
+        return {
+            **joined(forecast=self.forecast.begin(lanes)),
+            "plan": np.zeros((lanes, self.steps.horizon, len(problem.actuators))),
+            # The interface's own state, which nothing shows, is what the model makes of it.
+            "own": np.zeros((lanes, len(problem.support.own_rows))),
+            "noise": self.noise.begin(lanes),
+        }
 
-    def _prepare(self, lanes: int) -> None:
-        env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled")
-        env.reset(seed=0)
-        ahead = self.steps.horizon
-        self.problem = Trajectories(self.scene, env.plant, env.get_state(), ahead)
+    def _problem(self, lanes: int) -> Trajectories:
+        """Return the problem of so many lanes, whose start is written anew in each step."""
+        if lanes not in self._problems:
+            env = MovingMassVectorEnv(self.scene, lanes, autoreset_mode="Disabled")
+            env.reset(seed=0)
+            start = env.get_state()
+            self._problems[lanes] = Trajectories(self.scene, env.plant, start, self.steps.horizon)
+        return self._problems[lanes]
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the first action of the best plan."""
-        steps, problem, count = self.steps, self.problem, len(state)
+        steps, problem, count = self.steps, self._problem(len(state)), len(state)
+        own_rows = problem.support.own_rows
         values = problem.start[0]
-        values[:4] = state.T
-        values[self.problem.support.own_rows] = self.own
+        values[:4], values[own_rows] = state.T, memory["own"].T
         for actuator, has in zip(problem.actuators, applied.T, strict=True):
             values[actuator.row] = values[actuator.asked_row] = has
-        problem.pushes = self.forecast.ahead(state, applied, steps.horizon)
-        near = self.plan + steps.near_spread * self._drawn(steps.near)
-        fresh = steps.fresh_spread * self._drawn(steps.fresh)
-        plans = np.clip(np.concatenate([self.plan[None], near, fresh]), -1.0, 1.0)
+        problem.pushes, forecast = self.forecast.ahead(
+            part(memory, "forecast"), state, applied, steps.horizon
+        )
+        plan = np.moveaxis(memory["plan"], 0, 2)
+        around, noise = self._drawn(memory["noise"], plan, steps.near)
+        random, noise = self._drawn(noise, plan, steps.fresh)
+        near, fresh = plan + steps.near_spread * around, steps.fresh_spread * random
+        plans = np.clip(np.concatenate([plan[None], near, fresh]), -1.0, 1.0)
         together = np.concatenate(list(plans), axis=2)
         episodes = np.tile(np.arange(count), len(plans))
         found = problem.improve(episodes, together, steps.rounds, steps.stiffness)
         best = found.cost.reshape(len(plans), count).argmin(axis=0) * count + np.arange(count)
-        self.plan = np.concatenate([found.controls[1:, :, best], np.zeros_like(self.plan[:1])])
-        self.own = found.states[1, 4 : found.motion.shape[1], best].T
-        return found.actions[0][:, best].T
+        plan = np.concatenate([found.controls[1:, :, best], np.zeros_like(plan[:1])])
+        return found.actions[0][:, best].T, {
+            **joined(forecast=forecast),
+            "plan": np.moveaxis(plan, 2, 0),
+            "own": found.states[1, 4 : found.motion.shape[1], best],
+            "noise": noise,
+        }
 
-    def _drawn(self, plans: int) -> Values:
-        """Return noise (plans, steps, k, lanes) of unit variance, correlated from step to step."""
-        steps, *rest = self.plan.shape
-        return np.moveaxis(correlated(self.noise, (steps, plans, *rest)), 1, 0)
+    def _drawn(self, noise: States, plan: Values, plans: int) -> tuple[Values, States]:
+        """Return noise (plans, steps, k, lanes), and the states of the generators then."""
+        drawn, noise = self.noise.drawn(noise, (len(plan), plans, *plan.shape[1:]), axis=3)
+        return np.moveaxis(drawn, 1, 0), noise

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import control
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import columns
+from agents.controllers.controller import chosen, columns, plant_of
 from agents.controllers.disturbance import covariance, state_scales
 from agents.controllers.model import Model
-from mm_gym import DesignError, compile_scene
+from agents.controllers.observation import ROWS, Frame
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Reads, Values
+    from agents.controllers.controller import Info, Memory, Observation, Reads, Values
     from mm_gym import Scene
-
-ROWS = {
-    "carriage_displacement": (1.0, 0.0, 0.0, 0.0),
-    "sphere_displacement": (0.0, 1.0, 0.0, 0.0),
-    "sphere_offset": (-1.0, 1.0, 0.0, 0.0),
-    "carriage_velocity": (0.0, 0.0, 1.0, 0.0),
-    "sphere_velocity": (0.0, 0.0, 0.0, 1.0),
-    "slip_velocity": (0.0, 0.0, -1.0, 1.0),
-}
-"""The channels that show the state: rows of C in y = C x. The others are not used."""
 
 FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
@@ -45,44 +36,43 @@ class ObservedActuators:
     reads: Reads = "observation"
 
     def __init__(self, scene: Scene) -> None:
-        plant = compile_scene(scene)
-        self.scene, self.frame = scene, len(plant.observed)
-        self.zero = np.array([channel.zero for channel in plant.observed])
-        self.unit = np.array([1.0 / channel.factor for channel in plant.observed])
+        self.frame, self.actuators = Frame(scene), Actuators(scene)
+        begun = [_beginning(scene, name) for name in columns(scene)]
+        self.begun = np.clip(begun, self.actuators.low, self.actuators.high)
         self.tuned = {  # column of an action -> that of the channel which shows what it tunes
-            k: plant.channels.index(name)
+            k: self.frame.names.index(name)
             for k, name in enumerate(columns(scene))
-            if name in plant.channels
+            if name in self.frame.names
         }
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        self.actuators = Actuators(self.scene)
-        self.step = 0
+    def begin(self, lanes: int) -> Memory:
+        """Begin before the first frame."""
+        begun = np.tile(self.begun, (lanes, 1))
+        return {"step": np.zeros(lanes, np.int64), "applied": begun, "asked": begun}
 
-    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
-        """Return zeros, and what the actuators have."""
-        if self.step == 0:
-            self.actuators.begin(self._first_applied(self._newest(observation)))
-        self.step += 1
-        return np.zeros((len(observation), 4)), self.actuators.applied
+    def read(
+        self, memory: Memory, observation: Observation, info: Info
+    ) -> tuple[Values, Values, Memory]:
+        """Return zeros, what the actuators have, and the memory."""
+        memory = self._seen(memory, self.frame.values(observation))
+        return np.zeros((len(observation), 4)), memory["applied"], memory
 
-    def send(self, action: Values) -> None:
-        """Advance the model of the actuators."""
-        self.actuators.advance(action)
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Move the actuators on."""
+        applied, asked = self.actuators.reached(action, memory["applied"], memory["asked"])
+        return {**memory, "applied": applied, "asked": asked}
 
-    def _newest(self, observation: NDArray[np.float32]) -> Values:
-        """Return the newest frame, in the channels' units."""
-        return observation[:, -self.frame :] * self.unit + self.zero
-
-    def _first_applied(self, frame: Values) -> Values:
-        """Return first stretch and damping as observed, else as the scene begins; no force."""
-        actuators, lanes = self.actuators, len(frame)
-        begun = [_beginning(self.scene, name) for name in columns(self.scene)]
-        applied = np.tile(np.clip(begun, actuators.low, actuators.high), (lanes, 1))
-        for k, channel in self.tuned.items():
-            applied[:, k] = np.clip(frame[:, channel], actuators.low[k], actuators.high[k])
-        return applied
+    def _seen(self, memory: Memory, frame: Values) -> Memory:
+        """Count a frame; the first shows the stretch or the damping with which episodes begin."""
+        first, applied, asked = memory["step"] == 0, memory["applied"], memory["asked"]
+        if first.any():
+            begun = np.tile(self.begun, (len(frame), 1))
+            for k, channel in self.tuned.items():
+                begun[:, k] = np.clip(
+                    frame[:, channel], self.actuators.low[k], self.actuators.high[k]
+                )
+            applied, asked = chosen(first, begun, applied), chosen(first, begun, asked)
+        return {**memory, "step": memory["step"] + 1, "applied": applied, "asked": asked}
 
 
 def _beginning(scene: Scene, name: str) -> float:
@@ -116,63 +106,88 @@ class ObservedState(ObservedActuators):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        plant = compile_scene(scene)
-        self.delay = plant.delay
-        self.shown = [i for i, name in enumerate(plant.channels) if name in ROWS]
-        self.c = np.array([ROWS[plant.channels[i]] for i in self.shown]).reshape(-1, 4)
-        noise = np.array([plant.observed[i].noise for i in self.shown])
-        self.noise = np.maximum(noise, FLOOR * self.unit[self.shown])
+        self.scene, self.delay = scene, plant_of(scene).delay
+        self.shown = [k for k, name in enumerate(self.frame.names) if name in ROWS]
+        self.c = np.array([ROWS[self.frame.names[k]] for k in self.shown]).reshape(-1, 4)
+        self.unit, noise = self.frame.unit[self.shown], self.frame.noise[self.shown]
+        self.noise = np.maximum(noise, FLOOR * self.unit)
         whole = bool(self.shown) and np.linalg.matrix_rank(self.c) == 4  # noqa: PLR2004
         self.exact = bool(whole and not noise.any())
-        self.predicts = self.delay > 0 or not self.exact
-        self.gains = np.linalg.pinv(self.c)[None] if self.exact else self._gains()
+        self.inverse = np.linalg.pinv(self.c)
+        self.gains = self.inverse[None] if self.exact else self._gains()
+        self.model = Model(scene) if self.delay > 0 or not self.exact else None
 
-    def begin(self, lanes: int) -> None:
-        """Forget the last episodes."""
-        super().begin(lanes)
-        self.model = Model(self.scene, lanes) if self.predicts else None
-        self.own = None if self.model is None else self.model.own  # at the estimate
-        self.pending: list[Values] = []
+    def begin(self, lanes: int) -> Memory:
+        """Begin before the first frame.
 
-    def read(self, observation: NDArray[np.float32], info: dict[str, Any]) -> tuple[Values, Values]:
-        """Return the present estimates."""
-        frame = self._newest(observation)
-        shown = frame[:, self.shown]
-        if self.step == 0:
-            self.actuators.begin(self._first_applied(frame))
-            self.estimate = shown @ np.linalg.pinv(self.c).T
-        elif self.step > self.delay:
-            self.estimate = self._next(self.pending.pop(0), shown)
-        self.step += 1
-        return self._present(), self.actuators.applied
+        What was applied since the frame before the newest one is pending; "own" are the interface's
+        own states at the estimate.
+        """
+        own = np.zeros((lanes, 0)) if self.model is None else self.model.at_rest(lanes)
+        pending = np.zeros((lanes, self.delay + 1, len(self.begun)))
+        begun = {"estimate": np.zeros((lanes, 4)), "own": own, "pending": pending}
+        return {**super().begin(lanes), **begun}
 
-    def send(self, action: Values) -> None:
-        """Advance the model of the actuators."""
-        self.pending.append(self.actuators.advance(action))
+    def read(
+        self, memory: Memory, observation: Observation, info: Info
+    ) -> tuple[Values, Values, Memory]:
+        """Return the present estimates, what the actuators have, and the memory."""
+        frame, step = self.frame.values(observation), memory["step"]
+        shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
+        if (step > self.delay).any():
+            later = step > self.delay
+            followed, moved = self._next(estimate, own, memory["pending"][:, 0], shown)
+            estimate, own = chosen(later, followed, estimate), chosen(later, moved, own)
+        if (step == 0).any():
+            estimate = chosen(step == 0, shown @ self.inverse.T, estimate)
+        memory = {**self._seen(memory, frame), "estimate": estimate, "own": own}
+        state = self._present(memory, np.minimum(step, self.delay))
+        return state, memory["applied"], memory
 
-    def _next(self, applied: Values, shown: Values) -> Values:
-        """Return the estimate at the frame that has come: read off, or predicted and corrected."""
-        predicted = self.estimate
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Move the actuators on."""
+        memory = super().note(memory, action)
+        pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
+        return {**memory, "pending": pending}
+
+    def _next(
+        self, estimate: Values, own: Values, applied: Values, shown: Values
+    ) -> tuple[Values, Values]:
+        """Return estimate and own states at the frame that has come.
+
+        They are read off, or predicted and corrected.
+        """
+        predicted = estimate
         if self.model is not None and (self.model.own_rows or not self.exact):
-            self.model.begin(self.estimate, self.own)
+            self.model.begin(estimate, own)
             predicted = self.model.advance(applied)[0].copy()
-            self.own = self.model.own
+            own = self.model.own
         if self.exact:
-            return shown @ self.gains[0].T
+            return shown @ self.gains[0].T, own
         gain = self.gains[self._nearest(applied)]
         missed = shown - predicted @ self.c.T
-        return predicted + np.einsum("nij,nj->ni", gain, missed)
+        return predicted + np.einsum("nij,nj->ni", gain, missed), own
 
-    def _present(self) -> Values:
-        """Return the state now: the newest frame's, moved on by what was applied since."""
-        if self.model is None or not self.pending:
-            return self.estimate
-        self.model.begin(self.estimate, self.own)
-        for applied in self.pending:
-            state, _ = self.model.advance(applied)
-        return state.copy()
+    def _present(self, memory: Memory, late: NDArray[np.int64]) -> Values:
+        """Return the state now: the newest frame's, moved on by what was applied since.
 
-    def _grid(self) -> list[float | None]:
+        That are so many steps (lanes,): an episode's first frame is not late.
+        """
+        estimate, pending = memory["estimate"], memory["pending"]
+        present = estimate
+        for steps in np.unique(late):
+            if self.model is None or steps == 0:
+                continue
+            self.model.begin(estimate, memory["own"])
+            state = estimate
+            for applied in np.moveaxis(pending[:, len(pending[0]) - steps :], 1, 0):
+                state, _ = self.model.advance(applied)
+            present = chosen(late == steps, state, present)
+        return present
+
+    @property
+    def grid(self) -> list[float | None]:
+        """Stretches at which the gains are computed, or None for springs without an actuator."""
         actuator = self.scene.actuation.stretch
         if actuator is None:
             return [None]
@@ -189,18 +204,19 @@ class ObservedState(ObservedActuators):
 
     def _gains(self) -> Values:
         """Return the filter's gains (stretches, 4, channels)."""
-        plant = compile_scene(self.scene)
+        plant = plant_of(self.scene)
         names = ", ".join(plant.channels)
         if not self.shown:
             msg = f"sensors.channels: the state cannot be estimated from {names}"
             raise DesignError(msg)
         # In units of the scales, in which the Riccati equation is well conditioned.
         units = state_scales(self.scene)
-        c = self.c * units / self.unit[self.shown, None]
+        c = self.c * units / self.unit[:, None]
         disturbance = covariance(self.scene) / np.outer(units, units)
-        noise = np.diag((self.noise / self.unit[self.shown]) ** 2)
+        noise = np.diag((self.noise / self.unit) ** 2)
         gains: list[Values] = []
-        for stretch in self._grid():
+        self.spreads: list[Values] = []  # covariances of the estimate at the newest frame
+        for stretch in self.grid:
             a = plant.discrete(stretch)[0] * units / units[:, None]
             try:
                 _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise, method="scipy")
@@ -208,5 +224,32 @@ class ObservedState(ObservedActuators):
                 msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
                 raise DesignError(msg) from error
             gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + noise)
-            gains.append(gain * units[:, None] / self.unit[self.shown])
+            gains.append(gain * units[:, None] / self.unit)
+            self.spreads.append((np.eye(4) - gain @ c) @ p * np.outer(units, units))
         return np.stack(gains)
+
+
+def missed_covariance(scene: Scene) -> Values:
+    """Return what estimates add to how states differ from the model's prediction, a covariance.
+
+    A step's difference has the errors of the estimates before and after it. They are taken as
+    independent, which overrates them; of a range of stretches the middle one counts.
+
+    Returns
+    -------
+    ndarray
+        (4, 4) of x1, x2 [m], v1, v2 [m/s]; 0 where the sensors show the present state exactly, and
+        where they do not show it, so that only the true state can be fed back.
+    """
+    try:
+        source = ObservedState(scene)
+    except DesignError:
+        return np.zeros((4, 4))
+    if source.exact and not source.delay:
+        return np.zeros((4, 4))
+    middle = len(source.grid) // 2
+    spread = np.zeros((4, 4)) if source.exact else source.spreads[middle]
+    turn, disturbance = plant_of(scene).discrete(source.grid[middle])[0], covariance(scene)
+    for _ in range(source.delay):
+        spread = turn @ spread @ turn.T + disturbance
+    return spread + turn @ spread @ turn.T

@@ -7,17 +7,21 @@ from typing import TYPE_CHECKING
 import control
 import numpy as np
 
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Law, plant_of
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import state_weight
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
-from mm_gym import DesignError, compile_scene
+from agents.controllers.registry import Entry
+from agents.controllers.searched import grid, searched
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
-class OnOffStiffness:
+class OnOffStiffness(Law):
     """Minimise the rate of x' P x over the reachable stiffness, which is always at one of its ends.
 
     P solves A' P + P A + Q = 0 for the plant at one stretch and the reward's weight Q, so x' P x
@@ -35,8 +39,8 @@ class OnOffStiffness:
     def __init__(self, scene: Scene, stretch: float) -> None:
         require_stable_rest(scene, "on-off stiffness")
         self.name = f"on-off stiffness about {stretch:.2f}"
-        self.command, self.lead = StretchCommand(scene), Lead(scene)
-        a, _ = compile_scene(scene).linear(stretch)
+        self.command, self.lead = Command(scene, "stretch"), Lead(scene)
+        a, _ = plant_of(scene).linear(stretch)
         if not np.linalg.eigvals(a).real.max() < 0.0:
             msg = f"the plant at a stretch of {stretch:g} is not stable: it has no cost to go"
             raise DesignError(msg)
@@ -45,13 +49,22 @@ class OnOffStiffness:
         internal = np.array([0.0, 0.0, 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass])
         self.costate = p @ internal
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the stiff or the soft end."""
-        present = applied[:, -1]
+        present = self.command.present(applied)
         state = self.lead(state, present)
-        actuator = self.command.actuator
         raises = (state @ self.costate) * (state[:, 1] - state[:, 0]) > 0.0
-        return self.command(np.where(raises, actuator.maximum, actuator.minimum), present)
+        wanted = np.where(raises, self.command.high, self.command.low)
+        return self.command(wanted, present), memory
+
+
+def best_on_off_stiffness(scene: Scene) -> Feedback:
+    """Search the stretch about which it is designed."""
+    return searched(
+        scene, lambda stretch: OnOffStiffness(scene, stretch), grid(scene, "stretch")[::4]
+    )
+
+
+ENTRIES = (
+    Entry("on-off-stiffness", ("stretch",), best_on_off_stiffness, 22, label="on-off stiffness"),
+)

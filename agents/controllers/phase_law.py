@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import require_number
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Law, require_number
+from agents.controllers.registry import Entry
+from agents.controllers.searched import DECADES, searched
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
-class PhaseLaw:
+class PhaseLaw(Law):
     """Tune an absorber by its phase: the rate of stretch is proportional to x1 (x2 - x1).
 
     A tuned absorber moves a quarter period behind the carriage, so the mean of x1 times offset
@@ -29,18 +32,22 @@ class PhaseLaw:
         require_stable_rest(scene, "phase law")
         require_number("gain", gain, low=-np.finfo(np.float64).max)
         self.name = f"phase law, gain {gain:.2g}"
-        self.gain = gain
-        self.command = StretchCommand(scene)
+        self.gain, self.time_step = gain, scene.control.time_step
+        self.command = Command(scene, "stretch")
         self.unit = scene.objective.displacement_scale * scene.objective.stroke_scale
-        rate = self.command.actuator.rate_limit
-        self.stroke = self.command.time_step * rate if rate is not None else np.inf
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action of the law, saturated at the actuator's rate."""
         x1, x2 = state[:, 0], state[:, 1]
-        present = applied[:, -1]
-        unsaturated = self.gain * self.command.time_step * x1 * (x2 - x1) / self.unit
-        return self.command(present + np.clip(unsaturated, -self.stroke, self.stroke), present)
+        present = self.command.present(applied)
+        unsaturated = self.gain * self.time_step * x1 * (x2 - x1) / self.unit
+        travel = self.command.travel
+        return self.command(present + np.clip(unsaturated, -travel, travel), present), memory
+
+
+def best_phase_law(scene: Scene) -> Feedback:
+    """Search the gain over four decades."""
+    return searched(scene, lambda exponent: PhaseLaw(scene, 10.0**exponent), DECADES)
+
+
+ENTRIES = (Entry("phase-law", ("stretch",), best_phase_law, 20),)

@@ -2,38 +2,59 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import columns
+from agents.controllers.controller import Law, chosen, columns, joined, part
 from agents.controllers.cross_entropy import Search
+from agents.controllers.feedback import Feedback
 from agents.controllers.forecast import Forecast
 from agents.controllers.model import Model, require_reward_of_motion
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl
+from agents.controllers.noise import Noise
+from agents.controllers.registry import Entry
+from agents.controllers.trajectories import ends_of
+from agents.controllers.tuned import best_without_memory, classical_laws
+from mm_gym import DesignError
+
+QUICK, SHORT = 0.005, 20
+"""Control steps [s] up to which fewer steps ahead are planned, to keep up."""
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Law, Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
+    Start: TypeAlias = tuple[Values, Values, tuple[Values, Values]]
+    """States of the motion, the interface's own ones, and what actuators have and were asked."""
+
 SEED = 4_000_000
+
+ENDED = 1e9
+"""What a step costs after an early end: every plan that stays within the limits is better, and of
+two that do not the one that ends later."""
+
 SEARCH = Search(horizon=30, plans=48, elite=5, rounds=2, kept=5, spread=0.6, least_spread=0.05)
 
 
-class PredictiveControl:
+class PredictiveControl(Law):
     """Try plans over a receding horizon by the cross-entropy method, and begin the best.
 
     The first plans are those of a law, the rest of the last step's plan, and the constant ones. The
     model knows the state that is given, and follows the interface's own; the disturbance to come is
-    its conditional mean, see `Forecast`. Mayne, Rawlings, Rao and Scokaert, *Constrained model
-    predictive control*, Automatica 36 (2000).
+    its conditional mean, see `Forecast`. Plans stay within the limits at which an episode ends, if
+    one of those tried does. Mayne, Rawlings, Rao and Scokaert, *Constrained model predictive
+    control*, Automatica 36 (2000).
 
     Parameters
     ----------
     scene
         The scene that is controlled.
     law
-        A law without memory, whose own plan is among the first.
+        A law whose own plan is among the first.
     search
         How plans are searched.
 
@@ -46,68 +67,116 @@ class PredictiveControl:
     def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
         require_reward_of_motion(scene)
         self.name = f"predictive control, {search.horizon} steps ahead"
-        self.scene, self.law, self.search = scene, law, search
+        self.law, self.search = law, search
         self.columns = len(columns(scene))
         self.actuators, self.forecast = Actuators(scene), Forecast(scene)
+        self.model, self.noise = Model(scene), Noise(SEED)
+        self.ends = ends_of(scene.objective)
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin without a plan."""
-        search = self.search
-        self.lanes = lanes
-        self.forecast.begin(lanes)
-        self.law.begin(lanes)
-        self.one, self.many = Model(self.scene, lanes), Model(self.scene, lanes * search.plans)
-        self.plan: Values = np.zeros((search.horizon, lanes, self.columns))
-        self.asked: Values | None = None
-        self.own = self.one.own
-        self.last: tuple[Values, Values] | None = None  # state, and the force expected after it
-        self.noise = np.random.default_rng(SEED)
+        return {
+            **joined(forecast=self.forecast.begin(lanes), law=self.law.begin(lanes)),
+            "begun": np.zeros(lanes, np.bool_),
+            "plan": np.zeros((lanes, self.search.horizon, self.columns)),
+            "asked": np.zeros((lanes, self.columns)),
+            "own": self.model.at_rest(lanes),
+            "state": np.zeros((lanes, 4)),  # the last one, and the force expected after it
+            "force": np.zeros(lanes),
+            "noise": self.noise.begin(lanes),
+        }
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the first action of the best plan."""
-        asked = applied if self.asked is None else self.asked
-        self._follow_own(applied)
-        forces = self.forecast.ahead(state, applied, self.search.horizon)
-        first = [self._plan_of_law(state, applied, asked, forces), self.plan]
-        first += [np.full(self.plan.shape, value) for value in (-1.0, 0.0, 1.0)]
-        best = self.search.best(
-            np.stack(first, axis=2),
-            lambda plans: self._worth(plans, state, (applied, asked), forces),
-            self.noise,
+        asked = chosen(memory["begun"], memory["asked"], applied)
+        own = self._own(memory, applied)
+        forces, forecast = self.forecast.ahead(
+            part(memory, "forecast"), state, applied, self.search.horizon
         )
-        self.plan = np.concatenate([best[1:], best[-1:]])
-        _, self.asked = self.actuators.reached(best[0], applied, asked)
-        self.last = state.copy(), forces[0]
-        return best[0]
+        start = state, own, (applied, asked)
+        plan = np.moveaxis(memory["plan"], 1, 0)
+        of_law, law = self._plan_of_law(part(memory, "law"), start, forces)
+        first = [of_law, plan, *(np.full(plan.shape, value) for value in (-1.0, 0.0, 1.0))]
+        noise = memory["noise"]
 
-    def _follow_own(self, applied: Values) -> None:
-        """Move the interface's own states on by the last step, in which so much was applied."""
-        if self.last is not None and self.one.own_rows:
-            state, force = self.last
-            self.one.begin(state, self.own)
-            self.one.advance(applied, force)
-            self.own = self.one.own
+        def drawn() -> Values:
+            nonlocal noise
+            shape = (*plan.shape[:2], self.search.plans, self.columns)
+            found, noise = self.noise.drawn(noise, shape, axis=1)
+            return found
 
-    def _plan_of_law(self, state: Values, applied: Values, asked: Values, forces: Values) -> Values:
-        plan = np.empty(self.plan.shape)
-        self.one.begin(state, self.own)
+        best = self.search.best(
+            np.stack(first, axis=2), lambda plans: self._worth(plans, start, forces), drawn
+        )
+        return best[0], {
+            **joined(forecast=forecast, law=law),
+            "begun": np.ones_like(memory["begun"]),
+            "plan": np.moveaxis(np.concatenate([best[1:], best[-1:]]), 0, 1),
+            "asked": self.actuators.reached(best[0], applied, asked)[1],
+            "own": own,
+            "state": state.copy(),
+            "force": forces[0],
+            "noise": noise,
+        }
+
+    def _own(self, memory: Memory, applied: Values) -> Values:
+        """Return the interface's own states after the last step, in which so much was applied."""
+        begun, own = memory["begun"], memory["own"]
+        if not (begun.any() and self.model.own_rows):
+            return own
+        self.model.begin(memory["state"], own)
+        self.model.advance(applied, memory["force"])
+        return chosen(begun, self.model.own, own)
+
+    def _plan_of_law(self, memory: Memory, start: Start, forces: Values) -> Acted:
+        """Return the law's plan, and its memory after the first step."""
+        state, own, (applied, asked) = start
+        plan, memories = np.empty((*forces.shape, self.columns)), []
+        self.model.begin(state, own)
         for step, force in enumerate(forces):
-            plan[step] = np.clip(self.law.action(state, applied), -1.0, 1.0)
+            action, memory = self.law.action(memory, state, applied)
+            memories.append(memory)
+            plan[step] = np.clip(action, -1.0, 1.0)
             applied, asked = self.actuators.reached(plan[step], applied, asked)
-            state = self.one.advance(applied, force)[0]
-        return plan
+            state = self.model.advance(applied, force)[0]
+        return plan, memories[0]
 
-    def _worth(
-        self, plans: Values, state: Values, actuators: tuple[Values, Values], forces: Values
-    ) -> Values:
+    def _worth(self, plans: Values, start: Start, forces: Values) -> Values:
         """Return the sums of rewards (lanes, plans) of the plans."""
-        count = self.search.plans
-        applied, asked = (np.repeat(value, count, axis=0) for value in actuators)
-        self.many.begin(np.repeat(state, count, axis=0), np.repeat(self.own, count, axis=1))
-        price, pushed = self.many.effort_weight, np.repeat(forces, count, axis=1)
+        state, own, (applied, asked) = start
+        state, own, applied, asked = (
+            np.repeat(value, self.search.plans, axis=0) for value in (state, own, applied, asked)
+        )
+        self.model.begin(state, own)
+        pushed = np.repeat(forces, self.search.plans, axis=1)
         actions = plans.reshape(len(plans), -1, self.columns)
-        total = -price * (actions**2).sum(axis=(0, 2))
+        total = -self.model.effort_weight * (actions**2).sum(axis=(0, 2))
+        beyond = np.zeros(len(total), np.bool_)
         for each, force in zip(actions, pushed, strict=True):
             applied, asked = self.actuators.reached(each, applied, asked)
-            total += self.many.advance(applied, force)[1]
-        return total.reshape(self.lanes, count)
+            state, rewards = self.model.advance(applied, force)
+            for limit, of in self.ends:
+                beyond |= np.abs(state[:, :2] @ of) >= limit
+            total += np.where(beyond, -ENDED, rewards)
+        return total.reshape(plans.shape[1:3])
+
+
+def predictive_control(scene: Scene, law: Law) -> Feedback:
+    """Return predictive control in real time.
+
+    Plans are improved by derivatives where a force acts, if actuators and control steps allow it;
+    elsewhere they are searched around a law.
+    """
+    if scene.actuation.force is not None and scene.control.time_step > QUICK:
+        with suppress(DesignError):
+            return Feedback(scene, NewtonPredictiveControl(scene))
+    horizon = SHORT if scene.control.time_step <= QUICK else SEARCH.horizon
+    return Feedback(scene, PredictiveControl(scene, law, replace(SEARCH, horizon=horizon)))
+
+
+def around_the_best(scene: Scene) -> Feedback:
+    """Return predictive control around the best law without memory."""
+    return predictive_control(scene, best_without_memory(scene, classical_laws(scene)))
+
+
+ENTRIES = (Entry("predictive-control", (), around_the_best, 3, "any"),)

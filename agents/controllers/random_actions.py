@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from agents.controllers.controller import columns
+from agents.controllers.controller import Controller, columns
+from agents.controllers.noise import Noise
+from agents.controllers.registry import Entry
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    import numpy as np
 
-    from agents.controllers.controller import Reads, Values
+    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
     from mm_gym import MovingMassVectorEnv, Scene
 
 
-class RandomActions:
+class RandomActions(Controller):
     """Actions drawn uniformly.
 
     Parameters
@@ -25,16 +25,25 @@ class RandomActions:
     """
 
     name = "random actions"
-    reads: Reads = "observation"
 
     def __init__(self, scene: Scene, generator: np.random.Generator | None = None) -> None:
-        self.columns = len(columns(scene))
-        self.given = generator
+        self.columns, self.given, self.noise = len(columns(scene)), generator, Noise(0)
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
         """Begin the random numbers anew, unless their generator was given."""
-        self.generator = np.random.default_rng(0) if self.given is None else self.given
+        return {} if self.given is not None else {"noise": self.noise.begin(env.num_envs)}
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return actions drawn from [-1, 1]."""
-        return self.generator.uniform(-1.0, 1.0, (len(observation), self.columns))
+        shape = len(observation), self.columns
+        if self.given is not None:
+            return _uniform(self.given, shape), memory
+        action, noise = self.noise.drawn(memory["noise"], shape, 0, _uniform)
+        return action, {"noise": noise}
+
+
+def _uniform(generator: np.random.Generator, shape: tuple[int, ...]) -> Values:
+    return generator.uniform(-1.0, 1.0, shape)
+
+
+ENTRIES = (Entry("random", (), RandomActions, 0, "any"),)

@@ -6,16 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.actuators import Command, require_stable_rest
+from agents.controllers.controller import Law
+from agents.controllers.feedback import Feedback
 from agents.controllers.lead import Lead
-from agents.controllers.stretch_command import StretchCommand, require_stable_rest
+from agents.controllers.registry import Entry
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
     from mm_gym import Scene
 
 
-class ResettingStiffness:
+class ResettingStiffness(Law):
     """Springs stiff while the offset grows, soft while it shrinks.
 
     They soften at the largest offset, which takes energy out, and stiffen about the middle. Yang,
@@ -35,31 +38,47 @@ class ResettingStiffness:
         require_stable_rest(scene, "resetting stiffness")
         self.name = f"resetting stiffness, {'passive' if passive else 'may inject energy'}"
         self.passive = passive
-        self.command, self.lead = StretchCommand(scene), Lead(scene)
+        self.command, self.lead = Command(scene, "stretch"), Lead(scene)
         self.stiffness = scene.springs.stiffness
 
-    def begin(self, lanes: int) -> None:
-        """Begin without energy taken out."""
-        self.taken = np.zeros(lanes)
-        self.last: Values | None = None
+    def begin(self, lanes: int) -> Memory:
+        """Begin without energy taken out; "half" is that of the last offset per unit of "k2"."""
+        names = ("taken", "k2", "half") if self.passive else ()
+        return {name: np.zeros(lanes) for name in names}
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the stiff or the soft end."""
-        present, actuator = applied[:, -1], self.command.actuator
+        present = self.command.present(applied)
         ahead = self.lead(state, present)
         grows = (ahead[:, 1] - ahead[:, 0]) * (ahead[:, 3] - ahead[:, 2]) > 0.0
-        wanted = np.where(grows, actuator.minimum, actuator.maximum)
+        wanted = np.where(grows, self.command.low, self.command.high)
         if self.passive:
-            wanted = self._affordable(wanted, state, present)
-        return self.command(wanted, present)
+            wanted, memory = self._affordable(memory, wanted, state, present)
+        return self.command(wanted, present), memory
 
-    def _affordable(self, wanted: Values, state: Values, present: Values) -> Values:
+    def _affordable(self, memory: Memory, wanted: Values, state: Values, present: Values) -> Acted:
         """Return the stretch nearest to the wanted one whose energy has been taken out before."""
         half = 0.5 * (state[:, 1] - state[:, 0]) ** 2
         k2 = spring_stiffness(present, self.stiffness)
-        if self.last is not None:
-            self.taken += self.last[1] * (self.last[0] - k2)
-        self.last = k2, half
+        taken = memory["taken"] + memory["half"] * (memory["k2"] - k2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            most = k2 + np.where(half > 0.0, np.maximum(self.taken, 0.0) / half, np.inf)
-        return np.maximum(wanted, np.minimum(stretch_for_stiffness(most, self.stiffness), present))
+            most = k2 + np.where(half > 0.0, np.maximum(taken, 0.0) / half, np.inf)
+        least = np.minimum(stretch_for_stiffness(most, self.stiffness), present)
+        return np.maximum(wanted, least), {"taken": taken, "k2": k2, "half": half}
+
+
+ENTRIES = (
+    Entry(
+        "resetting-stiffness-passive",
+        ("stretch",),
+        lambda scene: Feedback(scene, ResettingStiffness(scene, passive=True)),
+        23,
+        label="resetting stiffness, passive",
+    ),
+    Entry(
+        "resetting-stiffness",
+        ("stretch",),
+        lambda scene: Feedback(scene, ResettingStiffness(scene, passive=False)),
+        24,
+    ),
+)

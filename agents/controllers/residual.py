@@ -2,42 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.feedback import Feedback
+from agents.controllers.controller import Controller, joined, part
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller, Reads, Values
+    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
     from agents.policies import Policy
     from mm_gym import MovingMassVectorEnv
-
-
-def propose(base: Controller, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
-    """Return the base's actions (lanes, k), clipped, of which it is not told that they are applied.
-
-    `info` is kept from a base that reads the observation alone.
-    """
-    known = {} if base.reads == "observation" else info
-    if isinstance(base, Feedback):
-        proposed = base.law.action(*base.source.read(observation, known))
-    else:
-        proposed = base.act(observation, known)
-    return np.clip(proposed, -1.0, 1.0)
-
-
-def send(base: Controller, action: Values) -> None:
-    """Tell the base which actions (lanes, k) are applied, where it has a model to move on.
-
-    A controller that is no `Feedback` is told by its method `send`, if it has one.
-    """
-    if isinstance(base, Feedback):
-        base.source.send(action)
-    elif hasattr(base, "send"):
-        base.send(action)
 
 
 def observed(observation: NDArray[np.float32], proposed: Values) -> NDArray[np.float32]:
@@ -45,34 +21,34 @@ def observed(observation: NDArray[np.float32], proposed: Values) -> NDArray[np.f
     return np.hstack([observation, proposed.astype(np.float32)])
 
 
-class Residual:
+class Residual(Controller):
     """A controller's action plus `authority` times a policy's, clipped.
 
-    The policy reads the base's action besides the observation.
+    The policy reads the base's action, too.
     """
 
     def __init__(
         self, base: Controller, policy: Policy, authority: float, name: str = "learned"
     ) -> None:
         self.base, self.policy, self.authority = base, policy, authority
-        self.name = name
+        self.name, self.reads = name, base.reads
 
-    @property
-    def reads(self) -> Reads:
-        """What the base reads."""
-        return self.base.reads
-
-    def reset(self, env: MovingMassVectorEnv) -> None:
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
         """Begin; raise `PolicyError` if the policy is for other observations or actions."""
         actions = env.single_action_space.shape[0]
         self.policy.check(env.single_observation_space.shape[0] + actions, actions)
-        self.base.reset(env)
-        self.sums = self.policy.begin(env.num_envs)
+        own = {"memory": self.policy.begin(env.num_envs)}
+        return joined(base=self.base.begin(env), policy=own)
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         """Return the sum."""
-        proposed = propose(self.base, observation, info)
-        added = self.policy.act(observed(observation, proposed), self.sums)
+        proposed, base = self.base.propose(part(memory, "base"), observation, info)
+        seen = observed(observation, proposed)
+        added, after = self.policy.step(seen, part(memory, "policy")["memory"])
         action = np.clip(proposed + self.authority * added, -1.0, 1.0)
-        send(self.base, action)
-        return action
+        return action, joined(base=base, policy={"memory": after})
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Tell the base."""
+        base = self.base.note(part(memory, "base"), action)
+        return joined(base=base, policy=part(memory, "policy"))

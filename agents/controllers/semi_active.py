@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from abc import abstractmethod
+from functools import partial
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
-from agents.controllers.controller import require_number
-from agents.controllers.damping_command import Damper
+import numpy as np
+
+from agents.controllers.controller import Law, require_number
+from agents.controllers.damping_command import SWITCHINGS, Damper
 from agents.controllers.ground_velocity import GroundVelocity
 from agents.controllers.lead import Lead
+from agents.controllers.registry import Entry
+from agents.controllers.searched import DECADES, grid, searched
 from agents.controllers.spring_force import middle, sphere_springs
 from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from collections.abc import Callable
+
+    from agents.controllers.controller import Acted, Memory, Values
     from agents.controllers.damping_command import Switching
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 Hooked: TypeAlias = Literal["skyhook", "groundhook", "displacement groundhook"]
 
 
-class SemiActive:
+class SemiActive(Law):
     """A law that wants a force F of a damper, which gives what it can of it (`Damper`).
 
     The device's lag and rate limit are met by the state ahead, see `Lead`.
@@ -30,31 +39,23 @@ class SemiActive:
         A scene with an actuated damping.
     switching, on
         How the damper follows F, see `Damper`.
-
-    Attributes
-    ----------
-    remembers
-        Whether an action depends on more than the present state.
     """
 
     name = "semi-active damper"
-    remembers = False
 
     def __init__(self, scene: Scene, switching: Switching, on: float | None = None) -> None:
         self.device, self.lead = Damper(scene, switching, on), Lead(scene, "damping")
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the wanted force."""
         present = self.device.present(applied)
         ahead = self.lead(state, present)
-        return self.device.towards(self.force(ahead), self.device.velocity(ahead), present)
+        wanted, velocity = self.force(memory, ahead), self.device.velocity(ahead)
+        return self.device.towards(wanted, velocity, present), memory
 
-    def force(self, state: Values) -> Values:
+    @abstractmethod
+    def force(self, memory: Memory, state: Values) -> Values:
         """Return the wanted forces F (lanes,) [N], positive as the device's relative velocity."""
-        raise NotImplementedError
 
     def _called(self, what: str, gain: str) -> str:
         value = f"on {self.device.on:.3g} N s/m" if self.device.is_on_off else gain
@@ -121,26 +122,24 @@ class Hook(SemiActive):
             raise DesignError(msg)
         self.what, self.gain = what, gain
         self.ground = GroundVelocity(scene) if what == "skyhook" and moves else None
-        self.remembers = self.ground is not None
         unit = "N/m" if what == "displacement groundhook" else "N s/m"
         self.name = self._called(what, f"gain {gain:.3g} {unit}")
 
-    def begin(self, lanes: int) -> None:
+    def begin(self, lanes: int) -> Memory:
         """Begin with a ground at rest."""
-        if self.ground is not None:
-            self.ground.begin(lanes)
+        return {} if self.ground is None else self.ground.begin(lanes)
 
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the wanted force."""
         if self.ground is not None:
-            self.ground.observe(state, applied)
-        return super().action(state, applied)
+            memory = self.ground.observe(memory, state, applied)
+        return super().action(memory, state, applied)
 
-    def force(self, state: Values) -> Values:
+    def force(self, memory: Memory, state: Values) -> Values:
         """Return the wanted forces F (lanes,) [N]."""
         if self.what == "skyhook":
             held = state[:, 3 if self.device.of_interface else 2]
-            return self.gain * (held if self.ground is None else held + self.ground.velocity)
+            return self.gain * (held if self.ground is None else held + memory["velocity"])
         return -self.gain * state[:, 2 if self.what == "groundhook" else 0]
 
 
@@ -185,10 +184,65 @@ class Balance(SemiActive):
         )
         self.name = self._called("balance", f"gain {gain:.3g}")
 
-    def force(self, state: Values) -> Values:
+    def force(self, memory: Memory, state: Values) -> Values:
         """Return the wanted forces F (lanes,) [N]."""
         stroke = self.device.stroke(state)
         if self.device.of_interface:
             return -self.gain * self.springs(stroke)
         stiffness, linear, cubic = self.carriage
         return -self.gain * stiffness * (linear + cubic * stroke**2) * stroke
+
+
+def _searched(
+    scene: Scene,
+    switching: Switching,
+    switched: Callable[[float], Law],
+    followed: Callable[[float], Law],
+) -> Feedback:
+    """Search the damping of an on-off law, or the exponent of the gain of a continuous one."""
+    if switching == "continuous":
+        return searched(scene, followed, DECADES)
+    return searched(scene, switched, grid(scene, "damping")[2::2])
+
+
+def best_hook(what: Hooked, switching: Switching, scene: Scene) -> Feedback:
+    """Search what a skyhook or groundhook switches on, or its gain over four decades."""
+    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
+    unit = k1 if what == "displacement groundhook" else 2.0 * np.sqrt(k1 * m1)
+    return _searched(
+        scene,
+        switching,
+        lambda on: Hook(scene, what, switching, on=on),
+        lambda exponent: Hook(scene, what, switching, gain=unit * 10.0**exponent),
+    )
+
+
+def best_balance(switching: Switching, scene: Scene) -> Feedback:
+    """Search what the balance switches on, or its gain over four decades."""
+    return _searched(
+        scene,
+        switching,
+        lambda on: Balance(scene, switching, on=on),
+        lambda exponent: Balance(scene, switching, gain=10.0**exponent),
+    )
+
+
+def damper_entry(
+    what: str, switching: Switching, make: Callable[[Scene], Feedback], order: int
+) -> Entry:
+    """Return the entry of a law of a damping, on-off before continuous."""
+    order += 5 * (switching == "continuous")
+    name, label = f"{what.replace(' ', '-')}-{switching}", f"{what}, {switching}"
+    return Entry(name, ("damping",), make, order, label=label)
+
+
+ENTRIES = tuple(
+    damper_entry(what, switching, partial(make, switching), 40 + k)
+    for switching in SWITCHINGS
+    for k, (what, make) in enumerate(
+        [
+            *((hook, partial(best_hook, hook)) for hook in get_args(Hooked)),
+            ("balance", best_balance),
+        ]
+    )
+)

@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mm_gym import DesignError
-from mm_gym.sensitivity import Sensitivities, expected, sweep
+from mm_gym.sensitivity import (
+    Sensitivities,
+    central_differences,
+    difference_steps,
+    expected,
+    sweep,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -114,7 +120,7 @@ class Trajectories:
             )
             raise DesignError(msg)
         objective = scene.objective
-        self.ends = _ends(objective)
+        self.ends = ends_of(objective)
         self.start = start["values"], start["streams"]
         self.support, self.constants = plant.support, (plant.model, plant.task)
         self.plant = plant
@@ -268,7 +274,7 @@ class Trajectories:
         return np.where(self._by_change[:, None], asked, controls)
 
 
-def _ends(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
+def ends_of(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
     """Return the limits [m] at which episodes end, each with what it limits, in x1 and x2."""
     stated = (
         (objective.displacement_limit, (1.0, 0.0)),
@@ -287,30 +293,3 @@ def _require_plannable(actuator: Actuator, effort: float) -> None:
             "value"
         )
         raise DesignError(msg)
-
-
-def difference_steps(scene: Scene, lanes: Sensitivities) -> Array:
-    """Return by how much the state of lanes changes in a difference: x1, x2 [m], v1, v2 [m/s], ...
-
-    It is the root of third order of a double's round-off, over the size of what is changed: so
-    error and round-off of a smooth function are some 1e-10 of it.
-    """
-    scales = scene.objective
-    sizes = [scales.displacement_scale] * 2 + [scales.velocity_scale] * 2
-    sizes += [1.0] * (len(lanes.state_rows) - len(sizes))
-    sizes += [0.5 * (actuator.high - actuator.low) for actuator in lanes.actuators]
-    return np.cbrt(np.finfo(float).eps) * np.array(sizes)
-
-
-def central_differences(
-    function: Callable[[Array], Array], lanes: Array, rows: Sequence[int], steps: Array
-) -> Array:
-    """Return the slopes (..., rows, n) of a function (..., n) of lanes over some of their rows."""
-    count = lanes.shape[1]
-    changed = np.tile(lanes, 2 * len(rows))
-    for k, (row, step) in enumerate(zip(rows, steps, strict=True)):
-        changed[row, 2 * k * count : (2 * k + 1) * count] += step
-        changed[row, (2 * k + 1) * count : (2 * k + 2) * count] -= step
-    values = function(changed)
-    pairs = values.reshape(*values.shape[:-1], len(rows), 2, count)
-    return (pairs[..., 0, :] - pairs[..., 1, :]) / (2.0 * steps[:, None])

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 import numpy as np
 
-from agents.controllers.controller import Reads, columns
-from agents.controllers.feedback import Feedback
-from agents.controllers.true_state import TrueState
+from agents.controllers.controller import Controller, Law, Reads, columns
+from agents.controllers.feedback import Feedback, TrueState
 from mm_gym import SceneError
 from mm_gym.user_code import call, load, split
 
@@ -18,11 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Controller, Values
+    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
     from mm_gym import MovingMassVectorEnv, Scene
-
-LAW, CONTROLLER = ("begin", "action"), ("reset", "act")
-"""Methods of a law and of a controller, see `agents.controllers.controller`."""
 
 
 def user_defined(text: str, scene: Scene, what: str = "--controller") -> list[Controller]:
@@ -51,22 +47,24 @@ def user_defined(text: str, scene: Scene, what: str = "--controller") -> list[Co
         makes is neither a law nor a controller.
     """
     path, _ = split(text, what)
-    made = Guarded(call(what, path, load(text, what), scene), path, scene, what)
-    if made.has(CONTROLLER):
-        return [made]
-    if not made.has(LAW):
+    made = call(what, path, load(text, what), scene)
+    guard = Guard(made, path, scene, what)
+    if guard.has("act"):
+        return [UserController(guard)]
+    if not guard.has("action"):
         msg = (
-            f"{what}: {text} makes a {type(made.inner).__name__}; allowed: a law (with begin and "
-            "action) or a controller (with reset and act)"
+            f"{what}: {text} makes a {type(made).__name__}; allowed: a law (with a method action) "
+            "or a controller (with a method act)"
         )
         raise SceneError(msg)
-    bound = Feedback(scene, made, TrueState())
+    law = UserLaw(guard)
+    bound = Feedback(scene, law, TrueState())
     bound.name += ", full state"
-    return [bound, Feedback(scene, made)]
+    return [bound, Feedback(scene, law)]
 
 
-class Guarded:
-    """The user's law or controller, whose mistakes are told in plain words."""
+class Guard:
+    """What the user wrote, whose mistakes are told in plain words."""
 
     def __init__(self, inner: object, path: Path, scene: Scene, what: str) -> None:
         self.inner: Any = inner
@@ -74,50 +72,106 @@ class Guarded:
         self.name = str(getattr(inner, "name", type(inner).__name__))
         self.reads: Reads = getattr(inner, "reads", "observation")
         if self.reads not in get_args(Reads):
-            msg = (
-                f"{what}: {path}: reads: got {self.reads!r}; allowed: {', '.join(get_args(Reads))}"
+            self.refuse(f"reads: got {self.reads!r}", ", ".join(get_args(Reads)))
+
+    def has(self, method: str) -> bool:
+        """Tell whether it has a method."""
+        return callable(getattr(self.inner, method, None))
+
+    def begin(self, argument: object, lanes: int) -> Memory:
+        """Return the memory with which lanes begin: none, if the user's own has no `begin`."""
+        if not self.has("begin"):
+            return {}
+        return self.memory(self.call(self.inner.begin, argument), lanes)
+
+    def acted(
+        self, method: Callable[..., Any], memory: Memory, *arguments: NDArray[Any] | dict[str, Any]
+    ) -> Acted:
+        """Return the actions and the memory that a method returns."""
+        lanes = len(arguments[0])
+        returned = self.call(method, memory, *arguments)
+        if not (isinstance(returned, tuple) and len(returned) == 2):  # noqa: PLR2004
+            self.refuse(
+                f"got a {type(returned).__name__}", "two things, the actions and the memory"
             )
-            raise SceneError(msg)
+        actions, after = returned
+        return self.actions(actions, lanes), self.like(memory, self.memory(after, lanes))
 
-    def has(self, methods: tuple[str, ...]) -> bool:
-        """Tell whether it has all of these methods."""
-        return all(callable(getattr(self.inner, method, None)) for method in methods)
-
-    def begin(self, lanes: int) -> None:
-        """Prepare a law."""
-        self._call(self.inner.begin, lanes)
-
-    def action(self, state: Values, applied: Values) -> Values:
-        """Return a law's actions."""
-        return self._checked(self._call(self.inner.action, state, applied), len(state))
-
-    def reset(self, env: MovingMassVectorEnv) -> None:
-        """Prepare a controller."""
-        self._call(self.inner.reset, env)
-
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> Values:
-        """Return a controller's actions."""
-        return self._checked(self._call(self.inner.act, observation, info), len(observation))
-
-    def send(self, action: Values) -> None:
-        """Tell a controller that has `send` which actions are applied."""
-        if self.has(("send",)):
-            self._call(self.inner.send, action)
-
-    def _call(self, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what the user wrote
+    def call(self, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what the user wrote
+        """Return what the user's function returns."""
         return call(self.what, self.path, function, *arguments)
 
-    def _checked(self, actions: object, lanes: int) -> Values:
+    def refuse(self, got: str, allowed: str) -> NoReturn:
+        """Raise `SceneError`."""
+        msg = f"{self.what}: {self.path}: {self.name}: {got}; allowed: {allowed}"
+        raise SceneError(msg)
+
+    def actions(self, actions: object, lanes: int) -> Values:
+        """Return actions (lanes, k) that are numbers."""
         wanted = lanes, len(self.columns)
-        values = self._call(np.asarray, actions, np.float64)
+        values = self.call(np.asarray, actions, np.float64)
         if values.shape != wanted:
-            msg = (
-                f"{self.what}: {self.path}: {self.name}: got actions of shape {values.shape}; "
-                f"allowed: {wanted}, a row for each episode and a column for each of: "
-                f"{', '.join(self.columns)}"
-            )
-            raise SceneError(msg)
+            rows = "a row for each episode and a column for each of: " + ", ".join(self.columns)
+            self.refuse(f"got actions of shape {values.shape}", f"{wanted}, {rows}")
         if not np.isfinite(values).all():
-            msg = f"{self.what}: {self.path}: {self.name}: got actions that are not finite"
-            raise SceneError(msg)
+            self.refuse("got actions that are not finite", "finite numbers")
         return values
+
+    def memory(self, memory: object, lanes: int) -> Memory:
+        """Return a memory that is one: arrays by name, whose first axis is the lanes."""
+        if not isinstance(memory, dict):
+            self.refuse(f"got a {type(memory).__name__} as memory", "a dict of arrays")
+        arrays = {str(name): self.call(np.asarray, array) for name, array in memory.items()}
+        for name, array in arrays.items():
+            if array.dtype.kind not in "biuf" or array.shape[:1] != (lanes,):
+                got = f"memory {name!r}: got {array.dtype} of shape {array.shape}"
+                self.refuse(got, f"numbers whose first axis has the {lanes} lanes")
+        return arrays
+
+    def like(self, before: Memory, after: Memory) -> Memory:
+        """Return a memory that has the names, types and shapes of that before."""
+        for name in {**before, **after}:
+            told = [
+                f"{own[name].dtype} of shape {own[name].shape}" if name in own else "nothing"
+                for own in (before, after)
+            ]
+            if told[0] != told[1]:
+                self.refuse(f"memory {name!r}: got {told[1]}", f"as it began, {told[0]}")
+        return after
+
+
+class UserLaw(Law):
+    """A law of the user's own."""
+
+    def __init__(self, guard: Guard) -> None:
+        self.guard, self.name = guard, guard.name
+
+    def begin(self, lanes: int) -> Memory:
+        """Begin the user's law."""
+        return self.guard.begin(lanes, lanes)
+
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return the user's actions."""
+        return self.guard.acted(self.guard.inner.action, memory, state, applied)
+
+
+class UserController(Controller):
+    """A controller of the user's own, which is told what is applied if it has `note`."""
+
+    def __init__(self, guard: Guard) -> None:
+        self.guard, self.name, self.reads = guard, guard.name, guard.reads
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        """Begin the user's controller."""
+        return self.guard.begin(env, env.num_envs)
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        """Return the user's actions."""
+        return self.guard.acted(self.guard.inner.act, memory, observation, info)
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        """Tell the user's controller, if it wants to know."""
+        if not self.guard.has("note"):
+            return memory
+        told = self.guard.call(self.guard.inner.note, memory, action)
+        return self.guard.like(memory, self.guard.memory(told, len(action)))

@@ -6,14 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import require_actuator, require_number
+from agents.controllers.actuators import Command
+from agents.controllers.controller import Law, require_number
+from agents.controllers.registry import Entry
+from agents.controllers.searched import DECADES, searched
 
 if TYPE_CHECKING:
-    from agents.controllers.controller import Values
+    from agents.controllers.controller import Acted, Memory, Values
+    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
-class VelocityFeedback:
+class VelocityFeedback(Law):
     """Direct velocity feedback, u = -gain v1, within the force limit.
 
     It takes energy out whatever the springs. Balas, *Direct velocity feedback control of large
@@ -21,16 +25,22 @@ class VelocityFeedback:
     """
 
     def __init__(self, scene: Scene, gain: float) -> None:
-        require_actuator(scene, "force")
-        actuator = scene.actuation.force
-        assert actuator is not None  # noqa: S101 - as required
+        limit = Command(scene, "force").high
         require_number("gain", gain)
         self.name = f"velocity feedback, {gain:.2g} N s/m"
-        self.gain = gain / actuator.limit
+        self.gain = gain / limit
 
-    def begin(self, lanes: int) -> None:
-        """Nothing to prepare."""
-
-    def action(self, state: Values, applied: Values) -> Values:
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the force over the limit."""
-        return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0)
+        return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0), memory
+
+
+def best_velocity_feedback(scene: Scene) -> Feedback:
+    """Search the gain over four decades."""
+    critical = 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness)
+    return searched(
+        scene, lambda exponent: VelocityFeedback(scene, critical * 10.0**exponent), DECADES
+    )
+
+
+ENTRIES = (Entry("velocity-feedback", ("force",), best_velocity_feedback, 11),)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.search.search import Search
+from agents.training.search import Search
 from agents.value_iteration.problem import problem_of
 from agents.value_table.kernel import expect, sweep
 from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agents.controllers.actuators import Actuators
+from agents.controllers.actuators import Actuators, require_stable_rest
 from agents.controllers.controller import require_actuator
 from agents.controllers.lqr import state_weight
-from agents.controllers.stretch_command import require_stable_rest
-from agents.search.starts import Shown
+from agents.training.starts import Shown
 from mm_gym import DesignError, compile_scene
 from mm_gym.analysis import spring_stiffness
 

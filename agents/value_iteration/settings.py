@@ -6,9 +6,9 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from agents.policy_file import LARGEST
-from agents.search.settings import TimedSettings
+from agents.network.files import LARGEST
 from agents.training.config import SEED_BITS, Count
+from agents.training.search_settings import TimedSettings
 from agents.value_table.kernel import NODES
 
 

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import io
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from agents.arrays import described, numbers
-from agents.policy_file import PolicyError
+from agents.network.arrays import numbers
+from agents.network.files import PolicyError, content_of
 from agents.value_table.kernel import NODES, choose
 from mm_gym.files import write_bytes
 from mm_gym.scene import Document
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from agents.arrays import Arrays
+    from agents.network.arrays import Arrays
 
     Values = NDArray[np.float64]
 
@@ -65,10 +64,14 @@ class TablePolicy:
             raise PolicyError(msg)
 
     def begin(self, lanes: int) -> Values:
-        """Return what is remembered (0, lanes) in an episode: nothing."""
-        return np.zeros((0, lanes))
+        """Return what is remembered (lanes, 0) in an episode: nothing."""
+        return np.zeros((lanes, 0))
 
-    def act(self, observation: NDArray[np.float32], sums: Values | None = None) -> Values:
+    def step(self, observation: NDArray[np.float32], memory: Values) -> tuple[Values, Values]:
+        """Return the actions for observations, and the memory."""
+        return self.act(observation), memory
+
+    def act(self, observation: NDArray[np.float32]) -> Values:
         """Return the actions (lanes, 1) for observations (lanes, n) as the environment has them."""
         known = np.asarray(observation, np.float64) @ self.reads[:, 1:].T + self.reads[:, 0]
         low, high = self.stretches[0], self.stretches[-1]
@@ -91,10 +94,7 @@ class TablePolicy:
     def to_bytes(self) -> bytes:
         """Return the content of the policy's file."""
         description = {"format": 1} | {name: getattr(self, name) for name in NUMBERS}
-        content = io.BytesIO()
-        arrays = {name: getattr(self, name) for name in ("after", *ARRAYS)}
-        np.savez(content, description=np.array(json.dumps(description)), **arrays)
-        return content.getvalue()
+        return content_of(description, {name: getattr(self, name) for name in ("after", *ARRAYS)})
 
 
 ARRAYS = ("stretches", "squares", "moves", "cost", "reads")
@@ -118,9 +118,9 @@ class Description(Document):
     """as of the problem"""
 
 
-def table_policy(arrays: Arrays) -> TablePolicy:
-    """Return the policy in the arrays of a file; raise `ValueError` if they are wrong."""
-    described_as = Description.of(described(arrays))
+def table_policy(description: Mapping[str, object], arrays: Arrays) -> TablePolicy:
+    """Return the policy of a file; raise `ValueError` where it is wrong."""
+    described_as = Description.of(description)
     lengths = {name: np.atleast_1d(arrays.get(name, ())).shape for name in ("after", *ARRAYS)}
     stretches, sizes = (max(lengths[name][0], 2) for name in ("stretches", "squares"))
     n = max((*lengths["after"][2:3], NODES))

@@ -1,0 +1,106 @@
+"""The classical controllers of a scene, tuned on the validation episodes.
+
+All but the informed ones read what an agent observes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+from agents.controllers.constant import best_constant, uncontrolled
+from agents.controllers.feedback import Feedback
+from agents.controllers.registry import entries
+from agents.controllers.searched import tried
+from agents.network.files import PolicyError
+from mm_gym import CompileError, DesignError, SimulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from agents.controllers.controller import Controller, Law
+    from agents.controllers.registry import Role
+    from mm_gym import Scene
+
+Designed = TypeVar("Designed", bound="Controller")
+
+NOT_SCORED = (CompileError, DesignError, PolicyError, SimulationError)
+"""What keeps a controller from being scored on a scene, though others can be."""
+
+
+class Baselines(NamedTuple):
+    """The classical controllers of a scene.
+
+    Attributes
+    ----------
+    controllers
+        Those that can be designed.
+    not_scored
+        The names of the others, with the reason.
+    """
+
+    controllers: list[Controller]
+    not_scored: dict[str, str]
+
+
+def baselines(scene: Scene) -> Baselines:
+    """Return the classical controllers of a scene, but for predictive control.
+
+    The first is the one that ratios refer to: the best constant stretch, or no control where there
+    is no stretch.
+    """
+    still: list[Controller] = [uncontrolled(scene)]
+    if scene.actuation.stretch is not None:
+        still.insert(0, best_constant(scene))
+    found, not_scored = designed(scene, makers(scene, "law", "filter", "informed"))
+    return Baselines([*still, *found], not_scored)
+
+
+def designed(
+    scene: Scene, made: Mapping[str, Callable[[Scene], Designed]]
+) -> tuple[list[Designed], dict[str, str]]:
+    """Return the controllers that can be designed for a scene, and why the others cannot."""
+    found: list[Designed] = []
+    not_scored: dict[str, str] = {}
+    for name, make in made.items():
+        try:
+            found.append(make(scene))
+        except NOT_SCORED as error:
+            not_scored[name] = str(error)
+    return found, not_scored
+
+
+def makers(scene: Scene, *roles: Role) -> Mapping[str, Callable[[Scene], Controller]]:
+    """Return what makes the controllers of some roles, by label."""
+    return {
+        entry.label or entry.name.replace("-", " "): entry.make
+        for entry in entries(scene, *roles)
+        if entry.told or entry.refuses(scene) is None
+    }
+
+
+def classical_laws(scene: Scene) -> list[Feedback]:
+    """Return the tuned laws that read the observation, those that can be designed."""
+    found, _ = designed(scene, makers(scene, "law"))
+    return [one for one in found if isinstance(one, Feedback)]
+
+
+def further_laws(scene: Scene) -> list[Controller]:
+    """Return what is scored on the page of the tasks alone: it is slow, or takes extras.
+
+    Those that cannot be designed for the scene are left out.
+
+    Raises
+    ------
+    gymnasium.error.DependencyNotInstalled
+        Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
+    """
+    return designed(scene, makers(scene, "further"))[0]
+
+
+def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
+    """Return the law of least cost among those that depend on the present state alone.
+
+    Where there is none, it is no control.
+    """
+    simple = [controller for controller in laws if not controller.law.remembers]
+    return min(simple or [uncontrolled(scene)], key=lambda one: tried(scene, one)).law

@@ -1,0 +1,230 @@
+"""Held-out episodes: every controller runs through the same ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.rollout import Rollout
+from mm_gym import MovingMassVectorEnv, SceneError
+from mm_gym.analysis import spring_energy
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller, Reads
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+FREQUENCY = "excitation.0.frequency"
+"""The field of a scene that is unknown where it is drawn."""
+
+HELD_OUT_SEED = 1_000_000
+"""Seed of the first lane of the final evaluation; training lanes have seeds of another range."""
+
+VALIDATION_SEED = 2_000_000
+"""Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""
+
+VALIDATION_EPISODES = 100
+"""Of each of these evaluations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What one controller did.
+
+    Attributes
+    ----------
+    name
+        The controller's name.
+    reads
+        What it read: "observation", "full state" or "episode".
+    penalties
+        (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
+        [-]; see `evaluate`.
+    returns
+        (episodes,) sum of the rewards of each [-].
+    frequency
+        (episodes,) [rad/s] of the first excitation, or None where its field is not randomised.
+    time, displacement, applied
+        (steps,) [s]; (steps, episodes) x1 / objective.displacement_scale; (steps, episodes, k) what
+        the actuators reached. After an early end they keep their last values.
+    injected
+        (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where
+        the stretch is not actuated.
+    """
+
+    name: str
+    reads: Reads
+    penalties: NDArray[np.float64]
+    returns: NDArray[np.float64]
+    frequency: NDArray[np.float64] | None
+    time: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    applied: NDArray[np.float64]
+    injected: NDArray[np.float64] | None
+
+    @property
+    def cost(self) -> float:
+        """Root of the mean of `penalties` [-]: what the task asks for.
+
+        Where only the displacement is rewarded and no episode ends early, it is the same as `rms`.
+        """
+        return float(np.sqrt(np.mean(self.penalties)))
+
+    @property
+    def episode_costs(self) -> NDArray[np.float64]:
+        """(episodes,) the same of each episode [-]."""
+        return np.sqrt(self.penalties)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of x1 / objective.displacement_scale over all steps [-]."""
+        return float(np.sqrt(np.mean(self.displacement**2)))
+
+    @property
+    def episode_rms(self) -> NDArray[np.float64]:
+        """(episodes,) the same of each episode [-]."""
+        return np.sqrt(np.mean(self.displacement**2, axis=0))
+
+
+class SpringWork:
+    """Work on the springs of episodes that have just begun, which may be drawn for each."""
+
+    def __init__(self, scene: Scene, env: MovingMassVectorEnv) -> None:
+        finite = scene.springs.kind == "finite_stretch"
+        self.stiffness = env.drawn("springs.stiffness")
+        self.lengths = env.drawn("springs.rest_length") if finite else np.zeros(env.num_envs)
+
+    def injected(self, offset: Values, stretch: Values) -> Values:
+        """Return the most that stretching has given by any time, less what it has taken [J].
+
+        Changing the stretch at an offset does the work by which the springs' energy jumps. Its sum
+        from the start of an episode is positive where a law has put in more than it has taken out.
+
+        Parameters
+        ----------
+        offset
+            (steps, lanes): x2 - x1 at the start of each control step [m].
+        stretch
+            (steps + 1, lanes): at the start of the episode, and in each control step [-].
+
+        Returns
+        -------
+        ndarray
+            (lanes,), at least 0.
+        """
+        work = np.empty_like(offset)
+        for lane, (k0, l0) in enumerate(zip(self.stiffness, self.lengths, strict=True)):
+            own, set_to = offset[:, lane], stretch[:, lane]
+            work[:, lane] = spring_energy(own, set_to[1:], k0, l0)
+            work[:, lane] -= spring_energy(own, set_to[:-1], k0, l0)
+        return np.maximum(np.cumsum(work, axis=0).max(axis=0), 0.0)
+
+
+def spread_frequency(scene: Scene, episodes: int, blocks: int = 1) -> dict[str, Values]:
+    """Return the options of a reset that spread an unknown frequency evenly over its band.
+
+    It is spread in each block of the episodes anew; there are no options if it is known.
+    """
+    band = scene.randomization.get(FREQUENCY)
+    if band is None:
+        return {}
+    return {FREQUENCY: np.tile(np.linspace(*band, episodes // blocks), blocks)}
+
+
+def limit_penalty(scene: Scene) -> float:
+    """Return -reward [-] at the edge of what an episode allows.
+
+    Displacement and offset are at their limits, the action is full. A term of the objective without
+    a limit, as the velocity's always is, is at its scale. An own reward tells nothing of an edge.
+    """
+    if scene.own_reward is not None:
+        return -np.inf
+    objective = scene.objective
+    terms = (
+        (objective.displacement_weight, objective.displacement_limit, objective.displacement_scale),
+        (objective.velocity_weight, None, objective.velocity_scale),
+        (objective.stroke_weight, objective.rail_half_length, objective.stroke_scale),
+        (objective.carriage_acceleration_weight, None, objective.carriage_acceleration_scale),
+        (objective.sphere_acceleration_weight, None, objective.sphere_acceleration_scale),
+        (objective.coupling_force_weight, None, objective.coupling_force_scale),
+    )
+    motion = sum(
+        weight if limit is None else weight * (limit / scale) ** 2 for weight, limit, scale in terms
+    )
+    return motion + objective.effort_weight * len(scene.actuation.names)
+
+
+def evaluate(
+    scene: Scene,
+    controller: Controller,
+    *,
+    seed: int = HELD_OUT_SEED,
+    episodes: int = 200,
+    blocks: int = 1,
+) -> Evaluation:
+    """Run a controller through one episode a lane.
+
+    An unknown frequency is spread evenly over its band, in each block of the episodes anew.
+
+    The penalty of an episode is the mean of -reward over its horizon of N steps. One that
+    terminates after n steps has no reward for the rest and pays a terminal cost. With L, the
+    larger of `limit_penalty` and the largest -reward of the n steps::
+
+        penalty = (sum of -reward over the n steps + (N - n) L) / N + L
+
+    So no early end is better than an episode that lasts with a -reward of L at most, and of two
+    ends of equal L the later is the better. The return is the sum of the rewards that were got.
+    """
+    env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
+    options = spread_frequency(scene, episodes, blocks)
+    rollout, steps = Rollout(env, controller, seed=seed, options=options), scene.control.steps
+    displacement, rewards = np.empty((steps, episodes)), np.zeros((steps, episodes))
+    applied = np.empty((steps, episodes, env.single_action_space.shape[0]))
+    work = None if scene.actuation.stretch is None else SpringWork(scene, env)
+    tuned = env.plant.actuators.index("stretch") if work is not None else 0
+    info = rollout.info
+    offset, initial = np.zeros((steps, episodes)), info["applied"][:, tuned].copy()
+    lived, early, step = np.zeros(episodes, np.int64), np.zeros(episodes, np.bool_), 0
+    for step, made in enumerate(rollout):
+        for record in (displacement, applied):
+            record[step] = record[step - 1]
+        offset[step] = info["state"][:, 1] - info["state"][:, 0]
+        info, ran = made.info, made.ran
+        displacement[step, ran] = info["state"][ran, 0]
+        rewards[step, ran] = made.reward[ran]
+        applied[step, ran] = info["applied"][ran]
+        lived += ran
+        early |= made.terminated & ran
+    for record in (displacement, applied):
+        record[step + 1 :] = record[step]
+    limit = np.maximum(limit_penalty(scene), (-rewards).max(axis=0))
+    penalties = -rewards.mean(axis=0) + early * (1.0 + (steps - lived) / steps) * limit
+    if scene.own_reward is not None and np.mean(penalties) < 0.0:
+        msg = (
+            f"reward: {scene.own_reward.name} is negative on average; allowed for evaluations: a "
+            "cost of at least 0, of whose mean the root is told"
+        )
+        raise SceneError(msg)
+    return Evaluation(
+        name=controller.name,
+        reads=controller.reads,
+        penalties=penalties,
+        returns=rewards.sum(axis=0),
+        frequency=options.get(FREQUENCY),
+        time=scene.control.time_step * np.arange(1, steps + 1),
+        displacement=displacement / scene.objective.displacement_scale,
+        applied=applied,
+        injected=None
+        if work is None
+        else work.injected(offset, np.concatenate([initial[None], applied[:, :, tuned]])),
+    )
+
+
+def validation_cost(scene: Scene, controller: Controller) -> float:
+    """Return a controller's cost on the episodes of all validations [-]."""
+    return evaluate(scene, controller, seed=VALIDATION_SEED, episodes=VALIDATION_EPISODES).cost
