@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from functools import wraps
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from gymnasium.error import DependencyNotInstalled
 
-from agents.policy_file import PolicyError
-from agents.training.runs import RunError
+from agents.network.files import PolicyError
+from agents.training.runs import INTERRUPTED, RunError
 from mm_gym import ActionError, CompileError, DesignError, SceneError, SimulationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Outcome: TypeAlias = str | int | None
+"""How a command ends: with an error's text, a status, or well."""
 
 
 class DatasetError(RuntimeError):
@@ -19,6 +26,7 @@ class DatasetError(RuntimeError):
 ERRORS = (
     ActionError,
     CompileError,
+    ConnectionError,  # no cluster
     DatasetError,
     DependencyNotInstalled,
     DesignError,
@@ -33,7 +41,25 @@ FAILED = 2
 """Exit status after an error, that of a wrong flag and of `mm_gym` too."""
 
 
-def leave(outcome: str | int | None) -> NoReturn:
+def command(main: Callable[[], Outcome]) -> Callable[[], Outcome]:
+    """Let a command return the text of an error, and the status of Ctrl-C, which is told."""
+
+    @wraps(main)
+    def ended() -> Outcome:
+        try:
+            return main()
+        except ERRORS as error:
+            return f"error: {error}"
+        except KeyboardInterrupt as interrupt:
+            told = interrupt.args  # how far it came, and what to do
+            done, advice = (*told, *("", "give the same command again")[len(told) :])
+            print(f"{f'interrupted {done}'.rstrip()}: {advice}", file=sys.stderr)
+            return INTERRUPTED
+
+    return ended
+
+
+def leave(outcome: Outcome) -> NoReturn:
     """End the process with a status, or with an error's text on standard error."""
     if isinstance(outcome, str):
         print(outcome, file=sys.stderr)

@@ -9,7 +9,8 @@ from unittest import mock
 
 import numpy as np
 
-from agents import train as command
+from agents.commands import train as command
+from agents.commands.tune import TuneSettings, tune
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.descent import descend
@@ -17,7 +18,6 @@ from agents.gradient.settings import GradientSettings
 from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
-from agents.tune import TuneSettings, tune
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
 
@@ -56,7 +56,7 @@ def begin_tuning(settings: TuneSettings, root: Path, touches: int | None = None)
 
 
 def begin_command(arguments: list[str], folder: Path):
-    """Run ``python -m agents.train`` in a new process and a folder, where it writes ``errors``."""
+    """Run ``python -m agents train`` in a new process and a folder, where it writes ``errors``."""
     return _begin(_command, arguments, folder)
 
 

@@ -6,22 +6,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.controllers.constant import ConstantAction, constant_stretch, no_control
+from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
 from agents.controllers.feedback import Feedback
+from agents.controllers.predictive_control import predictive_control
 from agents.controllers.random_actions import RandomActions
-from agents.evaluation.baselines import (
-    best_constant,
+from agents.controllers.tuned import (
     best_without_memory,
     classical_laws,
     designed,
-    filtered,
     further_laws,
-    informed,
-    predictive_control,
+    makers,
 )
-from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
-from agents.evaluation.planner import Effort, Planner
-from agents.evaluation.replanner import Replanner
+from agents.evaluation.plans import Effort, Planner, Replanner
+from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import DesignError
 from mm_gym.metrics import passive_scene
 
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller
-    from agents.evaluation.episodes import Evaluation
+    from agents.scoring import Evaluation
     from mm_gym import Scene
 
     Row = dict[str, Any]
@@ -98,7 +95,7 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
     """Return all controllers that can be designed for the scene, each behind its role."""
     laws = classical_laws(scene)
     best = best_without_memory(scene, laws)
-    further = [*designed(scene, filtered(scene))[0], *further_laws(scene)]
+    further = [*designed(scene, makers(scene, "filter"))[0], *further_laws(scene)]
     predictive = {"predictive control": lambda scene: predictive_control(scene, best)}
     return [
         ("zero", ConstantAction(scene)),
@@ -106,7 +103,7 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
         ("constant", best_constant(scene, HELD_OUT_SEED)),
         *(("law", law) for law in [*laws, *further]),
         *(("predictive", law) for law in designed(scene, predictive)[0]),
-        *(("informed", law) for law in designed(scene, informed(scene))[0]),
+        *(("informed", law) for law in designed(scene, makers(scene, "informed"))[0]),
     ]
 
 

@@ -94,6 +94,6 @@ def read_scores(path: Path = SCORES, tasks: Iterable[str] = ()) -> dict[str, dic
     scores = cast("dict[str, dict[str, Any]]", data)
     for task in tasks:
         if task not in scores:
-            msg = f"{path}: {task}: no scores; run: python -m agents.headroom {task}"
+            msg = f"{path}: {task}: no scores; run: python -m agents headroom {task}"
             raise SceneError(msg)
     return scores

@@ -24,7 +24,7 @@ try:
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage import get_dataset_path
 except ImportError as error:
-    msg = 'Minari is not installed, run `pip install "mm-gym[datasets]"`'
+    msg = "Minari is not installed: install the extra `datasets`"
     raise DependencyNotInstalled(msg) from error
 
 from agents.errors import DatasetError
@@ -161,7 +161,7 @@ def _buffer(episode: Episode) -> EpisodeBuffer:
 
 def _flush(file: Path) -> None:
     """Put a file on the disk before it gets its name."""
-    handle = os.open(file, os.O_RDONLY)
+    handle = os.open(file, os.O_RDWR)  # Windows flushes no file that is open to be read
     try:
         os.fsync(handle)
     finally:

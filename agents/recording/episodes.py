@@ -9,6 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from agents.rollout import Rollout
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
@@ -121,23 +123,13 @@ def _play_batch(
     env: MovingMassVectorEnv, controller: Controller, seeds: list[int], exploration: Exploration
 ) -> list[Episode]:
     """Play one episode a lane."""
-    observation, info = env.reset(seed=seeds)
-    controller.reset(env)
-    starts, steps = [(observation, info["state"], info["applied"])], []
-    alive, length = np.ones(len(seeds), np.bool_), np.zeros(len(seeds), np.int64)
-    while True:
-        known = {} if controller.reads == "observation" else info
-        action = exploration.applied_to(controller.act(observation, known))
-        observation, reward, terminated, truncated, info = env.step(action)
-        starts.append((observation, info["state"], info["applied"]))
-        steps.append((action, reward, terminated, truncated))
-        length += alive
-        ended = terminated | truncated
-        alive &= ~ended
-        if not alive.any():
-            break
-        if ended.any():  # what these lanes do from here on is not kept
-            env.reset(options={"reset_mask": ended})
+    rollout = Rollout(env, controller, seed=seeds, changed=exploration.applied_to)
+    starts = [(rollout.observation, rollout.info["state"], rollout.info["applied"])]
+    steps, length = [], np.zeros(len(seeds), np.int64)
+    for made in rollout:
+        starts.append((made.observation, made.info["state"], made.info["applied"]))
+        steps.append((made.action, made.reward, made.terminated, made.truncated))
+        length += made.ran
     observations, states, applied = (
         np.stack(column, axis=1) for column in zip(*starts, strict=True)
     )

@@ -3,51 +3,60 @@
 from __future__ import annotations
 
 import json
+from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from agents.comparison.conclusions import THRESHOLDS
-from agents.report.tables import markdown, not_scored_cells
-from mm_gym.files import write_csv, write_text
+from agents.evaluation.aggregates import Estimate
+from agents.evaluation.conclusions import THRESHOLDS
+from agents.report.comparison_figures import draw_comparison
+from agents.report.pages import not_scored_cells, render
+from agents.report.tables import print_table, write_rows
+from mm_gym import SceneError
+from mm_gym.files import write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
-    from agents.comparison.conclusions import Comparison, Overall, Row
-    from agents.evaluation.aggregates import Estimate
+    from agents.evaluation.conclusions import Comparison, Overall, Row
 
-HEADER = ("controller", "reads", "seeds", "cost", "95 % interval", "score", "95 % interval")
-TAIL = ("worst episode", "worst tenth")
 PRINTED = ("controller", "cost", "95 % interval", "score", "95 % interval")
 OVERALL = ("controller", "interquartile mean", "95 % interval")
 
 
+def report_comparison(comparison: Comparison, folder: Path | None = None) -> None:
+    """Print the tables, and write them with figures to a folder.
+
+    Raises
+    ------
+    SceneError
+        If nothing but the reference could be scored on any task.
+    """
+    results = comparison.results
+    nothing = [
+        f"{one.task}: {text}" for one in results for text in not_scored_cells(one.not_scored)
+    ]
+    if nothing and all(len(one.labels) == 1 for one in results):
+        raise SceneError("\n".join(nothing))
+    print_comparison(comparison)
+    if folder is not None:
+        write_comparison(comparison, folder)
+        draw_comparison(comparison, folder)
+        print(f"written: {folder}/")
+
+
 def print_comparison(comparison: Comparison) -> None:
     """Print the ranking of each task, then that over all tasks."""
-    console = Console()
     for result in comparison.results:
         rows = [_printed_cells(row) for row in comparison.tables[result.task]]
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
-        _print(console, result.task, PRINTED, [*rows, *without])
+        print_table(result.task, PRINTED, [*rows, *without])
     if comparison.overall:
-        _print(console, "all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
-    console.print(_episodes(comparison), highlight=False)
-
-
-def _print(
-    console: Console, title: str, header: Sequence[str], rows: Iterable[Sequence[str]]
-) -> None:
-    table = Table(title=title)
-    table.add_column(header[0])
-    for heading in header[1:]:
-        table.add_column(heading, justify="right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+        print_table("all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
+    Console().print(_episodes(comparison), highlight=False)
 
 
 def _printed_cells(row: Row) -> tuple[str, ...]:
@@ -93,103 +102,92 @@ def _episodes(comparison: Comparison) -> str:
 
 def write_comparison(comparison: Comparison, folder: Path) -> None:
     """Write tables as CSV, JSON and Markdown, and the penalty of every episode as CSV."""
-    flat = [(task, row) for task, rows in comparison.tables.items() for row in rows]
-    rows = [row for _, row in flat]
-    none = [float("nan")] * 3
-    scores = np.array([row.score or none for row in rows])
-    costs = np.array([row.cost for row in rows])
-    without = [(r.task, *one) for r in comparison.results for one in r.not_scored.items()]
-    blank, nan = [""] * len(without), [none[0]] * len(without)
-    write_csv(
-        folder / "comparison.csv",
-        [
-            "task",
-            "controller",
-            "reads",
-            "trainings",
-            *("cost [-]", "cost, low [-]", "cost, high [-]"),
-            *("score [-]", "score, low [-]", "score, high [-]"),
-            *("worst episode [-]", "worst tenth [-]", "not scored"),
-        ],
-        [
-            [*(task for task, _ in flat), *(task for task, _, _ in without)],
-            [*(row.label for row in rows), *(label for _, label, _ in without)],
-            [*(row.reads for row in rows), *blank],
-            [*(row.trainings for row in rows), *blank],
-            *([*column, *nan] for column in (*costs.T, *scores.T)),
-            [*(row.worst for row in rows), *nan],
-            [*(row.tail for row in rows), *nan],
-            [*([""] * len(rows)), *(reason for _, _, reason in without)],
-        ],
+    results = comparison.results
+    write_rows(folder / "comparison.csv", _scores(comparison))
+    write_rows(
+        folder / "episodes.csv",
+        (
+            {
+                "task": result.task,
+                "controller": label,
+                "seed": seed,
+                "episode": episode,
+                "mean of -reward per step [-]": value,
+            }
+            for result in results
+            for label, penalties in zip(result.labels, result.sample.penalties, strict=True)
+            for (seed, episode), value in np.ndenumerate(penalties)
+        ),
     )
-    _write_episodes(comparison, folder / "episodes.csv")
-    _write_studies(comparison, folder)
-    _write_efforts(comparison, folder)
+    write_rows(
+        folder / "robustness.csv",
+        (
+            {
+                "task": result.task,
+                "changed": one.study,
+                "to": one.level,
+                "controller": one.label,
+                "cost [-]": one.cost,
+                "over cost as designed [-]": one.ratio,
+                "worst episode [-]": one.worst,
+                "worst tenth [-]": one.tail,
+            }
+            for result in results
+            for one in result.outcomes
+        ),
+    )
+    write_rows(
+        folder / "frequency.csv",
+        (
+            {
+                "task": result.task,
+                "controller": loop.label,
+                "force [N]": force,
+                "frequency [rad/s]": w,
+                "amplitude of x1 over F / k1 [-]": gain,
+                "rest of x1 over all [-]": rest,
+            }
+            for result in results
+            for loop in result.loops
+            for force, gains, rests in zip(loop.forces, loop.gain, loop.distortion, strict=True)
+            for w, gain, rest in zip(loop.frequencies, gains, rests, strict=True)
+        ),
+    )
+    write_rows(
+        folder / "effort.csv",
+        (
+            {"task": result.task, "controller": one.label, "over": one.reference}
+            | {f"{name} [-]": value for name, value in one.indices.items()}
+            for result in results
+            for one in result.efforts
+        ),
+    )
     write_text(folder / "comparison.json", json.dumps(as_data(comparison), indent=1) + "\n")
     write_text(folder / "comparison.md", page(comparison))
 
 
-def _write_episodes(comparison: Comparison, path: Path) -> None:
-    columns: list[list[object]] = [[], [], [], [], []]
+def _scores(comparison: Comparison) -> Iterator[dict[str, object]]:
+    """Yield a row for every controller, those last that have no score."""
+    none = Estimate(nan, nan, nan)
+    names = ("", ", low", ", high")
+    for task, rows in comparison.tables.items():
+        for row in rows:
+            score = row.score or none
+            yield {
+                "task": task,
+                "controller": row.label,
+                "reads": row.reads,
+                "trainings": row.trainings,
+                **{f"cost{name} [-]": end for name, end in zip(names, row.cost, strict=True)},
+                **{f"score{name} [-]": end for name, end in zip(names, score, strict=True)},
+                "worst episode [-]": row.worst,
+                "worst tenth [-]": row.tail,
+                "not scored": "",
+            }
     for result in comparison.results:
-        for label, penalties in zip(result.labels, result.sample.penalties, strict=True):
-            for (seed, episode), value in np.ndenumerate(penalties):
-                cells = (result.task, label, seed, episode, value)
-                for column, cell in zip(columns, cells, strict=True):
-                    column.append(cell)
-    header = ["task", "controller", "seed", "episode", "mean of -reward per step [-]"]
-    write_csv(path, header, columns)
-
-
-def _write_studies(comparison: Comparison, folder: Path) -> None:
-    """Write what the studies gave, if there were any."""
-    changed = [(r.task, one) for r in comparison.results for one in r.outcomes]
-    if changed:
-        names = ("study", "level", "label", "cost", "ratio", "worst", "tail")
-        write_csv(
-            folder / "robustness.csv",
-            [
-                *("task", "changed", "to", "controller", "cost [-]", "over cost as designed [-]"),
-                *("worst episode [-]", "worst tenth [-]"),
-            ],
-            [
-                [task for task, _ in changed],
-                *([getattr(one, name) for _, one in changed] for name in names),
-            ],
-        )
-    loops = [(r.task, loop) for r in comparison.results for loop in r.loops]
-    if loops:
-        cells = [
-            (task, loop.label, force, w, gain, rest)
-            for task, loop in loops
-            for force, gains, rests in zip(loop.forces, loop.gain, loop.distortion, strict=True)
-            for w, gain, rest in zip(loop.frequencies, gains, rests, strict=True)
-        ]
-        write_csv(
-            folder / "frequency.csv",
-            [
-                *("task", "controller", "force [N]", "frequency [rad/s]"),
-                *("amplitude of x1 over F / k1 [-]", "rest of x1 over all [-]"),
-            ],
-            list(zip(*cells, strict=True)),
-        )
-
-
-def _write_efforts(comparison: Comparison, folder: Path) -> None:
-    """Write the indices of response and effort, if there are any."""
-    found = [(r.task, one) for r in comparison.results for one in r.efforts]
-    if found:
-        names = list(found[0][1].indices)
-        write_csv(
-            folder / "effort.csv",
-            ["task", "controller", "over", *(f"{name} [-]" for name in names)],
-            [
-                [task for task, _ in found],
-                [one.label for _, one in found],
-                [one.reference for _, one in found],
-                *([one.indices[name] for _, one in found] for name in names),
-            ],
-        )
+        for label, reason in result.not_scored.items():
+            unknown = {"task": result.task, "controller": label, "not scored": reason}
+            yield dict.fromkeys(("reads", "trainings"), "") | unknown
 
 
 def as_data(comparison: Comparison) -> dict[str, object]:
@@ -230,32 +228,17 @@ def as_data(comparison: Comparison) -> dict[str, object]:
 
 def page(comparison: Comparison) -> str:
     """Return the tables in Markdown."""
-    return "\n\n".join(_sections(comparison)) + "\n"
-
-
-def _sections(comparison: Comparison) -> Iterator[str]:
-    yield "# Comparison"
-    yield f"{_episodes(comparison)}."
-    header = (*HEADER, *TAIL)
+    tasks: list[tuple[str, list[tuple[str, ...]]]] = []
     for result in comparison.results:
         rows = [_cells(row) for row in comparison.tables[result.task]]
+        blank = [""] * (len(rows[0]) - 1)
         texts = [cell.replace("|", r"\|") for cell in not_scored_cells(result.not_scored)]
-        without = [(text, *[""] * (len(header) - 1)) for text in texts]
-        yield f"## {result.task}"
-        yield markdown(header, [*rows, *without])
-    if not comparison.overall:
-        return
-    yield "## All tasks"
-    yield markdown(OVERALL, [_overall_cells(one) for one in comparison.overall])
+        tasks.append((result.task, [*rows, *((text, *blank) for text in texts)]))
     names = [one.label for one in comparison.overall]
-    yield "Probability that the controller of a row does better than that of a column:"
-    yield markdown(
-        ["", *names],
-        [
-            [
-                one.label,
-                *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names),
-            ]
-            for one in comparison.overall
-        ],
-    )
+    better = [
+        [one.label, *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names)]
+        for one in comparison.overall
+    ]
+    overall = [_overall_cells(one) for one in comparison.overall]
+    told = {"overall": overall, "names": names, "improvement": better}
+    return render("comparison", episodes=_episodes(comparison), tasks=tasks, **told)

@@ -2,28 +2,51 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.comparison.conclusions import THRESHOLDS
-from agents.comparison.robustness import DELAY, NOISE, NOMINAL, RECORD
+from agents.evaluation.conclusions import THRESHOLDS
+from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD
 from agents.report.figures import logarithmic
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Sequence
 
     from matplotlib.axes import Axes
 
-    from agents.comparison.conclusions import Comparison
-    from agents.comparison.measure import TaskResult
+    from agents.evaluation.conclusions import Comparison
+    from agents.evaluation.measure import TaskResult
 
 LINE = 0.17
 """Height of a line of text [inch]."""
 
 COLUMNS = 2
 """Panels side by side."""
+
+
+def draw_comparison(comparison: Comparison, folder: Path) -> None:
+    """Draw all figures of a comparison into a folder."""
+    draw_intervals(comparison, folder / "costs.png")
+    if comparison.overall:
+        draw_aggregates(comparison, folder / "scores.png")
+    for result in comparison.results:
+        name = _file_name(result.task, [one.task for one in comparison.results])
+        if result.outcomes:
+            draw_robustness(result, folder / f"robustness_{name}.png")
+        if result.loops:
+            draw_closed_loops(result, folder / f"frequency_{name}.png")
+
+
+def _file_name(task: str, tasks: Sequence[str]) -> str:
+    """Return the part of a file's name that tells a task's figure from those of the others."""
+    stem = Path(task).stem.lower()
+    if [Path(one).stem.lower() for one in tasks].count(stem) > 1:
+        stem = task
+    return re.sub(r"[^\w.-]+", "_", stem)
 
 
 def draw_intervals(comparison: Comparison, path: Path) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from agents.evaluation.episodes import Evaluation
+    from agents.scoring import Evaluation
     from mm_gym import Scene
 
 IN_A_BIN = 10

@@ -6,39 +6,14 @@ from typing import TYPE_CHECKING
 
 from agents.evaluation.headroom import least_cost
 from agents.evaluation.scores import SCORES
-from agents.report.surprises import surprises
-from agents.report.tables import markdown
+from agents.report.pages import render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from agents.report.surprises import Row
+    Row = Mapping[str, str | float]
 
 PAGE = SCORES.with_name("ranking.md")
-
-HEAD = """# Ranking
-
-<!-- Written by `python -m agents.ranking`; do not edit. -->
-
-Costs on the same 100 held-out episodes of each task, as `docs/tasks.md` defines them. The 95 %
-intervals are for other episodes; a learned controller is one training, and other trainings of the
-same algorithm differ (`docs/results.md`). The **score** is s = (J_constant - J) / (J_constant -
-J_best found): 0 for the best constant action, 1 for the clairvoyant optimum (best found), which
-knows the episode. Tables call it "best known plan", and a control weight "price".
-
-- **zero**: no action. **Best constant**: the best in hindsight of what never moves.
-- **Passive optimum**: the damping of the interface, and the stretch or stiffness of the springs,
-  of the best passive damper (`mm_gym.tuning`). It is another plant: no actuator of the task changes
-  all of them. Dry friction has no damping to tune.
-- **Best controller**: the best of the classical controllers here, see
-  [what is known of others](controllers.md#known-but-not-in-the-tables). **Predictive**: predictive
-  control. **Learned**: the best of the trained agents here: `python -m agents.ranking runs/NAME`
-  adds one.
-- **Best found**: the least cost of all that runs on the task's own plant.
-
-Under a table stand the orders that a reader would not expect; the
-[reasons](controllers.md#unexpected-orders) are with the controllers.
-"""
 
 COLUMNS = {
     "zero": "zero",
@@ -51,15 +26,21 @@ COLUMNS = {
 """Heading -> role."""
 
 
+MARGIN = 1e-3
+"""Relative differences of costs up to this one count as none."""
+
+NO_BETTER = "no better than the best constant"
+
+
 def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
     """Return the page with these scores, as of ``docs/task_scores.json``."""
     rows = {task: of_task["rows"] for task, of_task in scores.items()}
-    summary = markdown(
-        ["task", *COLUMNS, "best found"],
-        [_summary(task, of_task) for task, of_task in rows.items()],
+    return render(
+        "ranking",
+        columns=list(COLUMNS),
+        summary=[_summary(task, of_task) for task, of_task in rows.items()],
+        sections=[(task, _ranked(of_task), surprises(of_task)) for task, of_task in rows.items()],
     )
-    sections = [part for task, of_task in rows.items() for part in _section(task, of_task)]
-    return "\n\n".join([HEAD + "\n" + summary, *sections]) + "\n"
 
 
 def _summary(task: str, rows: Sequence[Row]) -> list[str]:
@@ -70,23 +51,64 @@ def _summary(task: str, rows: Sequence[Row]) -> list[str]:
     return [*cells, f"{least_cost(rows):.3g}"]
 
 
-def _section(task: str, rows: Sequence[Row]) -> Iterator[str]:
+def _ranked(rows: Sequence[Row]) -> list[list[str]]:
     constant = next(float(row["cost"]) for row in rows if row["role"] == "constant")
     span = constant - least_cost(rows)
-    yield f"## {task}"
-    yield markdown(
-        ["controller", "reads", "cost", "95 % interval", "score"],
+    return [
         [
-            [
-                str(row["controller"]),
-                str(row["reads"]),
-                f"{row['cost']:.4g}",
-                f"{row['low']:.4g} to {row['high']:.4g}",
-                f"{(constant - float(row['cost'])) / span:.2f}",
-            ]
-            for row in sorted(rows, key=lambda row: float(row["cost"]))
-        ],
-    )
-    found = surprises(rows)
-    if found:
-        yield "\n".join(f"- {sentence}" for sentence in found)
+            str(row["controller"]),
+            str(row["reads"]),
+            f"{row['cost']:.4g}",
+            f"{row['low']:.4g} to {row['high']:.4g}",
+            f"{(constant - float(row['cost'])) / span:.2f}",
+        ]
+        for row in sorted(rows, key=lambda row: float(row["cost"]))
+    ]
+
+
+def surprises(rows: Sequence[Row]) -> list[str]:
+    """Return what is unexpected in the order of a task's controllers, as sentences.
+
+    Unexpected is: what does no better than the best constant; a controller of more knowledge that
+    costs more than one of less; a passive damper that costs less than all classical controllers; a
+    simple controller that costs less than the LQR.
+    """
+    return [sentence[0].upper() + sentence[1:] for sentence in _unexpected(rows)]
+
+
+def _unexpected(rows: Sequence[Row]) -> Iterator[str]:
+    of: dict[str, list[Row]] = {}
+    for row in rows:
+        of.setdefault(str(row["role"]), []).append(row)
+    (constant,) = of["constant"]
+    for role in ("passive", "law", "predictive", "informed", "learned", "planner"):
+        for row in of.get(role, []):
+            if _beats(constant, row):
+                yield f"{_name(row)} is {NO_BETTER}."
+    regulators = [row for row in of.get("law", []) if _name(row).startswith("LQR")]
+    simple = [row for row in of.get("law", []) if _name(row).startswith("velocity feedback")]
+    yield from _pairs(simple, regulators)
+    for role, above in (("law", "predictive"), ("predictive", "informed")):
+        yield from _pairs(_best(of.get(role, [])), of.get(above, []))
+    observing = [row for role in ("law", "predictive", "learned") for row in of.get(role, [])]
+    yield from _pairs(observing, of.get("planner", []))
+    yield from _pairs(of.get("passive", []), _best(of.get("law", [])))
+
+
+def _pairs(better: Sequence[Row], worse: Sequence[Row]) -> Iterator[str]:
+    for one in better:
+        for other in worse:
+            if _beats(one, other):
+                yield f"{_name(one)} costs less than {_name(other)}."
+
+
+def _best(rows: Sequence[Row]) -> list[Row]:
+    return sorted(rows, key=lambda row: float(row["cost"]))[:1]
+
+
+def _beats(one: Row, other: Row) -> bool:
+    return float(one["cost"]) < float(other["cost"]) * (1.0 - MARGIN)
+
+
+def _name(row: Row) -> str:
+    return str(row["controller"])

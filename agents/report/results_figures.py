@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.comparison.on_task import STUDIES
-from agents.comparison.robustness import NOMINAL
-from agents.comparison.trainings import algorithms_of
 from agents.evaluation.aggregates import performance_profile
+from agents.evaluation.studies import NOMINAL
 from agents.report.figures import logarithmic
+from agents.sweeps.on_task import STUDIES, algorithms_of
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from agents.comparison.trainings import OnTask
+    from agents.sweeps.on_task import OnTask
 
 THRESHOLDS = np.linspace(-0.2, 1.05, 126)
 """Scores at which the performance profile is taken."""

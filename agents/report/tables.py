@@ -1,64 +1,79 @@
-"""Tables of a report: files of numbers, the printed ranking, and Markdown."""
+"""Tables of a report: files of numbers, and the printed ranking."""
 
 from __future__ import annotations
 
+from math import nan
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from agents.report.pages import not_scored_cells
 from mm_gym.files import write_csv
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from agents.evaluation.episodes import Evaluation
+    from agents.scoring import Evaluation
     from mm_gym import Scene
+
+
+def write_rows(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
+    """Write rows as CSV under the names of the first; no file without rows, NaN for what lacks."""
+    found = list(rows)
+    if found:
+        names = list(found[0])
+        write_csv(path, names, [[row.get(name, nan) for row in found] for name in names])  # pyright: ignore[reportArgumentType]
+
+
+def print_table(
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    words: Sequence[str] = (),
+) -> None:
+    """Print a table; the first column and those named as words are set to the left."""
+    table = Table(title=title)
+    table.add_column(header[0])
+    for heading in header[1:]:
+        justify = "left" if heading in words else "right"
+        table.add_column(heading, justify=justify, no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
 
 
 def write_scores(results: Sequence[Evaluation], path: Path) -> None:
     """Write a row per controller; ratios are those of the costs to the first controller's."""
-    write_csv(
+    write_rows(
         path,
-        [
-            "controller",
-            "reads",
-            "cost [-]",
-            "ratio to reference [-]",
-            "rms of x1 / scale [-]",
-            "mean return [-]",
-            "mean energy injected [J]",
-        ],
-        [
-            [result.name for result in results],
-            [result.reads for result in results],
-            [result.cost for result in results],
-            [result.cost / results[0].cost for result in results],
-            [result.rms for result in results],
-            [result.returns.mean() for result in results],
-            ["" if r.injected is None else r.injected.mean() for r in results],
-        ],
+        (
+            {
+                "controller": result.name,
+                "reads": result.reads,
+                "cost [-]": result.cost,
+                "ratio to reference [-]": result.cost / results[0].cost,
+                "rms of x1 / scale [-]": result.rms,
+                "mean return [-]": result.returns.mean(),
+                "mean energy injected [J]": ""
+                if result.injected is None
+                else result.injected.mean(),
+            }
+            for result in results
+        ),
     )
 
 
 def write_episodes(results: Sequence[Evaluation], path: Path) -> None:
     """Write a row per episode: its frequency, or else its number, and each controller's figures."""
-    frequency, names = results[0].frequency, [result.name for result in results]
-    write_csv(
-        path,
-        [
-            "episode" if frequency is None else "frequency [rad/s]",
-            *(f"cost of {name} [-]" for name in names),
-            *(f"rms of x1 / scale of {name} [-]" for name in names),
-        ],
-        [
-            np.arange(results[0].returns.size) if frequency is None else frequency,
-            *(result.episode_costs for result in results),
-            *(result.episode_rms for result in results),
-        ],
-    )
+    frequency = results[0].frequency
+    columns: dict[str, Iterable[float]] = {"episode": range(results[0].returns.size)}
+    if frequency is not None:
+        columns = {"frequency [rad/s]": frequency}
+    columns |= {f"cost of {one.name} [-]": one.episode_costs for one in results}
+    columns |= {f"rms of x1 / scale of {one.name} [-]": one.episode_rms for one in results}
+    write_csv(path, list(columns), list(columns.values()))  # pyright: ignore[reportArgumentType]
 
 
 def print_ranking(
@@ -66,13 +81,8 @@ def print_ranking(
 ) -> None:
     """Print the controllers by their cost, the least first, and why others have none."""
     count, reference = results[0].returns.size, results[0]
-    table = Table(title=f"cost: root of the mean of -reward per step, {count} held-out episodes")
-    table.add_column("controller")
-    table.add_column("reads", no_wrap=True)
-    for heading in ("cost", "ratio", "rms x1", "return"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for result in sorted(results, key=lambda result: result.cost):
-        table.add_row(
+    rows = [
+        (
             result.name,
             result.reads,
             f"{result.cost:.3f}",
@@ -80,32 +90,18 @@ def print_ranking(
             f"{result.rms:.3f}",
             f"{result.returns.mean():.2f}",
         )
-    for text in not_scored_cells(not_scored):
-        table.add_row(text)
+        for result in sorted(results, key=lambda result: result.cost)
+    ]
+    print_table(
+        f"cost: root of the mean of -reward per step, {count} held-out episodes",
+        ("controller", "reads", "cost", "ratio", "rms x1", "return"),
+        [*rows, *((text,) for text in not_scored_cells(not_scored))],
+        words=("reads",),
+    )
     Console().print(
-        table,
         f"ratio: cost / cost of {reference.name}",
         f"rms x1: over {scene.objective.displacement_scale * 1e3:g} mm",
         "return: mean over the episodes",
         sep="\n",
         highlight=False,
     )
-
-
-def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def not_scored_cells(not_scored: Mapping[str, str]) -> list[str]:
-    """Return the cell of each controller that is not scored, in one line with the reason."""
-    return [
-        f"{name}: not scored: {'; '.join(reason.splitlines())}"
-        for name, reason in not_scored.items()
-    ]
-
-
-def percent(value: float) -> str:
-    """Return a ratio in whole per cent; nothing rounds to -0."""
-    return f"{round(100.0 * value)} %"

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 from pydantic import BaseModel, Field, JsonValue, Strict
 
 from agents.controllers.learned import Learned
-from agents.evaluation.episodes import evaluate
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
+from agents.scoring import evaluate
 from agents.training.algorithm_settings import Algorithm, Count
 from agents.training.config import (
     Changes,
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
 RESIDUAL = "residual"
-"""The algorithms that are agents.evolve, agents.descend and agents.iterate, and PPO with settings
-of its own, such as the law to which it is added; the others are those of agents.train."""
+"""The algorithms of the commands evolve, descend and iterate, and PPO with settings of its own,
+such as the law to which it is added; the others are those of train."""
 
 Learner: TypeAlias = Literal["evolution", "gradient", "value_iteration", "residual", Algorithm]
 
@@ -73,8 +73,8 @@ class SweepSettings(Document):
     tasks: Annotated[tuple[str, ...], Strict(False), Field(min_length=1)] = ("PreStretch",)
     """registered ids, of which ``mm_gym/`` and ``-v0`` may be left out"""
     algorithms: Annotated[tuple[Learner, ...], Strict(False), Field(min_length=1)] = ("ppo",)
-    """as for agents.train, evolution: agents.evolve, gradient: agents.descend, value_iteration:
-    agents.iterate, or residual: ppo with own settings"""
+    """as for the command train; evolution, gradient and value_iteration: as the commands evolve,
+    descend and iterate; or residual: ppo with own settings"""
     seeds: Count = 1
     """each training is done with the seeds 0, 1, ... below"""
     settings: Changes = Field(default_factory=dict[str, JsonValue])

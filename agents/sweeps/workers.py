@@ -53,7 +53,9 @@ def work_here(trials: Trials, processes: int | None, report: Report) -> None:
     """
     before = dict(os.environ)
     os.environ |= ONE_THREAD  # of the processes, which inherit it
-    context = multiprocessing.get_context("forkserver")
+    # Windows knows no fork.
+    way = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    context = multiprocessing.get_context(way)
     context.set_forkserver_preload(["agents.training.reinforcement"])
     waiting, kills = list(range(len(trials))), [0] * len(trials)
     running: dict[int, tuple[BaseProcess, Connection]] = {}
@@ -127,7 +129,7 @@ def work_on_ray(trials: Trials, address: str | None, processes: int | None, repo
     try:
         import ray  # noqa: PLC0415 - an extra
     except ImportError as error:
-        msg = '--ray needs Ray, run `pip install "mm-gym[ray]"`'
+        msg = "--ray needs Ray: install the extra `ray`"
         raise DependencyNotInstalled(msg) from error
     ray.init(
         address=address,

@@ -44,7 +44,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     try:
         return getattr(import_module(module), attribute)
     except ImportError as error:
-        msg = f'algorithm {name!r} needs sb3-contrib, run `pip install "mm-gym[contrib]"`'
+        msg = f"algorithm {name!r} needs sb3-contrib: install the extra `contrib`"
         raise DependencyNotInstalled(msg) from error
 
 

@@ -10,8 +10,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
-from agents.arrays import check_archive
-from agents.policies import Policy, PolicyError
+from agents.network.arrays import check_archive
+from agents.policies import Policy, PolicyError, network
 from mm_gym import SceneError
 from mm_gym.files import read_bytes
 
@@ -58,14 +58,14 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     else:
         first = first[0] / unit, first[1] - first[0] @ (zero / unit)
     layers = [first, *others]
-    return Policy(
-        weights=tuple(weight.astype(np.float32) for weight, _ in layers),
-        biases=tuple(bias.astype(np.float32) for _, bias in layers),
-        activation=ACTIVATIONS[activations[0]] if activations else "tanh",
-        low=np.asarray(model.action_space.low, np.float32),
-        high=np.asarray(model.action_space.high, np.float32),
+    return network(
+        [weight for weight, _ in layers],
+        [bias for _, bias in layers],
+        ACTIVATIONS[activations[0]] if activations else "tanh",
+        model.action_space.low,
+        model.action_space.high,
         squashed=squashed,
-        cell=tuple(array.astype(np.float32) for array in cell),
+        cell=cell,
     )
 
 

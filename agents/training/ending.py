@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel
 
 from agents.controllers.constant import no_control
-from agents.controllers.feedback import Feedback
-from agents.controllers.true_state import TrueState
-from agents.evaluation.episodes import validation_cost
+from agents.controllers.feedback import Feedback, TrueState
+from agents.scoring import validation_cost
 from agents.training.runs import read_as
 from mm_gym.files import write_text
 
@@ -93,7 +92,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         """What the agent's user has to know, a line each; how far a shortened run came is last."""
         told: list[str] = []
         if self.is_worse:
-            kept = "policy.npz is no control" if self.replaced else "policy.npz is the best of them"
+            kept = "the policy is no control" if self.replaced else "the policy is the best of them"
             told.append(
                 "warning: on the validation episodes all agents were worse than no control: "
                 f"{_told(self.cost)}, and {_told(self.no_control)} without; {kept}"

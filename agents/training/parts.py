@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from agents.controllers.learned import Learned
+from agents.controllers.names import laws, not_a_law
 from agents.controllers.residual import Residual
 from agents.controllers.user_defined import user_defined
-from agents.evaluation.laws import laws, not_a_law
 from agents.policies import PolicyError
 from mm_gym import DesignError, SceneError, rewarded
 from mm_gym.user_code import is_path

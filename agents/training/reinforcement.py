@@ -16,8 +16,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import TqdmExperimentalWarning
 
-from agents.evaluation.episodes import validation_cost
 from agents.policies import policy_in
+from agents.scoring import validation_cost
 from agents.training.algorithms import algorithm_class, make_model
 from agents.training.archive import policy_of
 from agents.training.arrays import damage_named, load_checkpoint, save_checkpoint

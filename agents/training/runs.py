@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import json
 import os
@@ -14,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
+from filelock import lock_descriptor
 from pydantic import BaseModel, Field, JsonValue, ValidationError
 
 from mm_gym import Scene, SceneError
@@ -25,6 +25,7 @@ from mm_gym.files import (
     read_text,
     write_text,
 )
+from mm_gym.scene import with_absolute_records, with_relative_records
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,7 +107,7 @@ class Run:
 
     ``run.json`` holds settings, scene, versions, seed and command; ``checkpoint.npz`` the state
     from which an interrupted run continues; ``metrics.csv`` the validations and ``times.csv`` when
-    they were made; ``policy.npz`` the best policy, written when training is over, after
+    they were made; ``policy.safetensors`` the best policy, written when training is over, after
     ``end.json``, which tells how it ended. Each is written whole, and none is ever deleted.
     """
 
@@ -117,7 +118,12 @@ class Run:
         self.metrics = self.folder / "metrics.csv"
         self.times = self.folder / "times.csv"
         self.ending = self.folder / "end.json"
-        self.policy = self.folder / "policy.npz"
+
+    @property
+    def policy(self) -> Path:
+        """The policy's file; that of an earlier version where there is one."""
+        old = self.folder / "policy.npz"
+        return old if old.exists() else self.folder / "policy.safetensors"
 
     @property
     def finished(self) -> bool:
@@ -142,13 +148,24 @@ class Run:
             raise RunError(msg)
         return steps, costs, seconds
 
-    def advice(self, interrupt: KeyboardInterrupt) -> str:
-        """Return what to do after Ctrl-C, and how far the run came, if the interrupt tells it."""
-        advice = "give the same command again to continue"
-        if self.finished:
-            advice = f"trained; score it: python -m agents.evaluate {self.folder}"
-        done = f" {interrupt}" if interrupt.args else ""
-        return f"interrupted{done}: {self.folder}: {advice}"
+    @contextmanager
+    def advised(self) -> Iterator[None]:
+        """Say of Ctrl-C and of a full disk what to do then, and how far the run came if known."""
+        try:
+            yield
+        except KeyboardInterrupt as interrupt:
+            advice = "give the same command again to continue"
+            if self.finished:
+                advice = f"trained; score it: python -m agents evaluate {self.folder}"
+            done = str(interrupt)
+            raise KeyboardInterrupt(done, f"{self.folder}: {advice}") from None
+        except OSError as error:  # a full disk, a folder that cannot be written to
+            kept = "its last checkpoint is whole: give the same command again when there is room"
+            if self.finished:
+                scored = f"score it when there is room: python -m agents evaluate {self.folder}"
+                kept = f"trained; {scored}"
+            msg = f"{error}\n{self.folder}: {kept}"
+            raise OSError(msg) from error
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -171,9 +188,12 @@ class Run:
             raise RunError(msg) from error
         with stream:
             try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                held = lock_descriptor(descriptor, blocking=False)
             except OSError as error:
-                raise RunError(self._refusal(error)) from None
+                msg = f"{self.folder}: cannot be locked: {error}"
+                raise RunError(msg) from None
+            if not held:
+                raise RunError(self._refusal())
             if stream.read(len(HOLDER)) not in {"", HOLDER}:
                 msg = f"{self._lock}: cannot be a lock: another file is in its place; move it away"
                 raise RunError(msg)
@@ -188,9 +208,7 @@ class Run:
     def _lock(self) -> Path:
         return self.folder / ".lock"
 
-    def _refusal(self, error: OSError) -> str:
-        if not isinstance(error, BlockingIOError):
-            return f"{self.folder}: cannot be locked: {error}"
+    def _refusal(self) -> str:
         holder = "another process"
         with suppress(SceneError):  # who holds it is told where it can be read
             holder = read_text(self._lock) or holder
@@ -229,11 +247,13 @@ class Run:
             earlier = [*record.get("earlier", []), {**stage, "command": record.get("command", "")}]
             if self.policy.exists():
                 size = record["settings"][settings.growing[0]]
-                self.policy.rename(self.folder / f"policy-{size}.npz")
+                self.policy.rename(self.folder / f"policy-{size}{self.policy.suffix}")
         contents = {
             **_identity(settings),
             **({"earlier": earlier} if earlier else {}),
-            "scene": json.loads(settings.load_scene().model_dump_json()),
+            "scene": with_relative_records(
+                json.loads(settings.load_scene().model_dump_json()), self.folder
+            ),
             "versions": _versions(),
             "python": platform.python_version(),
             "machine": platform.machine(),
@@ -273,7 +293,7 @@ class Run:
             If there is none, or it is damaged.
         """
         if not os.path.lexists(self.record):
-            msg = f"{self.folder}: no run.json here; train first: python -m agents.train"
+            msg = f"{self.folder}: no run.json here; train first: python -m agents train"
             raise RunError(msg)
         return read_as(Record, self.record, "a run's record").model_dump(exclude_unset=True)
 
@@ -284,7 +304,7 @@ class Run:
             msg = f"{self.record}: not a run's record: scene: missing"
             raise RunError(msg)
         try:
-            return Scene.of(scene)
+            return Scene.of(with_absolute_records(scene, self.folder))
         except SceneError as error:
             told = "; ".join(str(error).splitlines())
             msg = f"{self.record}: scene: {told}"

@@ -9,9 +9,9 @@ import pytest
 import torch
 from exported import in_c, in_numpy, in_onnx
 
-from agents.evaluation.episodes import evaluate
+from agents.evaluation.named import law_of
 from agents.policies import PolicyError, load_policy
-from agents.recording.laws import law_of
+from agents.scoring import evaluate
 from agents.training import reinforcement
 from agents.training.algorithms import CLASSES, make_model
 from agents.training.archive import policy_of
@@ -44,8 +44,8 @@ def model_of(settings, folder):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_policy_and_its_exports_act_as_the_model_that_it_is_from(algorithm, tmp_path):
     model = model_of(tiny(algorithm, normalise_observations=True), tmp_path).learn(400)
-    policy_of(model).save(tmp_path / "policy.npz")
-    policy, generator = load_policy(tmp_path / "policy.npz"), np.random.default_rng(0)
+    policy_of(model).save(tmp_path / "policy.safetensors")
+    policy, generator = load_policy(tmp_path / "policy.safetensors"), np.random.default_rng(0)
     size, state, starts = model.observation_space.shape[0], None, np.ones(500, np.bool_)
     episodes, wanted = generator.standard_normal((500, 20, size)).astype(np.float32), []
     for observed in episodes.swapaxes(0, 1):
@@ -74,7 +74,7 @@ def test_agent_begins_as_the_law_that_it_is_added_to(algorithm, tmp_path):
 def outcome(run):
     policy = load_policy(run.policy)
     metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1)
-    return [metrics, *policy.weights, *policy.biases, *policy.cell]
+    return [metrics, *policy.arrays.values()]
 
 
 def assert_same_outcome(run, other):
@@ -88,7 +88,7 @@ class Killed(Exception):  # noqa: N818 - not an error
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_killed_training_continues_bitwise(algorithm, tmp_path, monkeypatch):
-    # Episodes end early and apart, so that copies of the base begin at different steps.
+    # Episodes end early and apart, so that lanes of the base are at different steps.
     changes = {"control.steps": 40, "objective.displacement_limit": 0.003}
     settings = tiny(
         algorithm, base="lqg", changes=changes, normalise_observations=True, normalise_rewards=True
@@ -159,7 +159,7 @@ def test_finished_run_goes_on_with_more_steps_and_keeps_its_first_policy(tmp_pat
     assert run.finished
     assert run.metrics.read_text().startswith(rows)
     assert float(run.metrics.read_text().splitlines()[-1].split(",")[0]) == 800.0
-    assert (run.folder / "policy-400.npz").read_bytes() == policy
+    assert (run.folder / "policy-400.safetensors").read_bytes() == policy
     record = json.loads(run.record.read_text())
     assert record["settings"]["steps"] == 800
     assert [stage["steps"] for stage in record["earlier"]] == [400]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agents import train as command
+from agents.commands import train as command
 from agents.training import reinforcement
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
@@ -95,17 +95,17 @@ def test_missing_extra_is_named_before_a_folder_is_made(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "sb3_contrib", None)
     monkeypatch.setattr("sys.argv", ["train", *ARGUMENTS, "--algorithm", "tqc"])
     assert command.main() == (
-        "error: algorithm 'tqc' needs sb3-contrib, run `pip install \"mm-gym[contrib]\"`"
+        "error: algorithm 'tqc' needs sb3-contrib: install the extra `contrib`"
     )
     assert not Path("runs").exists()
 
 
 def test_missing_optuna_is_named(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "optuna", None)
-    monkeypatch.delitem(sys.modules, "agents.tune", raising=False)
+    monkeypatch.delitem(sys.modules, "agents.commands.tune", raising=False)
     with pytest.raises(SystemExit) as caught:
-        import_module("agents.tune")
-    said = 'error: agents.tune needs Optuna, run `pip install "mm-gym[tune]"`'
+        import_module("agents.commands.tune")
+    said = "error: tune needs Optuna: install the extra `tune`"
     assert (caught.value.code, capsys.readouterr().err) == (2, f"{said}\n")
 
 

@@ -5,19 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agents.commands.evaluate import main
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
-from agents.controllers.constant import constant_damping
-from agents.controllers.feedback import Feedback
+from agents.controllers.constant import constant_damping, uncontrolled
+from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.learned import Learned
 from agents.controllers.model import Model
-from agents.controllers.true_state import TrueState
-from agents.evaluate import main
-from agents.evaluation.baselines import classical_laws, uncontrolled
-from agents.evaluation.episodes import evaluate
-from agents.evaluation.laws import laws, obstacle
+from agents.controllers.names import laws, obstacle
+from agents.controllers.tuned import classical_laws
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
+from agents.scoring import evaluate
 from agents.training.runs import Run
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 from mm_gym.compiler.jit import plain
@@ -73,11 +72,10 @@ def settled(scene, voltage, state):
 def test_voltage_is_that_of_the_formula(present):
     """The regulator is that of a damping, which has an oracle of its own in test_semi_active."""
     law = ClippedVoltage(SCENE, PRICE)
-    law.begin(len(STATES))
-    actions = law.action(STATES, np.full((len(STATES), 1), present))[:, 0]
+    actions = law.action({}, STATES, np.full((len(STATES), 1), present))[0][:, 0]
     viscous = {"kind": "viscous", "damping": 0.1}
     damped = SCENE.replace(interface=viscous, actuation={"damping": {"minimum": 0.1}})
-    wanted = ClippedOptimal(damped, "on-off", PRICE).force(STATES)
+    wanted = ClippedOptimal(damped, "on-off", PRICE).force({}, STATES)
     checked = set()
     for state, want, action in list(zip(STATES, wanted, actions, strict=True))[:60]:
         given = true_force(SCENE, present, state, settled(SCENE, present, state))
@@ -93,7 +91,7 @@ def test_force_is_that_of_the_damper_in_motion():
     _, info = env.reset(seed=3)
     rows, pairs = env.plant.support.state_rows, []
     for _ in range(200):
-        *_, info = env.step(law.action(info["state"], info["applied"]))
+        *_, info = env.step(law.action({}, info["state"], info["applied"])[0])
         state, voltage = np.asarray(env.get_state()["values"])[rows].T, info["applied"][:, 0]
         guess = law.device.force(info["state"], voltage)
         for x, u, own in zip(state, voltage, guess, strict=True):
@@ -128,7 +126,7 @@ def test_late_sensors_cost_little():
 def test_predictions_have_the_voltage_that_is_applied_whatever_the_lag():
     ends = []
     for begins in (0.0, MOST):  # from which a lag would make a difference
-        model = Model(scene_of(**{"interface.voltage": begins}), len(STATES))
+        model = Model(scene_of(**{"interface.voltage": begins}))
         model.begin(STATES)
         ends.append(model.advance(np.full((len(STATES), 1), MOST))[0].copy())
     assert np.array_equal(*ends)

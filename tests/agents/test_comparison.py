@@ -12,22 +12,20 @@ import pytest
 import tyro
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
-from agents import evaluate as command
-from agents.comparison.command import _file_name
-from agents.comparison.conclusions import CHOSEN, best_known, conclude, scores_of
-from agents.comparison.contestants import Contestant, Field, read_field
-from agents.comparison.entries import Episodes
-from agents.comparison.measure import TaskResult, measure
+from agents.commands import evaluate as command
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
-from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
-from agents.policies import Policy, PolicyError
-from agents.recording.laws import law_of
+from agents.evaluation.conclusions import CHOSEN, best_known, conclude, scores_of
+from agents.evaluation.contestants import Contestant, Episodes, Field, read_field
+from agents.evaluation.measure import TaskResult, measure
+from agents.evaluation.named import law_of
+from agents.policies import Policy, PolicyError, network
 from agents.report.comparison import as_data, page, write_comparison
-from agents.report.comparison_figures import draw_aggregates, draw_intervals
+from agents.report.comparison_figures import _file_name, draw_aggregates, draw_intervals
+from agents.scoring import HELD_OUT_SEED, evaluate
 from agents.training.runs import RunError
 from mm_gym import SceneError, load_scene
 
@@ -42,7 +40,7 @@ def policy(gain: float) -> Policy:
     """A policy that pushes against v1."""
     weight = np.array([[0.0, 0.0, -gain, 0.0]], np.float32)
     ends = np.array([1.0], np.float32)
-    return Policy((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends)
+    return network((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends)
 
 
 def run(folder: Path, task: str = FORCE, gain: float = 1.0, **changes: object) -> Path:
@@ -52,7 +50,7 @@ def run(folder: Path, task: str = FORCE, gain: float = 1.0, **changes: object) -
     content = json.loads(scene.model_dump_json())
     record = {"settings": {"task": task}, "scene": content, "scene_digest": scene.digest} | changes
     (folder / "run.json").write_text(json.dumps(record))
-    policy(gain).save(folder / "policy.npz")
+    policy(gain).save(folder / "policy.safetensors")
     return folder
 
 
@@ -236,7 +234,7 @@ def test_runs_that_cannot_stand_in_one_table_are_refused(tmp_path, monkeypatch) 
     run(tmp_path / "b-3")
     other = str(run(tmp_path / "c", DUFFING))
     unfinished = run(tmp_path / "e")
-    (unfinished / "policy.npz").unlink()
+    (unfinished / "policy.safetensors").unlink()
     assert f"{first}: got runs of {FORCE}; allowed: of each of {FORCE}, {DUFFING}" in refused(
         RunError, [first, other]
     )
@@ -326,13 +324,17 @@ def test_agent_around_a_controller_keeps_the_one_of_its_own_scene(tmp_path) -> N
 
 def test_policy_files_of_one_name_have_rows_of_their_own(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("a/policy.npz", "b/policy.npz", "c.npz"):
+    for name in ("a/policy.safetensors", "b/policy.safetensors", "c.npz"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         policy(1.0).save(tmp_path / name)
-    compared = read_field(["a/policy.npz", "b/policy.npz", "c.npz"], [FORCE])
-    assert [one.label for one in compared.contestants] == ["a/policy.npz", "b/policy.npz", "c.npz"]
-    (alone,) = read_field(["a/policy.npz"], [FORCE]).contestants
-    assert alone.label == "policy.npz"
+    compared = read_field(["a/policy.safetensors", "b/policy.safetensors", "c.npz"], [FORCE])
+    assert [one.label for one in compared.contestants] == [
+        "a/policy.safetensors",
+        "b/policy.safetensors",
+        "c.npz",
+    ]
+    (alone,) = read_field(["a/policy.safetensors"], [FORCE]).contestants
+    assert alone.label == "policy.safetensors"
 
 
 UNSEEN = """
@@ -430,7 +432,7 @@ def test_command_compares_and_refuses(tmp_path, monkeypatch, capsys) -> None:
     assert f"written: {out}/" in printed
     monkeypatch.setattr(sys, "argv", [*words, "--policy", "x.npz"])
     assert command.main() == (
-        "error: --policy: has no effect on several; name it among them: FILE.npz or FILE.py:NAME"
+        "error: --policy: has no effect on several; name it among them: a file or FILE.py:NAME"
     )
     monkeypatch.setattr(sys, "argv", [*words, "--processes", "0"])
     assert command.main() == "error: --processes: got 0; allowed: at least 1"

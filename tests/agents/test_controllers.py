@@ -17,11 +17,12 @@ from tasks import (
     TASKS,
 )
 
+from agents.controllers.actuators import Command
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.constant import ConstantStretch, no_control
+from agents.controllers.constant import Held, best_constant, no_control
 from agents.controllers.controller import columns
 from agents.controllers.disturbance import ForceObserver
-from agents.controllers.feedback import Feedback
+from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.forecast import Forecast
 from agents.controllers.frequency_estimators import (
     FrequencyLockedLoop,
@@ -30,24 +31,14 @@ from agents.controllers.frequency_estimators import (
 )
 from agents.controllers.frequency_tracking import FrequencyTracking, reachable_band
 from agents.controllers.lead import GRID, Lead
+from agents.controllers.lqr import regulator
 from agents.controllers.matching_stretch import MatchingStretch
-from agents.controllers.phase_law import PhaseLaw
+from agents.controllers.phase_law import PhaseLaw, best_phase_law
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.resetting_stiffness import ResettingStiffness
-from agents.controllers.stretch_command import StretchCommand
-from agents.controllers.true_state import TrueState
-from agents.evaluation.baselines import (
-    baselines,
-    best_constant_stretch,
-    best_phase_law,
-    classical,
-    classical_laws,
-    further_laws,
-    informed,
-    regulator,
-)
-from agents.evaluation.episodes import evaluate
+from agents.controllers.tuned import baselines, classical_laws, further_laws, makers
+from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 if TYPE_CHECKING:
@@ -59,7 +50,7 @@ RATE = PRE_STRETCH.replace(**{"actuation.stretch.command": "rate"})
 
 @pytest.mark.parametrize("scene", [PRE_STRETCH, RATE], ids=["position", "rate"])
 def test_constant_stretch_reaches_and_holds_it_at_the_rate_limit(scene) -> None:
-    result = evaluate(scene, Feedback(scene, ConstantStretch(scene, 2.5)), episodes=20)
+    result = evaluate(scene, Feedback(scene, Held(scene, "stretch", 2.5)), episodes=20)
     assert np.all(np.abs(np.diff(result.applied[:, :, 0], axis=0)) <= 0.04 + 1e-12)
     # 1 to 3 takes 50 steps at 0.04 a step; then it stays, up to the single precision in
     # which the first stretch was observed.
@@ -71,9 +62,10 @@ def test_no_control_holds_the_initial_stretch(scene) -> None:
     env = MovingMassVectorEnv(scene, 8)
     observation, info = env.reset(seed=1)
     controller, start = Feedback(scene, no_control(scene)), info["applied"].copy()
-    controller.reset(env)
+    memory = controller.begin(env)
     for _ in range(5):
-        observation, *_, info = env.step(controller.act(observation, info))
+        action, memory = controller.act(memory, observation, info)
+        observation, *_, info = env.step(action)
     # It is observed in single precision.
     np.testing.assert_allclose(info["applied"], start, rtol=2e-7)
 
@@ -83,22 +75,20 @@ def test_matching_stretch_inverts_the_spring_law() -> None:
     env = MovingMassVectorEnv(scene, 16)
     env.reset(seed=0)
     controller = MatchingStretch(scene)
-    controller.reset(env)
-    k2 = 2 * 35.0 * (1 + 2 / controller.stretch**3)
+    k2 = 2 * 35.0 * (1 + 2 / controller.begin(env)["stretch"] ** 3)
     np.testing.assert_allclose(np.sqrt(k2 / 0.04), env.drawn("excitation.0.frequency"), rtol=1e-12)
 
 
 def test_phase_law_stretches_while_displacement_and_offset_agree() -> None:
     law = PhaseLaw(PRE_STRETCH)
-    law.begin(2)
     state = np.array([[0.001, 0.003, 0, 0], [0.001, -0.003, 0, 0]])
-    action = law.action(state, np.full((2, 1), 2.0))
+    action, _ = law.action({}, state, np.full((2, 1), 2.0))
     assert action[0, 0] > 0.0 > action[1, 0]
 
 
 def test_classical_laws_rank_as_theory_says() -> None:
     controllers = (
-        best_constant_stretch(PRE_STRETCH),
+        best_constant(PRE_STRETCH),
         Feedback(PRE_STRETCH, no_control(PRE_STRETCH)),
         best_phase_law(PRE_STRETCH),
         MatchingStretch(PRE_STRETCH),
@@ -114,11 +104,11 @@ def test_classical_laws_rank_as_theory_says() -> None:
 
 
 def test_best_constant_stretch_is_not_beaten_by_a_finer_grid() -> None:
-    best = best_constant_stretch(PRE_STRETCH)
+    best = best_constant(PRE_STRETCH)
     cost = evaluate(PRE_STRETCH, best, episodes=100).cost
     others = [
         evaluate(
-            PRE_STRETCH, Feedback(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s)), episodes=100
+            PRE_STRETCH, Feedback(PRE_STRETCH, Held(PRE_STRETCH, "stretch", s)), episodes=100
         ).cost
         for s in np.linspace(1, 3, 41)
     ]
@@ -163,11 +153,11 @@ def test_hidden_state_does_not_change_what_claims_the_observation(name) -> None:
         actions = []
         for scrambled in (False, True):
             observation, info = env.reset(seed=5)
-            controller.reset(env)
+            memory = controller.begin(env)
             for _ in range(8):
                 if scrambled:
                     info = {key: np.full_like(info[key], np.nan) for key in info}
-                action = controller.act(observation, info)
+                action, memory = controller.act(memory, observation, info)
                 actions.append(action)
                 observation, *_, info = env.step(action)
         np.testing.assert_array_equal(actions[:8], actions[8:], err_msg=controller.name)
@@ -177,14 +167,14 @@ def test_clipped_regulator_takes_energy_out_of_switched_springs() -> None:
     # The best constant stretch costs 0.48 here, the law 0.34; 60 episodes scatter by 5 %.
     scene = PRE_STRETCH_SHOCK
     law = evaluate(scene, Feedback(scene, ClippedLQR(scene, 2.12, 2.4)), episodes=60)
-    constant = evaluate(scene, Feedback(scene, ConstantStretch(scene, 1.43)), episodes=60)
+    constant = evaluate(scene, Feedback(scene, Held(scene, "stretch", 1.43)), episodes=60)
     assert law.cost < 0.8 * constant.cost
 
 
 def test_clipped_regulator_asks_for_the_force_of_its_regulator() -> None:
     law = ClippedLQR(PRE_STRETCH_SHOCK, 2.0, 1.0)
     state, applied = np.random.default_rng(0).normal(0.0, 1e-3, (200, 4)), np.full((200, 1), 2.0)
-    action = law.action(state, applied)[:, 0]
+    action = law.action({}, state, applied)[0][:, 0]
     state = law.lead(state, applied[:, 0])
     inside = np.abs(action) < 1.0
     assert inside.any()
@@ -206,9 +196,9 @@ def test_random_actions_repeat_themselves() -> None:
     np.testing.assert_array_equal(first.returns, second.returns)
 
 
-def test_stretch_command_refuses_a_scene_without_it() -> None:
+def test_command_refuses_a_scene_without_its_actuator() -> None:
     with pytest.raises(ValueError, match="stretch actuator"):
-        StretchCommand(CARRIAGE_FORCE)
+        Command(CARRIAGE_FORCE, "stretch")
 
 
 DRAWN = dict(PRE_STRETCH.randomization) | {"carriage.linear_coefficient": (-0.5, 1.0)}
@@ -226,7 +216,7 @@ def test_laws_that_tune_springs_refuse_an_unstable_middle_by_name(
             law(scene)
     assert classical_laws(scene) == []
     not_scored = baselines(scene).not_scored
-    assert {*classical(scene), *informed(scene)} == set(not_scored)
+    assert {*makers(scene, "law", "informed")} == set(not_scored)
     assert all("linear_coefficient: got" in reason for reason in not_scored.values())
 
 
@@ -284,13 +274,15 @@ def test_predicted_force_of_a_harmonic_is_the_force() -> None:
     env = MovingMassVectorEnv(PRE_STRETCH, 5)
     _, info = env.reset(seed=3)
     forecast, observer = Forecast(PRE_STRETCH), ForceObserver(PRE_STRETCH)
-    forecast.begin(5)
-    observer.begin(5)
+    of_forecast, of_observer = forecast.begin(5), observer.begin(5)
     action = np.full((5, 1), 0.3)
     predicted, found = [], []
     for _ in range(70):
-        predicted.append(forecast.ahead(info["state"], info["applied"], 10))
-        found.append(observer.force(info["state"], info["applied"]))
+        seen = info["state"], info["applied"]
+        ahead, of_forecast = forecast.ahead(of_forecast, *seen, 10)
+        force, _, of_observer = observer.force(of_observer, *seen)
+        predicted.append(ahead)
+        found.append(force)
         *_, info = env.step(action)
     # The stretch has settled after 50 steps; the springs' motion between samples is not modelled.
     np.testing.assert_allclose(predicted[55], found[56:66], atol=1e-3)

@@ -3,10 +3,11 @@
 import re
 from pathlib import Path
 
+import pytest
 from tasks import CARRIAGE_FORCE
 
 from agents.controllers.user_defined import user_defined
-from agents.evaluation.episodes import evaluate
+from agents.scoring import evaluate
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "controllers.md").read_text("utf-8")
@@ -32,7 +33,9 @@ def test_every_law_of_the_page_exists() -> None:
     assert [name for name in names if f"class {name}" not in modules] == []
 
 
-def test_law_of_the_page_can_be_scored(tmp_path) -> None:
+@pytest.mark.parametrize("name", ["Damper", "Smooth"])
+def test_law_of_the_page_can_be_scored(name, tmp_path) -> None:
     (tmp_path / "my_law.py").write_text(OWN)
-    _, seen = user_defined(f"{tmp_path / 'my_law.py'}:Damper", CARRIAGE_FORCE)
+    _, seen = user_defined(f"{tmp_path / 'my_law.py'}:{name}", CARRIAGE_FORCE)
+    assert seen.law.remembers == (name == "Smooth")
     assert evaluate(CARRIAGE_FORCE, seen, episodes=20).cost < 0.09

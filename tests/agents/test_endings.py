@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import descend, evolve, iterate
-from agents import train as command
+from agents.commands import descend, evolve, iterate
+from agents.commands import train as command
 from agents.controllers.constant import ConstantAction
 from agents.controllers.learned import Learned
-from agents.evaluation.episodes import validation_cost
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
-from agents.search.starts import start_of
+from agents.scoring import validation_cost
 from agents.training.config import TrainSettings
 from agents.training.ending import Ending, read_ending
 from agents.training.runs import Run
+from agents.training.starts import start_of
 from agents.value_iteration.settings import IterateSettings
 from mm_gym import load_scene
 
@@ -49,11 +49,8 @@ class Law:
     def __init__(self, scene):
         pass
 
-    def begin(self, lanes):
-        pass
-
-    def action(self, state, applied):
-        return np.sign(state[:, 2:3])
+    def action(self, memory, state, applied):
+        return np.sign(state[:, 2:3]), memory
 """
 """A controller that pushes the way that the carriage goes."""
 
@@ -143,7 +140,7 @@ class TestLateNoisyFrame:
 
     @pytest.mark.parametrize("module", [evolve, descend])
     def test_search_ends_at_its_best_start_or_below(self, module, frame, lines_of):
-        short = SHORT[module.__name__.split(".")[1]]
+        short = SHORT[module.__name__.split(".")[-1]]
         arguments = ["CarriageForce", "--scene", "frame.toml", "--name", "mine", *short]
         lines = lines_of(module, *arguments)
         cost = validation_cost(frame, Learned(load_policy(Run("mine").policy)))
@@ -163,7 +160,7 @@ class TestLateNoisyFrame:
         assert ending.cost > ending.no_control == without
         assert lines[-1] == (
             "warning: on the validation episodes all agents were worse than no control: "
-            f"{ending.cost:.6g}, and {without:.6g} without; policy.npz is no control"
+            f"{ending.cost:.6g}, and {without:.6g} without; the policy is no control"
         )
         assert validation_cost(frame, Learned(load_policy(Run("mine").policy))) == without
 
@@ -175,7 +172,7 @@ class TestLateNoisyFrame:
         assert ending.began_as == "bad.py:Law"
         assert ending.no_control < ending.cost <= ending.began_with
         assert lines[-1].startswith("warning: on the validation episodes all agents were worse")
-        assert lines[-1].endswith("; policy.npz is the best of them")
+        assert lines[-1].endswith("; the policy is the best of them")
 
 
 @pytest.mark.parametrize(

@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, TASKS
 
-from agents.controllers.constant import ConstantForce, ConstantStretch, no_control
+from agents.controllers.constant import ConstantForce, Held, no_control
+from agents.controllers.controller import Controller
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.random_actions import RandomActions
-from agents.evaluation.episodes import HELD_OUT_SEED, evaluate, limit_penalty
+from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty
 from mm_gym import MovingMassVectorEnv, simulate
 from mm_gym.analysis import spring_energy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Reads
+    from agents.controllers.controller import Memory
     from mm_gym import Scene
 
 LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
@@ -27,7 +28,7 @@ LIMITED = CARRIAGE_FORCE.replace(**{"objective.displacement_limit": 0.004})
 
 def test_cost_is_the_rms_where_only_displacement_is_rewarded() -> None:
     result = evaluate(
-        PRE_STRETCH, Feedback(PRE_STRETCH, ConstantStretch(PRE_STRETCH, 1.5)), episodes=10
+        PRE_STRETCH, Feedback(PRE_STRETCH, Held(PRE_STRETCH, "stretch", 1.5)), episodes=10
     )
     assert result.cost == pytest.approx(result.rms, rel=1e-12)
     np.testing.assert_allclose(result.episode_costs, result.episode_rms, rtol=1e-12)
@@ -42,7 +43,7 @@ def test_cost_is_the_root_of_the_mean_of_minus_reward() -> None:
 
 def test_every_controller_sees_the_same_held_out_episodes() -> None:
     first, second = (
-        evaluate(PRE_STRETCH, Feedback(PRE_STRETCH, ConstantStretch(PRE_STRETCH, s)), episodes=10)
+        evaluate(PRE_STRETCH, Feedback(PRE_STRETCH, Held(PRE_STRETCH, "stretch", s)), episodes=10)
         for s in (1.2, 2.4)
     )
     np.testing.assert_array_equal(first.frequency, second.frequency)
@@ -73,23 +74,23 @@ def test_ending_an_episode_early_does_not_lower_its_cost() -> None:
     np.testing.assert_array_equal(limited.penalties[~ended], free.penalties[~ended])
 
 
-class LateCrash:
+class LateCrash(Controller):
     """A good regulator that pushes with full force from some step on."""
-
-    reads: Reads = "observation"
 
     def __init__(self, scene: Scene, step: int) -> None:
         self.name, self.step = f"crash from step {step}", step
         self.law = Feedback(scene, LQR(scene))
 
-    def reset(self, env: MovingMassVectorEnv) -> None:
-        self.count = 0
-        self.law.reset(env)
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        return {**self.law.begin(env), "count": np.zeros(env.num_envs, np.int64)}
 
-    def act(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float64]:
-        self.count += 1
-        action = self.law.act(observation, info)
-        return action if self.count <= self.step else np.ones_like(action)
+    def propose(
+        self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
+    ) -> tuple[NDArray[np.float64], Memory]:
+        count = memory["count"] + 1
+        action, own = self.law.act(memory, observation, info)
+        late = np.ones_like(action)
+        return np.where(count[:, None] <= self.step, action, late), {**own, "count": count}
 
 
 CRASHES = (20, 40, 60, 80, 95)

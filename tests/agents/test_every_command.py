@@ -6,11 +6,13 @@ test_bad_conditions.py, kills are in test_runs.py.
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
 import sys
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,9 @@ import optuna
 import pytest
 from pages import ROOT
 
-from agents.policies import Policy
+from agents.__main__ import commands
+from agents.__main__ import main as top
+from agents.policies import network
 from agents.sweeps.workers import _done
 from agents.training.parts import base_controller
 from agents.training.runs import Run
@@ -50,7 +54,7 @@ COMMANDS = {
         *("evaluate", "mm_gym/CarriageForce-v0", "--controller", "law.py:Law"),
         *("--episodes", "5", "--out", "runs/a"),
     ],
-    "export": ["export", "p.npz", "--out", "runs/p.onnx"],
+    "export": ["export", "p.safetensors", "--out", "runs/p.onnx"],
 }
 WRITTEN = dict.fromkeys(
     ("train", "evolve", "descend", "iterate", "tune", "sweep"), "checkpoint.npz"
@@ -64,10 +68,8 @@ LAW = """
 class Law:
     def __init__(self, scene):
         pass
-    def begin(self, lanes):
-        pass
-    def action(self, state, applied):
-        return -state[:, 2:3]
+    def action(self, memory, state, applied):
+        return -state[:, 2:3], memory
 """
 
 
@@ -82,11 +84,15 @@ def folder(tmp_path, monkeypatch):
     """A folder with a policy and a law; no other laws are tuned for reports."""
     monkeypatch.chdir(tmp_path)
     still = "no-control"
-    monkeypatch.setattr("agents.evaluate.baselines", lambda s: ([base_controller(s, still)], {}))
-    monkeypatch.setattr("agents.sweep.work_here", here)
+    monkeypatch.setattr(
+        "agents.commands.evaluate.baselines", lambda s: ([base_controller(s, still)], {})
+    )
+    monkeypatch.setattr("agents.commands.sweep.work_here", here)
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     ends = np.ones(1, np.float32)
-    Policy((np.ones((1, 4), np.float32),), (0.0 * ends,), "tanh", -ends, ends).save("p.npz")
+    network((np.ones((1, 4), np.float32),), (0.0 * ends,), "tanh", -ends, ends).save(
+        "p.safetensors"
+    )
     Path("law.py").write_text(LAW)
     return tmp_path
 
@@ -94,7 +100,7 @@ def folder(tmp_path, monkeypatch):
 def call(monkeypatch, words):
     """Return the status with which a command exits."""
     monkeypatch.setattr("sys.argv", words)
-    return import_module(f"agents.{words[0]}").main()
+    return import_module(f"agents.commands.{words[0]}").main()
 
 
 BAD = [
@@ -146,7 +152,7 @@ def test_bad_configuration_is_named_with_the_nearest_and_nothing_is_written(
         ("tune --trialz", "--trials"),
         ("sweep --seedz", "--seeds"),
         ("evaluate lqr --episode", "--episodes"),
-        ("export p.npz --ou", "--out"),
+        ("export p.safetensors --ou", "--out"),
     ],
 )
 def test_unknown_flag_is_refused_with_the_nearest(words, nearest, monkeypatch, capsys):
@@ -159,11 +165,7 @@ def test_unknown_flag_is_refused_with_the_nearest(words, nearest, monkeypatch, c
     assert not Path("runs").exists()
 
 
-EVERY = sorted(
-    file.stem
-    for file in (ROOT / "agents").glob("*.py")
-    if '__name__ == "__main__"' in file.read_text("utf-8")
-)
+EVERY = sorted(name.replace("-", "_") for name in commands())
 
 
 @pytest.mark.parametrize("command", EVERY)
@@ -181,16 +183,16 @@ def test_help_is_printed_and_nothing_else_is_done(command, folder, monkeypatch, 
     assert caught.value.code == 0
     printed = capsys.readouterr()
     assert printed.out.startswith("usage: ")
-    title = import_module(f"agents.{command}").__doc__.split()[:3]
+    title = import_module(f"agents.commands.{command}").__doc__.split()[:3]
     assert " ".join(title) in " ".join(printed.out.split())
     assert not printed.err
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize("words", ["headroom Hybrit", "demo Hybrit"])
+@pytest.mark.parametrize("words", ["agents headroom Hybrit", "agents.headroom Hybrit"])
 def test_error_ends_with_the_status_of_a_wrong_flag_and_no_traceback(words):
     done = subprocess.run(
-        [sys.executable, "-m", *f"agents.{words}".split()],
+        [sys.executable, "-m", *words.split()],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
@@ -199,6 +201,39 @@ def test_error_ends_with_the_status_of_a_wrong_flag_and_no_traceback(words):
     assert done.returncode == 2
     assert "error: " in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
+
+
+def test_commands_are_listed_with_what_they_do(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["agents"])
+    top()
+    printed = capsys.readouterr().out
+    for name in EVERY:
+        first = import_module(f"agents.commands.{name}").__doc__.splitlines()[0]
+        assert re.search(
+            rf"^  {name.replace('_', '-')} +{re.escape(first)}$".replace("``", ""),
+            printed,
+            re.MULTILINE,
+        )
+
+
+def test_version_is_that_of_the_package(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["agents", "--version"])
+    top()
+    assert capsys.readouterr().out == f"mm-gym {version('mm-gym')}\n"
+
+
+def test_unknown_command_is_refused_with_the_nearest(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["agents", "trian"])
+    with pytest.raises(SystemExit) as caught:
+        top()
+    assert caught.value.code == 2
+    assert "got 'trian'; did you mean 'train'?" in capsys.readouterr().err
+
+
+def test_tasks_and_the_controllers_of_one_are_listed(monkeypatch, capsys):
+    for words, line in ((["list"], "Hybrid  "), (["list", "Hybrid"], "lqr-and-clipped-lqr\n")):
+        assert call(monkeypatch, words) is None
+        assert line in capsys.readouterr().out
 
 
 def test_wrong_task_of_a_flag_is_refused_with_the_nearest(monkeypatch, capsys):
@@ -259,8 +294,8 @@ INTERRUPTED = {
     "descend": "agents.gradient.descent.Descent._advance",
     "iterate": "agents.value_iteration.iteration.ValueIteration._advance",
     "tune": "agents.training.reinforcement.Validation._on_step",
-    "sweep": "agents.sweep.work_here",
-    "evaluate": "agents.evaluate.evaluate",
+    "sweep": "agents.commands.sweep.work_here",
+    "evaluate": "agents.commands.evaluate.evaluate",
 }
 
 
@@ -293,7 +328,7 @@ def test_second_run_of_a_name_is_refused(command, monkeypatch):
 )
 def test_missing_extra_is_named_and_nothing_is_written(command, module, extra, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
-    assert f'pip install "mm-gym[{extra}]"' in call(monkeypatch, COMMANDS[command])
+    assert f"install the extra `{extra}`" in call(monkeypatch, COMMANDS[command])
     assert not Path("runs").exists()
 
 
@@ -301,7 +336,7 @@ def test_missing_extra_is_named_and_nothing_is_written(command, module, extra, m
 def test_command_without_the_packages_of_agents_says_so_in_one_line(command):
     # Without site-packages, as where nothing but Python is installed.
     done = subprocess.run(
-        [sys.executable, "-S", "-m", f"agents.{command}"],
+        [sys.executable, "-S", "-m", "agents", command],
         env={"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
@@ -309,5 +344,5 @@ def test_command_without_the_packages_of_agents_says_so_in_one_line(command):
     )
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith("error: control, rich, stable_baselines3")
-    assert line.endswith('not installed; run `pip install "mm-gym[agents]"`')
+    assert line.startswith("error: control, filelock, jinja2, rich, stable_baselines3")
+    assert line.endswith("not installed; install the extra `agents`")

@@ -7,20 +7,20 @@ import kills
 import numpy as np
 import pytest
 
-from agents import evolve as command
+from agents.commands import evolve as command
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate
-from agents.evolution.network import Network
 from agents.evolution.network_kernel import forward
 from agents.evolution.population import LANES, Population
 from agents.evolution.search import Evolution, evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
-from agents.search.starts import Start, start_of
+from agents.scoring import VALIDATION_SEED, evaluate
+from agents.training.network import Network
 from agents.training.runs import Run, RunError
+from agents.training.starts import Start, start_of
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
 
 TINY = EvolveSettings(
@@ -52,9 +52,8 @@ def unbroken(tmp_path_factory):
 def assert_same_outcome(run, other):
     assert run.metrics.read_bytes() == other.metrics.read_bytes()
     own, others = load_policy(run.policy), load_policy(other.policy)
-    for name in ("weights", "biases"):
-        for array, wanted in zip(getattr(own, name), getattr(others, name), strict=True):
-            np.testing.assert_array_equal(array, wanted)
+    for name, array in own.arrays.items():
+        np.testing.assert_array_equal(array, others.arrays[name])
 
 
 class TestNetworks:
@@ -124,7 +123,7 @@ class TestNetworks:
         for _ in range(80):
             observation, *_ = env.step(rng.uniform(-1.0, 1.0, (16, 1)))
             policy.act(observation, sums)
-            cosines.append(sums[0] / sums[1])
+            cosines.append(sums[:, 0] / sums[:, 1])
         # The unit ripples by 0.04 with the phase of the force, and not evenly at either side.
         found = np.arccos(np.mean(cosines[40:])) / scene.control.time_step
         assert found == pytest.approx(frequency, rel=0.03)
@@ -163,7 +162,7 @@ class TestMemories:
         for _ in range(scene.control.steps - 1):
             observation, *_ = env.step(np.zeros((64, 1)))
             policy.act(observation, sums)
-            memories.append(sums[-4:].T.copy())
+            memories.append(sums[:, :4].copy())
             forces.append(observation @ weights)
         told, wanted = np.array(memories)[50:-2], np.array(forces)[52:]
         fit = np.linalg.lstsq(told.reshape(-1, 4), wanted.ravel(), rcond=None)[0]
@@ -313,7 +312,7 @@ class TestRuns:
         with pytest.raises(RunError, match="other settings"):
             evolve(changed(generations=7, evaluations=2), run)
         evolve(changed(generations=12, evaluations=2), run)
-        assert (run.folder / "policy-8.npz").read_bytes() == policy
+        assert (run.folder / "policy-8.safetensors").read_bytes() == policy
         assert run.read()["earlier"][0]["generations"] == 8
         # Validated at 4 and 8, then at the end: the search is that of a run that never stopped.
         assert run.metrics.read_bytes() == unbroken.metrics.read_bytes()
@@ -367,12 +366,12 @@ class TestCommand:
             raise OSError(28, "No space left on device")
 
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr("agents.search.search.save_checkpoint", refuse)
+        monkeypatch.setattr("agents.training.search.save_checkpoint", refuse)
         error = self.call(monkeypatch, "CarriageForce", "--generations", "1", "--candidates", "4")
         assert "No space left on device" in error
 
     def test_missing_extra_is_named(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setitem(sys.modules, "cma", None)
-        assert 'pip install "mm-gym[evolve]"' in self.call(monkeypatch, "CarriageForce")
+        assert "install the extra `evolve`" in self.call(monkeypatch, "CarriageForce")
         assert not list(tmp_path.iterdir())

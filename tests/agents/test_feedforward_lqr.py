@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH
 
-from agents.controllers.both import Both
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.feedback import Feedback
+from agents.controllers.feedback import Both, Feedback, TrueState
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
-from agents.controllers.true_state import TrueState
-from agents.evaluation.baselines import best_without_memory
-from agents.evaluation.episodes import evaluate
-from agents.evaluation.laws import laws
+from agents.controllers.names import laws
+from agents.controllers.tuned import best_without_memory
+from agents.scoring import evaluate
 from mm_gym import DesignError, Scene
 
 SHAKEN = Scene(

@@ -8,14 +8,13 @@ from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 from agents.controllers.constant import no_control
 from agents.controllers.extremum_seeking import ExtremumSeeking
-from agents.controllers.feedback import Feedback
+from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqr import LQR, design
-from agents.controllers.true_state import TrueState
-from agents.evaluation.baselines import further_laws
-from agents.evaluation.episodes import evaluate
-from agents.evaluation.laws import laws
+from agents.controllers.names import laws
+from agents.controllers.tuned import further_laws
+from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 UNLIMITED = CARRIAGE_FORCE.replace(
@@ -33,10 +32,11 @@ def test_finite_horizon_cost_is_the_riccati_cost_and_the_least(stroke_weight) ->
 
     def total(gains):
         _, info = env.reset(seed=3)
-        law.begin(16)
+        memory = law.begin(16)
         law.gains, start, rewards = gains, info["state"][:, law.states], 0.0
         for _ in range(scene.control.steps):
-            _, reward, *_, info = env.step(law.action(info["state"], info["applied"]))
+            action, memory = law.action(memory, info["state"], info["applied"])
+            _, reward, *_, info = env.step(action)
             rewards = rewards + reward
         return start, rewards
 
@@ -61,9 +61,9 @@ def test_linear_mpc_without_limits_is_the_regulator() -> None:
     pytest.importorskip("osqp")
     states = np.random.default_rng(1).normal(0.0, 1.0, (10, 4)) * (0.01, 0.02, 0.5, 0.5)
     mpc, applied = LinearMPC(UNLIMITED), np.zeros((10, 1))
-    mpc.begin(10)
     # The solver stops at 1e-6 of a limit of 1000 N.
-    found, expected = mpc.action(states, applied), LQR(UNLIMITED).action(states, applied)
+    found, _ = mpc.action(mpc.begin(10), states, applied)
+    expected, _ = LQR(UNLIMITED).action({}, states, applied)
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
@@ -88,11 +88,10 @@ def test_linear_mpc_is_optimal_within_limit_and_rate_limit() -> None:
         {"type": "ineq", "fun": lambda p, s=s: 0.5 + s * np.diff(p, prepend=0.1)} for s in (1, -1)
     ]
     best = minimize(cost, np.zeros(steps), bounds=[(-1, 1)] * steps, constraints=moves, tol=1e-12).x
-    mpc.begin(1)
-    found = mpc.action(state[None], np.array([[0.2]]))
+    found, memory = mpc.action(mpc.begin(1), state[None], np.array([[0.2]]))
     assert found[0, 0] == pytest.approx(best[0], abs=1e-3)
     assert best[0] == pytest.approx(-0.4, abs=1e-6)  # as fast as the rate allows
-    assert cost(mpc.plans[0]) == pytest.approx(cost(best), rel=1e-4)
+    assert cost(memory["plan"][0]) == pytest.approx(cost(best), rel=1e-4)
 
 
 def test_linear_mpc_is_no_worse_than_the_clipped_regulator() -> None:
@@ -106,7 +105,7 @@ def test_linear_mpc_is_no_worse_than_the_clipped_regulator() -> None:
 
 def test_missing_osqp_is_told_with_what_to_install(monkeypatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "osqp", None)
-    with pytest.raises(DependencyNotInstalled, match=r'pip install "mm-gym\[mpc\]"'):
+    with pytest.raises(DependencyNotInstalled, match="install the extra `mpc`"):
         LinearMPC(CARRIAGE_FORCE)
 
 

@@ -5,18 +5,21 @@ import numpy as np
 import pytest
 
 from agents.controllers.learned import Learned
-from agents.evaluation.episodes import evaluate
-from agents.evolution.network import Network as Evolved
 from agents.gradient import episodes, network
 from agents.gradient.descent import descend
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
+from agents.gradient.recurrent import RecurrentDescent
 from agents.gradient.settings import GradientSettings
+from agents.network.c_source import c_source
+from agents.network.layers import Correlation
 from agents.policies import load_policy
-from agents.search.starts import start_of
+from agents.scoring import evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
+from agents.training.network import Network as Evolved
 from agents.training.runs import Run, RunError
+from agents.training.starts import start_of
 from mm_gym import DesignError, OwnReward, load_scene, rewarded
 
 TINY = GradientSettings(
@@ -240,6 +243,32 @@ class TestRuns:
             assert not run.finished
         assert_same_outcome(run, unbroken)
 
+    def test_recurrent_run_interrupted_ends_as_if_unbroken_and_is_exported(
+        self, tmp_path, monkeypatch
+    ):
+        settings = TINY.model_copy(update={"cell": 3, "iterations": 6})
+        whole, broken = Run("tiny", tmp_path / "whole"), Run("tiny", tmp_path / "broken")
+        descend(settings, whole)
+        cost_of, left = RecurrentDescent._cost_of, 3
+
+        def interrupt(own, *arguments):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+            return cost_of(own, *arguments)
+
+        monkeypatch.setattr(RecurrentDescent, "_cost_of", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            descend(settings, broken)
+        descend(settings, broken)
+        assert whole.metrics.read_bytes() == broken.metrics.read_bytes()
+        first, policy = load_policy(whole.policy), load_policy(broken.policy)
+        for name, array in policy.arrays.items():
+            np.testing.assert_array_equal(array, first.arrays[name])
+        assert policy.remembers == 2 * len(policy.find(Correlation).pairs) + 3
+        assert "policy_act" in c_source(policy.graph()).text
+
     def test_killed_run_ends_as_if_unbroken(self, unbroken, tmp_path):
         run = Run("tiny", tmp_path)
         process = kills.begin_descent(TINY, tmp_path, touches=14)
@@ -263,7 +292,7 @@ class TestRuns:
         descend(TINY, run)
         first = run.policy.read_bytes()
         descend(TINY.model_copy(update={"iterations": 14}), run)
-        assert (run.folder / "policy-12.npz").read_bytes() == first
+        assert (run.folder / "policy-12.safetensors").read_bytes() == first
         assert run.validations()[0][-1] == 14 * 8 * 40
         with pytest.raises(RunError, match="other settings"):
             descend(TINY.model_copy(update={"seed": 1}), run)

@@ -16,7 +16,7 @@ from agents.controllers.h_infinity import (
     design_h_infinity,
     sampled,
 )
-from agents.evaluation.episodes import evaluate
+from agents.scoring import evaluate
 from mm_gym import DesignError
 
 LATE = CARRIAGE_FORCE.replace(**{"sensors.delay": 1, "actuation.force.lag": 0.01})
@@ -138,7 +138,7 @@ def test_missing_slycot_is_told_with_what_to_install(monkeypatch):
         raise control.ControlSlycot
 
     monkeypatch.setattr("control.hinfsyn", missing)
-    with pytest.raises(DependencyNotInstalled, match=r'pip install "mm-gym\[robust\]"'):
+    with pytest.raises(DependencyNotInstalled, match="extra `robust`"):
         design_h_infinity(CARRIAGE_FORCE)
 
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from tasks import ACTIVE_MASS_DAMPER, CARRIAGE_FORCE, TASKS
 
-from agents import headroom as command
+from agents.commands import headroom as command
 from agents.controllers.constant import ConstantAction, constant_stretch
 from agents.controllers.feedback import Feedback
-from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
 from agents.evaluation.headroom import (
     LEARNED,
     ROUNDING,
@@ -20,13 +19,14 @@ from agents.evaluation.headroom import (
     least_cost,
     over_plans,
 )
-from agents.evaluation.planner import Effort, Planner
+from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.scores import SCORES
-from agents.policies import Policy
+from agents.policies import network
+from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import MovingMassVectorEnv, compile_scene
 
 COMMITTED = json.loads(SCORES.read_text("utf-8"))
-COMMAND = "python -m agents.headroom"
+COMMAND = "python -m agents headroom"
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -163,7 +163,9 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     (folder / "run.json").write_text(json.dumps(record))
     ends = np.array([1.0], np.float32)
     weight = np.array([[0.0, 0.0, -1.0, 0.0]], np.float32)
-    Policy((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends).save(folder / "policy.npz")
+    network((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends).save(
+        folder / "policy.safetensors"
+    )
     scores = tmp_path / "scores.json"
     scores.write_text(json.dumps({name: COMMITTED[name]}))
     flags = ["headroom", "--check", "--runs", str(folder), "--out", str(scores)]

@@ -5,7 +5,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
 
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.constant import ConstantForce, ConstantStretch
+from agents.controllers.constant import ConstantForce, Held
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
@@ -13,15 +13,15 @@ from agents.controllers.h_infinity import HInfinity
 from agents.controllers.lead import Lead
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
-from agents.controllers.lqr import LQR
+from agents.controllers.lqr import LQR, regulator
 from agents.controllers.matching_stretch import MatchingStretch
+from agents.controllers.names import laws
 from agents.controllers.observed_state import ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.resetting_stiffness import ResettingStiffness
+from agents.controllers.tuned import baselines
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.baselines import baselines, regulator
-from agents.evaluation.laws import laws
 from mm_gym import CompileError, DesignError, SceneError
 
 NAMED = (DesignError, SceneError, CompileError)
@@ -50,7 +50,7 @@ STRETCHING = (
     ExtremumSeeking,
     MatchingStretch,
     Lead,
-    ConstantStretch,
+    lambda scene: Held(scene, "stretch"),
 )
 
 CASES = [
@@ -81,7 +81,7 @@ CASES = [
     *[(ClippedLQR, PRE_STRETCH, (2.0, p), "price: got") for p in (np.nan, -1.0, 0.0, np.inf)],
     *[(ClippedLQR, PRE_STRETCH, (s, 1.0), "stretch: got") for s in (np.nan, 0.5)],
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
-    *[(ConstantStretch, PRE_STRETCH, (s,), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
+    *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],
     *[(ConstantForce, CARRIAGE_FORCE, (f,), "force: got .* at most 4") for f in (np.nan, 9.0)],
     *[(LQG, CARRIAGE_FORCE, (None, u), "unmodelled: got") for u in (np.nan, -1.0, np.inf)],
     *[(VelocityFeedback, CARRIAGE_FORCE, (g,), "gain: got") for g in (np.nan, -5.0)],

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH, TASKS
 
-from agents.controller_tables import LATE, PAGE, RATES, with_rows
+from agents.commands.controller_tables import LATE, PAGE, RATES, with_rows
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.phase_law import PhaseLaw
+from agents.controllers.predictive_control import predictive_control
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.baselines import predictive_control
 from agents.evaluation.late_sensors import DELAY, compare, late, time_of_action
-from agents.report.tables import markdown
+from agents.report.pages import markdown
 from mm_gym import MovingMassVectorEnv
 
 SHAKEN = CARRIAGE_FORCE.replace(excitation=HYBRID.excitation)
@@ -41,11 +41,12 @@ def test_hidden_state_does_not_change_what_claims_the_observation(name) -> None:
     actions = []
     for scrambled in (False, True):
         observation, info = env.reset(seed=5)
-        controller.reset(env)
+        memory = controller.begin(env)
         for _ in range(6):
             known = {key: np.full_like(info[key], np.nan) for key in info} if scrambled else info
-            actions.append(controller.act(observation, known))
-            observation, *_, info = env.step(actions[-1])
+            action, memory = controller.act(memory, observation, known)
+            actions.append(action)
+            observation, *_, info = env.step(action)
     np.testing.assert_array_equal(actions[:6], actions[6:])
 
 

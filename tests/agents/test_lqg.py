@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH
 
-from agents.controllers.feedback import Feedback
+from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.lqr import LQR
-from agents.controllers.true_state import TrueState
-from agents.evaluation.baselines import baselines
-from agents.evaluation.episodes import evaluate
+from agents.controllers.tuned import baselines
+from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 NOISY = Scene(
@@ -39,10 +38,11 @@ def test_cost_is_the_riccati_equations_in_the_interval_of_fifty_thousand_episode
     law = LQG(NOISY, unmodelled=1e-6)
     env = MovingMassVectorEnv(NOISY, EPISODES, autoreset_mode="Disabled")
     observation, info = env.reset(seed=0)
-    law.reset(env)
+    memory = law.begin(env)
     costs, steps = np.zeros(EPISODES), NOISY.control.steps
     for step in range(steps):
-        observation, reward, *_, info = env.step(law.act(observation, info))
+        action, memory = law.act(memory, observation, info)
+        observation, reward, *_, info = env.step(action)
         if step >= SETTLED:
             costs -= reward / (steps - SETTLED)
     # Of the mean of independent episodes, 95 %.
@@ -55,16 +55,16 @@ def test_cost_and_error_are_those_of_the_riccati_equations():
     law = LQG(NOISY, unmodelled=1e-6)
     env = MovingMassVectorEnv(NOISY, LANES, autoreset_mode="Disabled")
     observation, info = env.reset(seed=0)
-    law.reset(env)
+    memory = law.begin(env)
     costs, errors = [], []
     for step in range(NOISY.control.steps):
-        late = law.estimate  # before this step's observation
+        late = memory["estimate"]  # before this step's observation
         state = info["state"]
-        action = law.act(observation, info)
+        action, memory = law.act(memory, observation, info)
         assert np.abs(action).max() < 1.0
         if step >= SETTLED:
             c, gain = law.design.system.C, law.design.filters[-1]
-            shown = observation.astype(float) * law.unit
+            shown = observation.astype(float) * law.frame.unit
             errors.append((late + (shown - late @ c.T) @ gain.T)[:, :4] - state)
         observation, reward, *_, info = env.step(action)
         if step >= SETTLED:

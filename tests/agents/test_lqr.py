@@ -110,6 +110,6 @@ def test_the_regulator_holds_a_bistable_carriage_on_its_hill() -> None:
     law = LQR(scene)
     _, info = env.reset(seed=0)
     for _ in range(200):
-        *_, info = env.step(law.action(info["state"], info["applied"]))
+        *_, info = env.step(law.action({}, info["state"], info["applied"])[0])
     # Alone the carriage would be in its well, at 10 mm.
     assert np.abs(info["state"][0, [0, 2]]).max() < 1e-5

@@ -7,22 +7,23 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH, PRE_STRETCH_SHOCK
 
-from agents import evaluate as command
-from agents.comparison.contestants import read_field
-from agents.comparison.entries import Episodes as Compared
-from agents.comparison.measure import measure
+from agents.commands import evaluate as command
+from agents.controllers.constant import uncontrolled
 from agents.controllers.lqr import LQR
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
-from agents.controllers.predictive_control import PredictiveControl
+from agents.controllers.predictive_control import PredictiveControl, predictive_control
 from agents.controllers.trajectories import Trajectories
-from agents.evaluation.baselines import best_velocity_feedback, predictive_control, uncontrolled
-from agents.evaluation.episodes import evaluate
+from agents.controllers.velocity_feedback import best_velocity_feedback
+from agents.evaluation.contestants import Episodes as Compared
+from agents.evaluation.contestants import read_field
+from agents.evaluation.measure import measure
+from agents.evaluation.named import law_of
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.policies import PolicyError, load_policy
-from agents.recording.laws import law_of
+from agents.scoring import evaluate
 from agents.training.config import TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
@@ -88,7 +89,7 @@ def test_training_is_that_of_the_objective(run_it, kind, fields, reward, tmp_pat
     run_it(settings(kind, name="own", reward=reward, **fields), own, bar=False)
     assert own.metrics.read_bytes() == plain.metrics.read_bytes()
     before, after = load_policy(plain.policy), load_policy(own.policy)
-    for one, other in zip(before.weights, after.weights, strict=True):
+    for one, other in zip(before.arrays.values(), after.arrays.values(), strict=True):
         np.testing.assert_array_equal(one, other)
     record = json.loads(own.record.read_text())
     assert record["code"] == {reward.rpartition(":")[0]: TEXT}
@@ -117,9 +118,8 @@ def test_predictive_control_plans_by_it():
     made = [PredictiveControl(one, LQR(CARRIAGE_FORCE)) for one in (scene, rewarded(scene, OWN))]
     plans = []
     for law in made:
-        law.begin(3)
         state = np.array([[0.01, 0.01, 0.0, 0.0], [0.0, 0.0, 0.2, 0.0], [0.005, 0.0, -0.1, 0.1]])
-        plans.append(law.action(state, np.zeros((3, 1))))
+        plans.append(law.action(law.begin(3), state, np.zeros((3, 1)))[0])
     np.testing.assert_array_equal(*plans)
 
 
@@ -167,7 +167,7 @@ def test_loading_a_run_never_executes_its_reward(reward, tmp_path):
 def test_run_is_scored_by_the_reward_that_is_asked_for(reward, tmp_path, monkeypatch):
     run = finished(tmp_path, reward)
     monkeypatch.setattr(
-        "agents.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
+        "agents.commands.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
     )
     (tmp_path / "four.py").write_text(TEXT.replace("128.0", "256.0"))
     mine = command.report_run(run, episodes=4, trust=True)
@@ -192,11 +192,11 @@ def test_flag_scores_a_controller(reward, tmp_path, monkeypatch, capsys):
         "import numpy as np\n"
         "class Law:\n"
         "    def __init__(self, scene):\n        pass\n"
-        "    def begin(self, lanes):\n        pass\n"
-        "    def action(self, state, applied):\n        return -0.5 * np.sign(state[:, 2:3])\n"
+        "    def action(self, memory, state, applied):\n"
+        "        return -0.5 * np.sign(state[:, 2:3]), memory\n"
     )
     monkeypatch.setattr(
-        "agents.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
+        "agents.commands.evaluate.baselines", lambda scene: ([best_velocity_feedback(scene)], {})
     )
     words = ["agents.evaluate", "CarriageForce", "--controller", f"{tmp_path}/law.py:Law"]
     monkeypatch.setattr(sys, "argv", [*words, "--episodes", "4", "--reward", reward])

@@ -18,7 +18,7 @@ NO_RESULT = {
     "does better than that of a column": "says what a cell is",
     "knows more than an agent": "says what a colour is",
     "cost less than the reference controller in": "says what a cell is",
-    "fewer than {most} seeds": "precedes a list from data",
+    "fewer than seeds": "precedes a list from data",
     "Costs above twice that are left out": "says what a figure leaves out",
     "from -0.01 to 0.01": "says between which points a slope is taken",
     "agent, half the scale": "the same, in a cell",
@@ -43,10 +43,18 @@ def sentences(path):
             yield from (" ".join(part.split()) for part in parts)
 
 
+def written(path):
+    """Yield the sentences of a template, without the names of data in it."""
+    text = re.sub(r"{[{%].*?[%}]}", "", path.read_text("utf-8"), flags=re.DOTALL)
+    yield from (" ".join(part.split()) for part in re.split(r"[.:;]\s", text))
+
+
+ROOM = Path(report.__file__).parent
 FOUND = [
     (path.name, sentence)
-    for path in sorted(Path(report.__file__).parent.glob("*.py"))
-    for sentence in sentences(path)
+    for read, pattern in ((sentences, "*.py"), (written, "templates/*.jinja"))
+    for path in sorted(ROOM.glob(pattern))
+    for sentence in read(path)
     if RESULT.search(sentence)
 ]
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, TASKS
 
-from agents import ranking
+from agents.commands import ranking
 from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
 from agents.evaluation.scores import SCORES
-from agents.policies import Policy
-from agents.report.ranking_page import COLUMNS, PAGE, page
-from agents.report.surprises import NO_BETTER, surprises
+from agents.policies import network
+from agents.report.ranking_page import COLUMNS, NO_BETTER, PAGE, page, surprises
 from agents.training.config import short_name
 from mm_gym.metrics import passive_scene
 
@@ -27,7 +26,7 @@ def row(role, controller, cost):
 
 
 def test_committed_page_is_up_to_date():
-    assert PAGE.read_text("utf-8") == page(COMMITTED), "run `python -m agents.ranking`"
+    assert PAGE.read_text("utf-8") == page(COMMITTED), "run `python -m agents ranking`"
 
 
 def test_controllers_page_explains_unexpected_orders_of_every_task_that_has_some():
@@ -113,7 +112,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     monkeypatch.setattr(sys, "argv", ["ranking", str(folder)])
     assert "training is not over" in str(ranking.main())
     for gain in (1.0, 1.5):
-        policy_of(gain).save(folder / "policy.npz")
+        policy_of(gain).save(folder / "policy.safetensors")
         assert ranking.main() is None
         rows = json.loads(scores.read_text())[FORCE]["rows"]
         assert [one["role"] for one in rows if one["controller"] == "ppo-1"] == ["learned"]
@@ -131,4 +130,4 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
 def policy_of(gain):
     ends = np.array([1.0], np.float32)
     weight = np.array([[0.0, 0.0, -gain, 0.0]], np.float32)
-    return Policy((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends)
+    return network((weight,), (np.zeros(1, np.float32),), "tanh", -ends, ends)

@@ -141,7 +141,7 @@ def test_regulator_with_the_weights_costs_less_than_without(scene):
     costs = []
     for designed in (scene, without):
         law = LQR(designed)
-        costs.append(-roll_out(scene, lambda state, law=law: law.action(state, state))[1])
+        costs.append(-roll_out(scene, lambda state, law=law: law.action({}, state, state)[0])[1])
     assert (costs[0] < costs[1]).all()
     assert costs[0].sum() < 0.97 * costs[1].sum()
 
@@ -157,10 +157,10 @@ def test_other_designs_have_the_same_optimum(scene):
     np.testing.assert_allclose(found.gain[states], gain[0], rtol=0, atol=1e-9 * np.abs(gain).max())
     state = np.array([[0.002, 0.001, 0.1, -0.1], [-0.001, 0.002, 0.0, 0.2]])
     mpc = LinearMPC(scene, horizon=5)
-    mpc.begin(2)
     wanted = -state[:, states] @ gain.T / scene.actuation.force.limit
     # OSQP stops at 1e-6 of the actions' range.
-    np.testing.assert_allclose(mpc.action(state, np.zeros((2, 1))), wanted, atol=1e-6)
+    found, _ = mpc.action(mpc.begin(2), state, np.zeros((2, 1)))
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
 def test_force_with_a_lag_is_weighed_as_it_then_is():
@@ -258,5 +258,5 @@ def test_models_without_the_disturbance_refuse_what_it_changes_at_once():
     with pytest.raises(DesignError, match="carriage_acceleration_weight: allowed for plans"):
         NewtonPredictiveControl(ground)
     sphere = HYBRID.replace(**{"objective.sphere_acceleration_weight": 1.0})
-    assert Model(sphere, 2).effort_weight == HYBRID.objective.effort_weight
+    assert Model(sphere).effort_weight == HYBRID.objective.effort_weight
     assert compile_scene(sphere).scores_reactions

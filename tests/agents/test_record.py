@@ -7,15 +7,15 @@ import pytest
 from tasks import CARRIAGE_FORCE, HYBRID, PRE_STRETCH, TASKS
 from transitions import CHANGES, SCENE, STEPS, check_transitions
 
-from agents import record as command
+from agents.commands import record as command
+from agents.commands.record import RecordSettings, record
+from agents.controllers.names import laws
 from agents.controllers.random_actions import RandomActions
 from agents.errors import DatasetError
-from agents.evaluation.laws import laws
-from agents.policies import Policy
-from agents.record import RecordSettings, record
+from agents.evaluation.named import law_of
+from agents.policies import network
 from agents.recording.dataset import write
 from agents.recording.episodes import Exploration, play
-from agents.recording.laws import law_of
 from agents.training.config import TrainSettings
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError, load_scene
@@ -183,7 +183,7 @@ def trained_run(root, task=CARRIAGE, *, finished=True):
     run = Run("given", root)
     run.open(TrainSettings(task=task, name="given"))
     if finished:
-        policy = Policy(
+        policy = network(
             (np.full((1, 4), 0.25, np.float32),),
             (np.zeros(1, np.float32),),
             "tanh",
@@ -194,7 +194,7 @@ def trained_run(root, task=CARRIAGE, *, finished=True):
     return run
 
 
-@pytest.mark.parametrize("name", ["given", "given/policy.npz"])
+@pytest.mark.parametrize("name", ["given", "given/policy.safetensors"])
 def test_policy_of_a_run_is_recorded(tmp_path, name):
     trained_run(tmp_path)
     settings = RecordSettings(

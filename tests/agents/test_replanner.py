@@ -6,8 +6,8 @@ from tasks import CARRIAGE_FORCE, TASKS
 
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
-from agents.evaluation.episodes import evaluate
-from agents.evaluation.replanner import Replanner
+from agents.evaluation.plans import Replanner
+from agents.scoring import evaluate
 from mm_gym import MovingMassVectorEnv
 from mm_gym.sensitivity import Sensitivities, expected
 

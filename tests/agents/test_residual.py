@@ -1,12 +1,18 @@
 """Is a base told of each lane's own episode, wherever in time it began?"""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from tasks import CARRIAGE_FORCE
 
-from agents.evaluation.laws import laws
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import LQR
+from agents.controllers.names import laws
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
+from agents.controllers.predictive_control import SEARCH, PredictiveControl
 from agents.training.parts import base_controller
 from agents.training.residual_lanes import ResidualLanes
 from mm_gym import SceneError, load_scene
@@ -34,14 +40,35 @@ def lanes(count, base, seed):
     return residual, residual.reset(seed=seed)[0]
 
 
-@pytest.mark.parametrize("name", ["lqg", "lqr"])
+FEW = Steps(horizon=5, rounds=1, near=1, fresh=1)
+
+BASES = {
+    name: (lambda name=name: base_controller(SHORT, name))
+    for name in ("lqg", "lqr", "finite-horizon-lqr", "random")
+} | {
+    "linear-mpc": lambda: base_controller(
+        SHORT.replace(**{"actuation.force.limit": 0.5}), "linear-mpc"
+    ),
+    "newton": lambda: Feedback(
+        SHORT, NewtonPredictiveControl(SHORT, Steps(horizon=5, rounds=1, near=1, fresh=1))
+    ),
+    "cross-entropy": lambda: Feedback(
+        SHORT, PredictiveControl(SHORT, LQR(SHORT), replace(SEARCH, horizon=4, plans=8))
+    ),
+}
+"""Bases with a memory of their own, next to that of the state's estimate."""
+
+ALONE = ("lqg", "lqr", "finite-horizon-lqr")
+"""Those that draw no random numbers, which lanes that began together draw together."""
+
+
+@pytest.mark.parametrize("name", ALONE)
 def test_base_of_each_lane_acts_as_in_a_lane_alone(name):
-    base, generator = base_controller(SHORT, name), np.random.default_rng(1)
+    base, generator = BASES[name](), np.random.default_rng(1)
     many, observation = lanes(5, base, 7)
     alone = [lanes(1, base, 7 + i) for i in range(5)]
-    actions = generator.uniform(-1.0, 1.0, (90, 5, 1))
-    begun, saved = set(), None
-    for step, action in enumerate(actions):
+    begun = set()
+    for step, action in enumerate(generator.uniform(-1.0, 1.0, (90, 5, 1))):
         np.testing.assert_allclose(
             observation, np.concatenate([seen for _, seen in alone]), rtol=0.0, atol=1e-6
         )
@@ -52,24 +79,35 @@ def test_base_of_each_lane_acts_as_in_a_lane_alone(name):
             np.testing.assert_allclose(info["final_obs"][i], last, rtol=0.0, atol=1e-6)
         alone = [(env, made[0]) for (env, _), made in zip(alone, singles, strict=True)]
         begun |= {(step, i) for i in np.flatnonzero(terminated)}
-        if step == 60:
-            saved = many.env.unwrapped.get_state(), many.get_state(), observation
     assert len({step for step, _ in begun}) > 2  # lanes ended apart
-    assert len(many.cohorts) > 1
-    again, _ = lanes(5, base, 0)
-    again.env.unwrapped.set_state(saved[0])
-    again.set_state(saved[1])
-    for action in actions[61:]:
-        seen, *_ = again.step(action)
-    np.testing.assert_array_equal(seen, observation)
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_lanes_that_are_killed_ten_times_go_on_to_the_last_bit_without_replay(name):
+    if name == "linear-mpc":
+        pytest.importorskip("osqp")
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (60, 3, 1))
+    unbroken, _ = lanes(3, BASES[name](), 7)
+    expected = [unbroken.step(action)[0] for action in actions]
+    broken, _ = lanes(3, BASES[name](), 7)
+    for step, action in enumerate(actions):
+        if step % 6 == 5:
+            saved = broken.env.unwrapped.get_state(), broken.get_state()
+            broken, _ = lanes(3, BASES[name](), 0)
+            broken.env.unwrapped.set_state(saved[0])
+            broken.base.act = broken.base.propose = None  # nothing is asked of the base
+            broken.set_state(saved[1])
+            del broken.base.act, broken.base.propose
+        np.testing.assert_array_equal(broken.step(action)[0], expected[step])
 
 
 def test_agent_and_base_add_up_within_the_range_of_the_action():
     env, observation = lanes(5, base_controller(SHORT, "lqr"), 3)
     law = env.proposed.copy()
     np.testing.assert_array_equal(observation[:, -1:], law.astype(np.float32))
-    env.step(np.full((5, 1), 1.0))
-    np.testing.assert_array_equal(env.cohorts[0].sent[0], np.clip(law + 0.5, -1.0, 1.0))
+    _, _, ended, _, info = env.step(np.full((5, 1), 1.0))
+    applied = SHORT.actuation.force.limit * np.clip(law + 0.5, -1.0, 1.0)
+    np.testing.assert_allclose(info["applied"][~ended], applied[~ended], rtol=1e-6)
 
 
 def test_unknown_base_is_named_with_the_nearest():

@@ -6,8 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from agents import results as command
-from agents.comparison.trainings import (
+from agents.commands import results as command
+from agents.controllers.feedback import Feedback
+from agents.controllers.lqr import LQR
+from agents.evaluation.aggregates import proportion
+from agents.evolution.settings import EvolveSettings
+from agents.scoring import Evaluation
+from agents.sweeps.on_task import (
     Curve,
     Trainings,
     best_of,
@@ -16,13 +21,8 @@ from agents.comparison.trainings import (
     middle_cost,
     slopes,
 )
-from agents.controllers.feedback import Feedback
-from agents.controllers.lqr import LQR
-from agents.evaluation.aggregates import proportion
-from agents.evaluation.episodes import Evaluation
-from agents.evolution.network import Network
-from agents.evolution.settings import EvolveSettings
-from agents.search.starts import start_of
+from agents.training.network import Network
+from agents.training.starts import start_of
 from mm_gym import load_scene
 
 SWEEP = """
@@ -104,7 +104,7 @@ class TestCommand:
         (tmp_path / "small.toml").write_text(SWEEP)
         monkeypatch.chdir(tmp_path)
         law = lambda scene: [Feedback(scene, LQR(scene))]  # noqa: E731 - tuning takes longer
-        monkeypatch.setattr("agents.comparison.on_task.classical_laws", law)
+        monkeypatch.setattr("agents.sweeps.on_task.classical_laws", law)
 
         def call(*flags):
             monkeypatch.setattr(sys, "argv", ["results", "small.toml", "--out", "page.md", *flags])
@@ -131,7 +131,7 @@ class TestCommand:
         def refuse(*_):
             pytest.fail("trained again")
 
-        monkeypatch.setattr("agents.sweep.work_here", refuse)
+        monkeypatch.setattr("agents.commands.sweep.work_here", refuse)
         assert call("--no-train") is None
         assert (tmp_path / "page.md").read_text() == text
 

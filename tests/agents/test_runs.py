@@ -11,12 +11,12 @@ import kills
 import numpy as np
 import pytest
 
-from agents import demo
-from agents import train as command
-from agents.evaluation.episodes import HELD_OUT_SEED, VALIDATION_SEED
+from agents.commands import demo
+from agents.commands import train as command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
+from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings
 from agents.training.lanes import make_lanes
@@ -51,7 +51,7 @@ def outcome(run):
     """Return all that a run found out: validations without their times, and the policy."""
     metrics = np.loadtxt(run.metrics, delimiter=",", skiprows=1, usecols=(0, 1))
     policy = load_policy(run.policy)
-    return [metrics, *policy.weights, *policy.biases]
+    return [metrics, *policy.arrays.values()]
 
 
 def assert_same_outcome(run, other):
@@ -194,22 +194,24 @@ class TestInterrupts:
         assert "Traceback" not in (tmp_path / "errors").read_text()
         assert load_checkpoint(run.checkpoint)["model/steps"] > 0
 
-    def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch, capsys):
+    def test_ctrl_c_after_training_says_how_to_score(self, uninterrupted, monkeypatch):
         def interrupt(*_, **__):
             raise KeyboardInterrupt
 
         monkeypatch.setattr(command, "report_run", interrupt)
         monkeypatch.chdir(uninterrupted.folder.parent)
         monkeypatch.setattr(command, "Run", lambda name: Run(name, "."))
-        assert command.train_and_report(TINY) == 130
-        assert capsys.readouterr().err == (
-            "interrupted: tiny: trained; score it: python -m agents.evaluate tiny\n"
-        )
+        with pytest.raises(KeyboardInterrupt) as caught:
+            command.train_and_report(TINY)
+        advice = "tiny: trained; score it: python -m agents evaluate tiny"
+        assert caught.value.args == ("", advice)
 
     def test_time_of_a_continued_run_counts_on(self, tmp_path):
         run, settings = Run("tiny", tmp_path), changed(steps=10**8, time_budget=1.0)
         train(settings, run)
-        run.policy.rename(tmp_path / "policy.npz")  # as if killed just before it was written
+        run.policy.rename(
+            tmp_path / "policy.safetensors"
+        )  # as if killed just before it was written
         before = run.metrics.read_text()
         train(settings, run)
         assert run.metrics.read_text() == before

@@ -8,28 +8,28 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from agents.controllers.clipped_optimal import ClippedOptimal
-from agents.controllers.constant import no_control
+from agents.controllers.clipped_optimal import ClippedOptimal, SharedForce
+from agents.controllers.constant import no_control, uncontrolled
 from agents.controllers.energy_shaping import EnergyShaping
 from agents.controllers.feedback import Feedback
 from agents.controllers.ground_velocity import CORNER, GroundVelocity
 from agents.controllers.lead import GRID, Lead
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
+from agents.controllers.names import laws, obstacle
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
-from agents.controllers.predictive_control import SEARCH, PredictiveControl
+from agents.controllers.predictive_control import SEARCH, PredictiveControl, predictive_control
 from agents.controllers.random_actions import RandomActions
 from agents.controllers.semi_active import Balance, Hook
 from agents.controllers.spring_force import sphere_springs
-from agents.evaluation.baselines import classical, classical_laws, predictive_control, uncontrolled
-from agents.evaluation.episodes import evaluate
-from agents.evaluation.laws import laws, obstacle
-from agents.evaluation.planner import Effort, Planner
+from agents.controllers.tuned import classical_laws, makers
+from agents.evaluation.plans import Effort, Planner
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
-from agents.search.starts import start_of
+from agents.scoring import evaluate
 from agents.training.runs import Run
+from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.analysis import spring_energy
 from mm_gym.lanes import layout as at
@@ -90,8 +90,7 @@ GAINS = {"skyhook": 2.0, "groundhook": 5.0, "displacement groundhook": 400.0}
 
 def commanded(law, states=STATES):
     """Return the dampings that a law asks for [N s/m]."""
-    law.begin(len(states))
-    actions = law.action(states, np.full((len(states), 1), 0.3))
+    actions, _ = law.action(law.begin(len(states)), states, np.full((len(states), 1), 0.3))
     return 0.5 * (HIGH + LOW) + 0.5 * (HIGH - LOW) * actions[:, 0]
 
 
@@ -134,10 +133,11 @@ def test_carriage_damper_is_a_skyhook_only_while_the_ground_moves():
         with pytest.raises(DesignError, match=r"actuation.damping.of: got 'carriage'; allowed for"):
             Hook(scene, what, "on-off")
     law = Hook(scene_of("carriage"), "skyhook", "continuous", gain=2.0)
-    law.begin(len(STATES))
-    law.ground.velocity = ground = np.random.default_rng(1).normal(size=len(STATES))
+    ground = np.random.default_rng(1).normal(size=len(STATES))
     ratio = 2.0 * (STATES[:, 2] + ground) / STATES[:, 2]
-    actions = law.action(STATES, np.full((len(STATES), 1), 0.3))[:, 0]
+    law.ground.observe = lambda memory, *_: {**memory, "velocity": ground}
+    applied = np.full((len(STATES), 1), 0.3)
+    actions = law.action(law.begin(len(STATES)), STATES, applied)[0][:, 0]
     dampings = 0.5 * (HIGH + LOW) + 0.5 * (HIGH - LOW) * actions
     np.testing.assert_allclose(dampings, np.clip(ratio, LOW, HIGH), rtol=1e-13)
 
@@ -187,16 +187,15 @@ def test_velocity_of_the_ground_is_the_integral_of_its_acceleration(excitation, 
     env = MovingMassVectorEnv(scene, 20, autoreset_mode="Disabled")
     _, info = env.reset(seed=1)
     law, expected, pairs = GroundVelocity(scene), np.zeros(20), []
-    law.begin(20)
-    law.observe(info["state"], info["applied"])
+    memory = law.observe(law.begin(20), info["state"], info["applied"])
     kept = np.exp(-CORNER * np.sqrt(400.0 / 0.1) * 0.005)
     before = env.get_state()["values"][at.GROUND_ACCELERATION].copy()
     for _ in range(200):
         *_, info = env.step(np.full((20, 1), 0.2))
-        found = law.observe(info["state"], info["applied"]).copy()
+        memory = law.observe(memory, info["state"], info["applied"])
         after = env.get_state()["values"][at.GROUND_ACCELERATION].copy()
         expected = kept * expected + 0.005 * 0.5 * (before + after)
-        pairs.append((found, expected.copy()))
+        pairs.append((memory["velocity"], expected.copy()))
         before = after
     found, expected = np.moveaxis(np.array(pairs), 1, 0)
     # The law takes both causes for constant over a step. They change in it, which one alone hides
@@ -253,11 +252,11 @@ def require_passive(scene, controller, episodes):
     """
     env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     observation, info = env.reset(seed=5)
-    controller.reset(env)
+    memory = controller.begin(env)
     most = 0.0
     for _ in range(scene.control.steps):
-        known = {} if controller.reads == "observation" else info
-        observation, *_, info = env.step(controller.act(observation, known))
+        action, memory = controller.act(memory, observation, controller.known(info))
+        observation, *_, info = env.step(action)
         power, size = device_power(scene, env)
         assert (power >= -1e-14 * size.max()).all(), controller.name
         most = max(most, power.max())
@@ -371,7 +370,7 @@ def test_energy_shaping_takes_out_what_its_gain_says():
         force = {"actuation": {"force": {"limit": 1e3, "between": "masses"}}}
         scene = STILL.replace(springs=springs, **force)
         law, (x1, x2, v1, v2) = EnergyShaping(scene, 25.0, 0.7), STATES.T
-        force, e, w = 1e3 * law.action(STATES, np.zeros((500, 1)))[:, 0], x2 - x1, v2 - v1
+        force, e, w = 1e3 * law.action({}, STATES, np.zeros((500, 1)))[0][:, 0], x2 - x1, v2 - v1
 
         def stored(e, springs=springs):
             if springs["kind"] == "none":
@@ -429,10 +428,30 @@ def test_no_control_holds_the_damping_of_the_beginning_where_none_is_shown():
     np.testing.assert_allclose(held, begins, rtol=1e-12)
 
 
+def test_damper_and_force_in_parallel_share_the_regulators_force():
+    damper = {"minimum": 0.2, "maximum": 8.0}
+    ample = {"limit": 100.0, "between": "masses"}
+    scene = scene_of(**{"interface.damping": 1.0})
+    scene = scene.replace(actuation={"force": ample, "damping": damper})
+    law = SharedForce(scene, 0.1)
+    state = np.random.default_rng(1).normal(size=(50, 4)) * [5e-3, 5e-3, 0.1, 0.1]
+    action, memory = law.action(law.begin(50), state, np.tile([0.0, 1.0], (50, 1)))
+    force, damping = 100.0 * action[:, 0], 4.1 + 3.9 * action[:, 1]
+    given = force + damping * (state[:, 3] - state[:, 2])
+    np.testing.assert_allclose(given, law.force(memory, state), rtol=1e-9, atol=1e-9)
+    assert np.mean(np.abs(force) < 1e-9) > 0.1, "the damper alone gives what it can"
+    ground = scene.replace(**{"actuation.force.between": "ground"})
+    with pytest.raises(DesignError, match="only there do both act in parallel"):
+        SharedForce(ground, 0.1)
+    assert "clipped-optimal-and-force" in laws(scene)
+    assert "clipped-optimal-and-force" not in laws(ground)
+    assert "in parallel" in obstacle("clipped-optimal-and-force", ground)
+
+
 def test_every_law_is_tuned_and_named():
     scene = scene_of(**{"control.steps": 5})
     found = classical_laws(scene)
-    assert len(found) == len(classical(scene)) == 10
+    assert len(found) == len(makers(scene, "law")) == 10
     assert {"clipped-optimal-on-off", "skyhook-continuous", "balance-on-off"} < set(laws(scene))
     assert "energy-shaping" not in laws(scene)
     force = scene.replace(actuation={"force": {"between": "masses"}})

@@ -8,29 +8,28 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, PRE_STRETCH, TASKS
 
-from agents import evaluate as command
-from agents.comparison.conclusions import conclude
-from agents.comparison.contestants import Field
-from agents.comparison.effort import efforts
-from agents.comparison.entries import Entry, Episodes
-from agents.comparison.frequency import closed_loop
-from agents.comparison.measure import Studies, TaskResult, measure
-from agents.comparison.robustness import (
-    FACTORS,
-    NOMINAL,
-    Records,
-    check_records,
-    outcomes,
-    variants,
-)
+from agents.commands import evaluate as command
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
-from agents.evaluation.episodes import HELD_OUT_SEED, evaluate
+from agents.evaluation.conclusions import conclude
+from agents.evaluation.contestants import Entry, Episodes, Field
+from agents.evaluation.measure import Studies, TaskResult, measure
+from agents.evaluation.studies import (
+    FACTORS,
+    NOMINAL,
+    Records,
+    check_records,
+    closed_loop,
+    efforts,
+    outcomes,
+    variants,
+)
 from agents.report.comparison import write_comparison
 from agents.report.comparison_figures import draw_closed_loops, draw_robustness
+from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import SceneError, metrics
 from mm_gym.analysis import frequency_response
 

@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from agents import sweep as command
+from agents.commands import sweep as command
+from agents.commands.sweep import sweep
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.settings import GradientSettings
-from agents.sweep import sweep
 from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
 from agents.training.config import good_settings
 from agents.training.reinforcement import train
@@ -289,4 +289,4 @@ def test_missing_ray_is_named_with_its_extra(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(command.sys.modules, "ray", None)
     monkeypatch.setattr("sys.argv", ["sweep", "--ray"])
-    assert command.main() == 'error: --ray needs Ray, run `pip install "mm-gym[ray]"`'
+    assert command.main() == "error: --ray needs Ray: install the extra `ray`"

@@ -8,16 +8,16 @@ from tasks import CARRIAGE_FORCE, HYBRID
 
 from agents.evaluation.scores import SCORES
 from agents.report.description import describe
-from agents.report.task_page import PAGE, _about, page
+from agents.report.task_page import PAGE, about, page
 
 
 def test_committed_page_is_up_to_date():
     expected = page(json.loads(SCORES.read_text("utf-8")))
-    assert PAGE.read_text("utf-8") == expected, "run `python -m agents.task_page`"
+    assert PAGE.read_text("utf-8") == expected, "run `python -m agents task-page`"
 
 
 @pytest.mark.parametrize(
-    ("text", "about"),
+    ("text", "told"),
     [
         ("", ""),
         ("control.steps = 7\n", ""),
@@ -25,9 +25,9 @@ def test_committed_page_is_up_to_date():
         ("#:schema x\n\n# mm_gym/X-v0: a task.\n# More.\n", "A task. "),
     ],
 )
-def test_a_task_file_need_not_say_what_it_is(tmp_path, text, about):
+def test_a_task_file_need_not_say_what_it_is(tmp_path, text, told):
     (tmp_path / "x.toml").write_text(text)
-    assert _about(tmp_path / "x.toml") == about
+    assert about(tmp_path / "x.toml") == told
 
 
 def test_every_registered_task_has_a_section():

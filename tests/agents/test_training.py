@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import train as command
+from agents.commands import train as command
+from agents.commands.evaluate import report_run
 from agents.controllers.constant import no_control
 from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
-from agents.evaluate import report_run
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate, limit_penalty, validation_cost
 from agents.policies import load_policy
+from agents.scoring import VALIDATION_SEED, evaluate, limit_penalty, validation_cost
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
 from agents.training.reinforcement import train
@@ -39,7 +39,7 @@ def changed(ppo: dict[str, object] | None = None, **fields: object) -> TrainSett
 
 def weights(run: Run) -> list[np.ndarray]:
     policy = load_policy(run.policy)
-    return [*policy.weights, *policy.biases]
+    return list(policy.arrays.values())
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,9 @@ def test_command_line_reads_file_then_flags(tmp_path: Path, monkeypatch) -> None
         "[ppo]\nrollout = 50\nbatch_size = 400\n"
     )
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("agents.evaluate.baselines", lambda s: ([Feedback(s, no_control(s))], {}))
+    monkeypatch.setattr(
+        "agents.commands.evaluate.baselines", lambda s: ([Feedback(s, no_control(s))], {})
+    )
     words = ["agents.train", str(file), "--name", "from_flags", "--ppo.epochs", "1"]
     monkeypatch.setattr("sys.argv", words)
     assert command.main() is None

@@ -9,8 +9,8 @@ from importlib import import_module
 import pytest
 from pages import ROOT, blocks
 
-from agents.evaluate import report_run
-from agents.evaluation.laws import laws
+from agents.commands.evaluate import report_run
+from agents.controllers.names import laws
 from agents.policies import PolicyError
 from agents.sweeps.trials import do_trial
 from agents.training.config import TrainSettings, read_settings
@@ -26,14 +26,12 @@ import numpy as np
 class Law:
     def __init__(self, scene):
         pass
-    def begin(self, lanes):
-        pass
-    def action(self, state, applied):
-        return -0.25 * np.sign(state[:, 2:3])
+    def action(self, memory, state, applied):
+        return -0.25 * np.sign(state[:, 2:3]), memory
 """
 
 
-COMMAND = re.compile(r"python -m (agents\.\w+) (.*)")
+COMMAND = re.compile(r"python -m agents[. ](\w+) (.*)")
 
 
 def run_here(page, folder):
@@ -45,7 +43,7 @@ def run_here(page, folder):
             with pytest.MonkeyPatch.context() as patch:
                 patch.chdir(folder)
                 patch.setattr("sys.argv", [module, *shlex.split(words)])
-                assert import_module(module).main() is None
+                assert import_module(f"agents.commands.{module}").main() is None
 
 
 def here(trials, _, report):
@@ -58,8 +56,10 @@ def here(trials, _, report):
 def test_blocks_of_the_page_do_what_it_says(tmp_path, monkeypatch):
     # The laws are tuned for a report, which takes longer than all else here.
     still = "no-control"
-    monkeypatch.setattr("agents.evaluate.baselines", lambda s: ([base_controller(s, still)], {}))
-    monkeypatch.setattr("agents.sweep.work_here", here)  # test_sweep.py has its processes
+    monkeypatch.setattr(
+        "agents.commands.evaluate.baselines", lambda s: ([base_controller(s, still)], {})
+    )
+    monkeypatch.setattr("agents.commands.sweep.work_here", here)  # test_sweep.py has its processes
     run_here("../training", tmp_path)
     runs = tmp_path / "runs"
     assert json.loads((runs / "heavy" / "run.json").read_text())["scene"]["carriage"]["mass"] == 0.2

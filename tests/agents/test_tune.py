@@ -8,11 +8,11 @@ import numpy as np
 import optuna
 import pytest
 
+from agents.commands.tune import TuneSettings, shortened, tune
 from agents.training.config import TrainSettings, read_settings
 from agents.training.ending import Ending
 from agents.training.runs import Run, RunError
 from agents.training.search_space import as_toml, suggested
-from agents.tune import TuneSettings, shortened, tune
 
 QUICK = TuneSettings(
     task="mm_gym/CarriageForce-v0", name="quick", lanes=8, steps=800, evaluations=2, trials=2
@@ -105,7 +105,7 @@ def test_best_file_says_the_command_and_is_written_plainly(tmp_path, monkeypatch
     changes = {"control.steps": 20}
     text = tune(QUICK.model_copy(update={"changes": changes}), tmp_path).read_text()
     assert re.match(r"# Validation cost [\d.]+, the best of 2 trials:\n# python -m agents", text)
-    assert "\n# python -m agents.tune CarriageForce --name 'a b'\ntask = " in text
+    assert "\n# python -m agents tune CarriageForce --name 'a b'\ntask = " in text
     assert re.search(r"\nlearning_rate = 0\.0*[1-9]\d{0,2}\n", text)
     assert '\n"control.steps" = 20\n' in text
 

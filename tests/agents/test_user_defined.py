@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE
 
-from agents import evaluate as command
+from agents.commands import evaluate as command
 from agents.controllers.feedback import Feedback
-from agents.controllers.residual import send
 from agents.controllers.user_defined import user_defined
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.episodes import evaluate
+from agents.scoring import evaluate
 from mm_gym import SceneError
 
 SCENE = CARRIAGE_FORCE.replace(**{"control.steps": 20})
@@ -24,11 +23,8 @@ class Damper:
     def __init__(self, scene):
         self.limit = scene.actuation.force.limit
 
-    def begin(self, lanes):
-        self.lanes = lanes
-
-    def action(self, state, applied):
-        return -5.0 * state[:, 2:3] / self.limit
+    def action(self, memory, state, applied):
+        return -5.0 * state[:, 2:3] / self.limit, memory
 """
 
 CONTROLLER = """
@@ -38,12 +34,12 @@ class Still:
     def __init__(self, scene):
         pass
 
-    def reset(self, env):
-        self.size = env.num_envs
+    def begin(self, env):
+        return {"steps": [0] * env.num_envs}
 
-    def act(self, observation, info):
+    def act(self, memory, observation, info):
         assert not info
-        return [[0.0]] * self.size
+        return [[0.0]] * len(memory["steps"]), {"steps": memory["steps"] + 1}
 """
 
 
@@ -64,14 +60,34 @@ def test_controller_is_scored_as_it_is(tmp_path) -> None:
     (own,) = user_defined(written(tmp_path, CONTROLLER) + ":Still", SCENE)
     assert (own.name, own.reads) == ("my own", "observation")
     assert evaluate(SCENE, own, episodes=4).applied.max() == 0.0
-    send(own, np.zeros((4, 1)))  # it has no `send`, and need not have one
+    assert own.note({}, np.zeros((4, 1))) == {}  # it has no `note`, and need not have one
 
 
-def test_controller_is_told_what_is_applied_if_it_has_send(tmp_path) -> None:
-    text = CONTROLLER + "\n    def send(self, action):\n        self.sent = action\n"
+def test_controller_is_told_what_is_applied_if_it_has_note(tmp_path) -> None:
+    text = CONTROLLER + "\n    def note(self, memory, action):\n        return {'sent': action}\n"
     (own,) = user_defined(written(tmp_path, text) + ":Still", SCENE)
-    send(own, np.full((4, 1), 0.5))
-    np.testing.assert_array_equal(own.inner.sent, np.full((4, 1), 0.5))
+    memory = own.note({"sent": np.zeros((4, 1))}, np.full((4, 1), 0.5))
+    np.testing.assert_array_equal(memory["sent"], np.full((4, 1), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("returned", "message"),
+    [
+        ("-state[:, 2:3]", "got a ndarray; allowed: two things, the actions and the memory"),
+        ("-state[:, 2:3], None", "got a NoneType as memory; allowed: a dict of arrays"),
+        ("-state[:, 2:3], {'a': np.zeros(3)}", r"memory 'a': .*\(3,\); allowed: .* the 4 lanes"),
+        ("-state[:, 2:3], {'a': ['b'] * 4}", "memory 'a': .*; allowed: numbers"),
+        (
+            "-state[:, 2:3], {'a': [1] * 4}",
+            "memory 'a': got int64 .*; allowed: as it began, nothing",
+        ),
+    ],
+)
+def test_law_that_returns_no_memory_is_refused(returned, message, tmp_path) -> None:
+    text = LAW.replace("-5.0 * state[:, 2:3] / self.limit, memory", returned)
+    _, seen = user_defined(written(tmp_path, text) + ":Damper", SCENE)
+    with pytest.raises(SceneError, match=message):
+        evaluate(SCENE, seen, episodes=4)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +95,7 @@ def test_controller_is_told_what_is_applied_if_it_has_send(tmp_path) -> None:
     [
         (LAW, "Dampr", r"own\.py: it has no class or function 'Dampr'; did you mean 'Damper'"),
         (LAW, "np", "it has no class or function 'np'"),
-        (LAW.replace("def action", "def act"), "Damper", "allowed: a law .* or a controller"),
+        (LAW.replace("def action", "def actions"), "Damper", "allowed: a law .* or a controller"),
         (LAW.replace(".limit\n", ".limits\n"), "Damper", r"line 7: AttributeError"),
         (LAW.replace("scene)", "scene, gain)"), "Damper", r"TypeError: .* 'gain'"),
         ("import nothing_of_this_name", "Damper", r"line 1: ModuleNotFoundError"),
@@ -99,7 +115,7 @@ def test_file_that_gives_no_controller_is_refused_with_the_reason(
     [
         (LAW.replace("2:3", "2"), r"Damper: got actions of shape \(4,\); allowed: \(4, 1\).*force"),
         (LAW.replace("-5.0 *", "np.nan *"), "Damper: got actions that are not finite"),
-        (LAW.replace("state[:, 2:3]", "state.velocity"), r"line 13: AttributeError.*'velocity'"),
+        (LAW.replace("state[:, 2:3]", "state.velocity"), r"line 10: AttributeError.*'velocity'"),
         (LAW.replace("-5.0 * state[:, 2:3] / self.limit", "'no'"), "could not convert string"),
     ],
 )

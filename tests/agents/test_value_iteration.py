@@ -4,13 +4,14 @@ import json
 
 import kills
 import numpy as np
+import policy_files
 import pytest
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents import export
+from agents.commands import export
 from agents.controllers.learned import Learned
-from agents.evaluation.episodes import VALIDATION_SEED, evaluate
 from agents.policies import PolicyError, load_policy
+from agents.scoring import VALIDATION_SEED, evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
 from agents.value_iteration.iteration import ValueIteration, iterate
@@ -247,15 +248,16 @@ class TestPolicy:
         ids=str,
     )
     def test_damaged_policy_is_refused_by_name(self, change, message, unbroken, tmp_path):
-        with np.load(unbroken.policy) as archive:
-            arrays = dict(archive)
+        arrays = policy_files.read(unbroken.policy)
         description = json.loads(str(arrays["description"]))
         for name, value in change.items():
             (arrays if name in arrays else description)[name] = value
         arrays["description"] = np.array(json.dumps(description))
-        np.savez(tmp_path / "policy.npz", **arrays)
+        file = tmp_path / "policy.safetensors"
+        file.write_bytes(unbroken.policy.read_bytes())
+        policy_files.write(file, arrays)
         with pytest.raises(PolicyError, match=message):
-            load_policy(tmp_path / "policy.npz")
+            load_policy(file)
 
     def test_policy_for_another_scene_is_refused(self, unbroken):
         hybrid = load_scene("mm_gym/Hybrid-v0")
@@ -267,7 +269,7 @@ class TestPolicy:
         out = tmp_path / f"policy{ending}"
         monkeypatch.setattr("sys.argv", ["export", str(unbroken.policy), "--out", str(out)])
         said = export.main()
-        assert "allowed for a policy of value iteration: .npz" in said
+        assert "allowed for a policy of value iteration: .safetensors" in said
         assert "a table of 7,500 numbers" in said
         assert not out.exists()
 
@@ -347,7 +349,7 @@ class TestRuns:
         iterate(TINY.model_copy(update={"sweeps": 16, "evaluations": 2}), run)
         first = run.policy.read_bytes()
         iterate(TINY.model_copy(update={"evaluations": 2}), run)
-        assert (run.folder / "policy-16.npz").read_bytes() == first
+        assert (run.folder / "policy-16.safetensors").read_bytes() == first
         assert run.validations()[1][-1] == unbroken.validations()[1][-1]
         with pytest.raises(RunError, match="other settings"):
             iterate(TINY.model_copy(update={"points": 6}), run)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.sweep import sweep
+from agents.commands.sweep import sweep
 from agents.sweeps.trials import SweepSettings
 
 SETTINGS = SweepSettings(
@@ -41,7 +41,7 @@ def kill_one(folder, killed):
     for _ in range(6000):
         time.sleep(0.02)
         for checkpoint in folder.glob("*/checkpoint.npz"):
-            if not (checkpoint.parent / "policy.npz").exists():
+            if not (checkpoint.parent / "policy.safetensors").exists():
                 os.kill(trainer(checkpoint.parent), signal.SIGKILL)
                 killed.append(checkpoint.parent.name)
                 return
@@ -56,7 +56,7 @@ def local(tmp_path_factory):
 
 def files(folder):
     """What a sweep found out: the table, and of each training what has no times in it."""
-    names = ("results.csv", "*/metrics.csv", "*/policy.npz", "*/result.json")
+    names = ("results.csv", "*/metrics.csv", "*/policy.safetensors", "*/result.json")
     paths = [path for name in names for path in sorted(folder.glob(name))]
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 

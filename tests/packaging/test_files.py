@@ -67,7 +67,7 @@ def test_link_stays_and_its_target_is_replaced_whole(tmp_path, old):
     (tmp_path / "second").symlink_to("old.csv")
     write_text(tmp_path / "folder" / "first", NEW)
     assert old.read_text() == NEW
-    assert old.stat().st_ino != inode, "the file is written beside and renamed"
+    assert old.stat().st_ino != inode, "the file is written next to it and renamed"
     assert (tmp_path / "folder" / "first").is_symlink()
     assert (tmp_path / "second").is_symlink()
     assert not old.is_symlink()

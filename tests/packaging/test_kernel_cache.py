@@ -52,7 +52,7 @@ def test_editing_a_helper_in_another_file_takes_effect(tmp_path):
 
     drawn = start()
     assert drawn[0] != 0.0
-    assert list(package.rglob("*.nbi")), "kernels are cached beside their sources"
+    assert list(package.rglob("*.nbi")), "kernels are cached next to their sources"
     assert start() == drawn
     helper = package / "lanes" / "random.py"
     helper.write_text(helper.read_text("utf-8") + REPLACEMENT, "utf-8")

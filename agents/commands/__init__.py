@@ -1,0 +1,1 @@
+"""The commands, each a file: ``python -m agents NAME`` calls `main` of ``NAME.py``."""

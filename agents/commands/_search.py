@@ -1,0 +1,33 @@
+"""What the searches around a controller share as commands: the search, then its held-out cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from agents.controllers.learned import Learned
+from agents.policies import load_policy
+from agents.scoring import evaluate
+from agents.training.ending import notes_of
+from agents.training.runs import Run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from agents.training.search_settings import TimedSettings
+
+Settings = TypeVar("Settings", bound="TimedSettings")
+
+EPISODES = 100
+"""Held-out episodes of the cost that is printed."""
+
+
+def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]) -> None:
+    """Search, and print the cost on the held-out episodes."""
+    run = Run(settings.name)
+    with run.advised():
+        search(settings, run)
+        learned = Learned(load_policy(run.policy))
+        cost = evaluate(settings.rewarded_scene(), learned, episodes=EPISODES).cost
+    compare = f"compare it with every controller: python -m agents evaluate {run.folder}"
+    told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"
+    print(told, compare, *notes_of(run), sep="\n")

@@ -1,0 +1,27 @@
+"""Train a network around a controller by exact gradients.
+
+For example ``python -m agents descend PreStretchNoise --seed 1``.
+
+A task, which stands for its file in ``configs/gradient``, or a file of settings comes first, then
+flags over it. An interrupted run continues from its last checkpoint when the same command is given
+again, and a finished one goes on with more ``--iterations`` or ``--time-budget``; the best network
+of the validations is kept.
+"""
+
+from __future__ import annotations
+
+from agents.commands._search import search_and_score
+from agents.errors import command, leave
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
+from agents.training.config import settings_from_command_line
+
+
+@command
+def main() -> None:
+    """Train from the command line, and print the cost on the held-out episodes."""
+    search_and_score(settings_from_command_line(GradientSettings, __doc__ or ""), descend)
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,250 @@
+"""Score a trained agent against every controller.
+
+For example ``python -m agents evaluate runs/first``. Writes tables and figures into the run's
+folder and prints the ranking by the task's cost. Nothing in the folder is run: policies are files
+of numbers. An archive of Stable-Baselines3 can run code when it is opened; it needs ``--trust``.
+
+A controller of your own, whose file is run, see docs/controllers.md: ``python -m agents evaluate
+PreStretch --controller my_file.py:MyLaw``.
+
+Several runs and controllers in one table, on one task or many, see docs/evaluation.md: ``python -m
+agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agents.controllers.tuned import NOT_SCORED, baselines
+from agents.controllers.user_defined import user_defined
+from agents.errors import command, leave
+from agents.evaluation.conclusions import conclude
+from agents.evaluation.contestants import BASELINES, Episodes, read_field
+from agents.evaluation.measure import Studies, measure
+from agents.evaluation.studies import Records, check_records
+from agents.policies import AnyPolicy, PolicyError, load_policy
+from agents.report.comparison import report_comparison
+from agents.report.figures import draw_costs, draw_response
+from agents.report.tables import print_ranking, write_episodes, write_scores
+from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
+from agents.training.parts import recorded_parts
+from agents.training.runs import Run, RunError
+from mm_gym import SceneError, load_scene, rewarded
+from mm_gym.files import check_outputs
+from mm_gym.tasks import task_or_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+SINGLE = 200
+"""Held-out episodes of a single run."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to evaluate."""
+
+    subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
+    file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
+    "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
+    training, a policy's file, or FILE.py:NAME"""
+    tasks: tuple[str, ...] = ()
+    """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
+    episodes: int | None = None
+    """held-out episodes: 200, or 64 of each seed"""
+    seeds: int | None = None
+    """of what is compared: 5, or as many as the training has"""
+    first_seed: int = HELD_OUT_SEED
+    """of the first episode of what is compared"""
+    robustness: bool = False
+    """compare also under other masses, stiffnesses and dampings, noise and delay"""
+    records: tuple[Path, ...] = ()
+    """recorded motions that take the place of the excitation, besides"""
+    unit: str | None = None
+    """of the values of --records, as g or cm/s^2; by default g for AT2 files, else m/s^2 or N"""
+    frequency: bool = False
+    """measure the steady response of the closed loop over frequency"""
+    effort: bool = False
+    """measure response and effort over no control and over the best passive damper"""
+    processes: int = os.cpu_count() or 1
+    """that work on tasks side by side; results do not depend on it"""
+    policy: Path | None = None
+    """a policy to score instead of the run's own: a policy's file, or a .zip archive of
+    Stable-Baselines3 with --trust"""
+    trust: bool = False
+    """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
+    run any code"""
+    controller: str | None = None
+    """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
+    reward: str | None = None
+    """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
+    out: Path | None = None
+    """folder for tables and figures of --controller, and of what is compared; without it they are
+    only printed"""
+
+    @property
+    def compares(self) -> bool:
+        """Whether this is a comparison, and not the report of one run or of --controller."""
+        studies = (
+            self.tasks,
+            self.seeds is not None,
+            self.robustness,
+            self.records,
+            self.unit,
+            self.frequency,
+        )
+        if len(self.subjects) > 1 or self.effort or any(studies):
+            return True
+        (only,) = self.subjects
+        named = "*" in only or not ("/" in only or Path(only).is_dir())
+        return named and self.controller is None and self.policy is None
+
+
+def report_run(
+    run: Run,
+    episodes: int = 200,
+    *,
+    policy: AnyPolicy | None = None,
+    name: str = "learned",
+    beside: Sequence[Controller] = (),
+    trust: bool = False,
+    reward: str | None = None,
+    folder: Path | None = None,
+) -> list[Evaluation]:
+    """Evaluate a policy, by default the run's own, and the baselines on the same held-out episodes.
+
+    The results are printed and written to a folder, by default the run's. Other controllers may
+    join the baselines. The reward, FILE.py:NAME, is by default the one that the run was trained
+    for.
+
+    Returns
+    -------
+    list of Evaluation
+        The reference baseline first, the learned agent last.
+    """
+    record = run.read()
+    if policy is None and not run.finished:
+        msg = f"{run.folder}: training is not over; continue it: python -m agents train"
+        raise RunError(msg)
+    settings = record["settings"]
+    if reward is not None:  # asked for, so its file may be run, and the run's own need not be
+        settings = {name: value for name, value in settings.items() if name != "reward"}
+    parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
+    learned = parts.controller(policy or load_policy(run.policy), name)
+    return report([*beside, learned], parts.scene, episodes, folder or run.folder)
+
+
+def report(
+    controllers: Sequence[Controller],
+    scene: Scene,
+    episodes: int,
+    folder: Path | None,
+) -> list[Evaluation]:
+    """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
+
+    def score(controller: Controller) -> Evaluation:
+        return evaluate(scene, controller, episodes=episodes)
+
+    (reference, *others), not_scored = baselines(scene)
+    results = [score(reference)]
+    for controller in others:
+        try:
+            results.append(score(controller))
+        except NOT_SCORED as error:
+            not_scored[controller.name] = str(error)
+    results += [score(controller) for controller in controllers]
+    print_ranking(results, scene, not_scored)
+    if folder is not None:
+        write_scores(results, folder / "scores.csv")
+        write_episodes(results, folder / "episodes.csv")
+        draw_costs(results, scene, folder / "costs.png")
+        draw_response(results[0], results[-1], scene, folder / "response.png")
+        print(f"written: {folder}/")
+    return results
+
+
+def read_policy(path: Path, *, trust: bool) -> AnyPolicy:
+    """Read a policy from a file of numbers, or from an archive if it is trusted.
+
+    Raises
+    ------
+    PolicyError
+        If the file is no policy, or an archive that is not trusted.
+    """
+    if path.suffix != ".zip":
+        return load_policy(path)
+    if not trust:
+        msg = (
+            f"{path}: an archive of Stable-Baselines3: opening it can run code that it carries; "
+            "--trust opens it"
+        )
+        raise PolicyError(msg)
+    from agents.training.archive import open_trusted  # noqa: PLC0415 - torch, which else is unused
+
+    return open_trusted(path)
+
+
+def compare_several(arguments: Arguments) -> None:
+    """Compare what the command line names; refuse flags of a single run."""
+    for flag in ("policy", "controller"):
+        if getattr(arguments, flag) is not None:
+            msg = f"--{flag}: has no effect on several; name it among them: a file or FILE.py:NAME"
+            raise SceneError(msg)
+    if arguments.unit is not None and not arguments.records:
+        msg = f"--unit: got {arguments.unit!r} without --records; it is the unit of their values"
+        raise SceneError(msg)
+    if arguments.processes < 1:
+        msg = f"--processes: got {arguments.processes}; allowed: at least 1"
+        raise SceneError(msg)
+    compared = read_field(arguments.subjects, arguments.tasks, arguments.reward)
+    episodes = Episodes.of_field(
+        compared, arguments.seeds, arguments.episodes, first=arguments.first_seed
+    )
+    studies = Studies(
+        arguments.robustness,
+        Records(arguments.records, arguments.unit) if arguments.records else None,
+        arguments.frequency,
+        arguments.effort,
+    )
+    if arguments.out is not None:
+        check_outputs([arguments.out / "comparison.csv"])
+    check_records(compared.scenes.values(), studies.records)
+    results = measure(compared, episodes, studies, arguments.processes)
+    report_comparison(conclude(results, compared.scenes, episodes), arguments.out)
+
+
+@command
+def main() -> str | None:
+    """Evaluate from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.subjects:
+        return f"error: got nothing to evaluate; allowed: the folder of a run, or {BASELINES}"
+    episodes = arguments.episodes or SINGLE
+    if arguments.compares:
+        compare_several(arguments)
+        return None
+    subject = Path(arguments.subjects[0])
+    if arguments.controller is not None:
+        scene = rewarded(load_scene(task_or_scene(subject.as_posix())), arguments.reward)
+        report(user_defined(arguments.controller, scene), scene, episodes, arguments.out)
+        return None
+    run, path = Run(subject.name, subject.parent), arguments.policy
+    given = {"trust": arguments.trust, "reward": arguments.reward}
+    if path is not None:
+        policy = read_policy(path, trust=arguments.trust)
+        given |= {"policy": policy, "name": path.stem, "folder": run.folder / path.stem}
+    report_run(run, episodes, **given)
+    return None
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,26 @@
+"""Evolve a small network around a controller.
+
+For example ``python -m agents evolve PreStretchShock --seed 1``.
+
+A task or a file of settings comes first, then flags over it. An interrupted run continues from its
+last checkpoint when the same command is given again, and a finished one goes on with more
+``--generations`` or ``--time-budget``; the best network of the validations is kept.
+"""
+
+from __future__ import annotations
+
+from agents.commands._search import search_and_score
+from agents.errors import command, leave
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.training.config import settings_from_command_line
+
+
+@command
+def main() -> None:
+    """Evolve from the command line, and print the cost on the held-out episodes."""
+    search_and_score(settings_from_command_line(EvolveSettings, __doc__ or ""), evolve)
+
+
+if __name__ == "__main__":
+    leave(main())

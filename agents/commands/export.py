@@ -1,0 +1,167 @@
+"""Write a policy for other programs.
+
+For example ``python -m agents export runs/first --out policy.c``. The ending of ``--out`` says as
+what: ``.c`` is C99 for a microcontroller, which allocates nothing and needs no library but, for
+tanh, the mathematical one; ``.onnx`` is for any ONNX runtime; ``.safetensors`` for NumPy. What the
+C source costs in memory and time is printed. A run, and with ``--task`` a file or a controller by
+its name, is exported with the scene's channels, actuators, units and scales: the C source has
+``policy_act_si`` then, from SI units to SI units.
+
+Of an agent that is added to a law, the law is part of what is written if it is a linear one of the
+observation. If not, it is said which action has to be handed in and added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agents.commands.evaluate import read_policy
+from agents.errors import command, leave
+from agents.exports.controllers import controller_policy, linear_base, residual
+from agents.network.c_source import c_source, seconds_of
+from agents.network.interface import Interface
+from agents.network.onnx import onnx_bytes
+from agents.policies import ENDINGS, PolicyError, load_policy
+from agents.training.parts import recorded_parts
+from agents.training.runs import Run
+from agents.value_table.policy import TablePolicy
+from mm_gym import load_scene
+from mm_gym.files import check_outputs, write_bytes
+
+if TYPE_CHECKING:
+    from agents.policies import AnyPolicy
+
+WRITERS = {
+    ".c": lambda policy, interface, comment: c_source(
+        policy.graph(), interface, comment
+    ).text.encode(),
+    ".onnx": lambda policy, interface, comment: onnx_bytes(
+        policy.graph(), "\n".join([*(interface.told if interface else ()), comment])
+    ),
+    ".safetensors": lambda policy, interface, _: policy.to_bytes(interface),
+}
+"""By the file's ending: what returns its content, given the policy, its interface, a comment."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to export."""
+
+    policy: Annotated[Path, tyro.conf.Positional]
+    """folder of a finished run, runs/NAME, a policy's file, a controller's name with --task, or
+    with --trust a .zip archive of Stable-Baselines3's PPO"""
+    out: Path = Path("policy.c")
+    """the file to write; its ending is .c, .onnx or .safetensors"""
+    task: str | None = None
+    """task or scene file of a controller or of a policy's file; a run has its own"""
+    trust: bool = False
+    """open an archive, and run a run's own base, although that can run any code"""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What is written.
+
+    Attributes
+    ----------
+    interface
+        Channels and actuators, or None where they are not known.
+    comment
+        What its user has to add.
+    """
+
+    policy: AnyPolicy
+    interface: Interface | None = None
+    comment: str = ""
+
+    def content(self, out: Path) -> bytes:
+        """Return the content of a file; raise `PolicyError` if it cannot hold a table."""
+        if isinstance(self.policy, TablePolicy) and out.suffix != ".safetensors":
+            msg = (
+                f"--out: got {str(out)!r}; allowed for a policy of value iteration: .safetensors; "
+                f"it is no network but a table of {self.policy.after.size:,} numbers, more than a "
+                "microcontroller has"
+            )
+            raise PolicyError(msg)
+        return WRITERS[out.suffix](self.policy, self.interface, self.comment)
+
+
+def read_exported(arguments: Arguments) -> Exported:
+    """Return what is named, with its base in it if that is linear.
+
+    Raises
+    ------
+    PolicyError, RunError, SceneError
+        If there is none, or its base is code of the user's that is not trusted.
+    """
+    path, trust = arguments.policy, arguments.trust
+    scene = None if arguments.task is None else load_scene(arguments.task)
+    if path.is_dir():
+        return _of_run(Run(path.name, path.parent), trust=trust)
+    if scene is not None and not path.suffix:
+        return Exported(controller_policy(str(path), scene), Interface.of_scene(scene))
+    policy = read_policy(path, trust=trust)
+    interface = None if scene is None else Interface.of_scene(scene)
+    if interface is not None:
+        policy.check(interface.observed, len(interface.commands))
+    return Exported(policy, interface)
+
+
+def _of_run(run: Run, *, trust: bool) -> Exported:
+    policy, record, scene = load_policy(run.policy), run.read(), run.scene()
+    name = record["settings"].get("base")
+    if name is None:
+        return Exported(policy, Interface.of_scene(scene))
+    settings = {"base": name, "authority": record["settings"]["authority"]}
+    parts = recorded_parts(scene, settings, trust=trust)
+    assert parts.base is not None  # noqa: S101 - it has a name
+    gains = linear_base(parts.base, scene)
+    if gains is None:
+        k = policy.sizes[-1]
+        return Exported(
+            policy,
+            comment=f"Its last {k} inputs are the action of the law {name}, which is not in it; "
+            f"apply clip(law + {parts.authority} * action, -1, 1).",
+        )
+    return Exported(residual(policy, gains, parts.authority), Interface.of_scene(scene))
+
+
+@command
+def main() -> str | None:
+    """Export from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out
+    if out.suffix not in WRITERS:
+        return f"error: --out: got {str(out)!r}; allowed: a name that ends in {', '.join(WRITERS)}"
+    named = arguments.policy
+    check_outputs([out], [named, *(named / f"policy{ending}" for ending in ENDINGS)])
+    exported = read_exported(arguments)
+    write_bytes(out, exported.content(out))
+    print(f"written: {out}")
+    if exported.comment:
+        print(exported.comment)
+    if out.suffix == ".c":
+        print_expense(exported)
+    return None
+
+
+def print_expense(exported: Exported) -> None:
+    """Print what the C source of a policy needs."""
+    policy = exported.policy
+    assert not isinstance(policy, TablePolicy)  # noqa: S101 - refused before
+    source = c_source(policy.graph(), exported.interface)
+    print(
+        f"constants {4 * source.constants} bytes, state {4 * source.remembered} bytes, "
+        f"arrays on the stack {4 * source.working} bytes (float)"
+    )
+    seconds = seconds_of(source, policy.observed, policy.actions)
+    print(f"{source.products} products a step", end="")
+    print("" if seconds is None else f", {1e9 * seconds:.0f} ns on this machine")
+
+
+if __name__ == "__main__":
+    leave(main())

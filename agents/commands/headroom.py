@@ -1,0 +1,171 @@
+"""Measure what there is to gain on each task.
+
+Scores fixed, classical and best known control on the same hundred episodes, and writes
+``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search of the best
+known plans also starts from what finished runs do: ``--runs runs/NAME ...``.
+
+``--foresight`` measures what it is worth to know the random excitation of the steps to come.
+``--check`` writes nothing: it compares the runs, or without any all classical controllers, with the
+best known plan of every episode, and names those that are better.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path  # noqa: TC003 - tyro reads the annotation
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tyro
+
+from agents.controllers.controller import columns
+from agents.errors import command, leave
+from agents.evaluation.contestants import agents_of
+from agents.evaluation.headroom import (
+    EPISODES,
+    KEPT,
+    LEARNED,
+    ROUNDING,
+    controllers_of,
+    foresight,
+    headroom,
+    over_plans,
+)
+from agents.evaluation.scores import SCORES, read_scores
+from agents.network.arrays import numbers, read_array
+from mm_gym import SceneError, compile_scene, load_scene
+from mm_gym.files import write_bytes, write_text
+from mm_gym.tasks import ids, path_of, task_called
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+    Row = dict[str, Any]
+
+
+MOST_BYTES = 2**28
+"""Largest file of plans."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to score."""
+
+    tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """names as Hybrid; by default those of the runs, or all of mm_gym"""
+    runs: tuple[str, ...] = ()
+    """folders of finished runs, or patterns of folders in quotes"""
+    check: bool = False
+    """compare with the best known plans, and write nothing"""
+    foresight: bool = False
+    """measure what foresight of random excitation is worth, and nothing else"""
+    seed: int = 0
+    """of the search"""
+    plans: Path | None = None
+    """folder where the plans are kept, a file a task, and from which the next search begins"""
+    out: Path = SCORES
+    """file that the scores are written to; those of other tasks in it are kept"""
+
+
+def score(
+    name: str, agents: list[Controller], earlier: list[Row], plans: Path | None, seed: int
+) -> list[Row]:
+    """Return the rows of a task, and print them; plans are read from a folder and kept there."""
+    began, file = time.perf_counter(), None
+    if plans is not None:
+        file = plans / f"{path_of(name).stem}.npy"
+    scene, kept = load_scene(name), None
+    if file is not None and os.path.lexists(file):
+        kept = _kept_plans(file, (scene.control.steps, EPISODES, len(columns(scene))))
+    found = headroom(scene, agents, kept, seed)
+    if file is not None:
+        content = io.BytesIO()
+        np.save(content, found.plans)
+        write_bytes(file, content.getvalue())
+    rows = found.rows
+    _restore_starts(rows[-1], earlier)
+    rows += [row for row in earlier if row["role"] == LEARNED]
+    print(f"{name}: {time.perf_counter() - began:.0f} s")
+    for row in rows:
+        print(f"  {row['controller']:60} {row['cost']:.4f} [{row['low']:.4f}, {row['high']:.4f}]")
+    return rows
+
+
+def _kept_plans(file: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return the plans of an earlier search; raise `SceneError` if they are not of the scene."""
+    try:
+        return numbers({"plans": read_array(file, most=MOST_BYTES)}, "plans", shape)
+    except SceneError:
+        raise
+    except ValueError as error:
+        msg = f"{file}: {error}"
+        raise SceneError(msg) from None
+
+
+def _restore_starts(planner: Row, earlier: list[Row]) -> None:
+    """Say of plans that were kept where they were from."""
+    before = next((row["plans"] for row in earlier if row["role"] == "planner"), None)
+    for k, plan in enumerate(planner["plans"] if before else []):
+        if before and plan["start"].startswith(KEPT):
+            plan["start"] = before[k]["start"] + plan["start"].removeprefix(KEPT)
+
+
+def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, Any]) -> str | None:
+    """Compare with the best known plans, and print how close; return which are better, if any.
+
+    Raise `SceneError` if the scores of the task are missing or of another scene.
+    """
+    if scores.get(name, {}).get("scene_digest") != scene.digest:
+        msg = f"{name}: no scores of the present scene; run: python -m agents headroom {name}"
+        raise SceneError(msg)
+    rows = scores[name]["rows"]
+    controllers = agents or [controller for _, controller in controllers_of(scene)]
+    worse: list[str] = []
+    for label, ratios in over_plans(scene, controllers, rows).items():
+        ahead = np.flatnonzero(ratios < 1.0 - ROUNDING)
+        print(f"{name}: {label}: {ratios.min():.5f} times the best known plan's cost at least")
+        if ahead.size:
+            told = ", ".join(str(k) for k in ahead)
+            worse.append(f"{label} is better than the best known plan of {name} in episodes {told}")
+    return "; ".join(worse) or None
+
+
+@command
+def main() -> str | None:
+    """Score or check from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out
+    better: list[str] = []
+    scores = read_scores(out) if os.path.lexists(out) else {}
+    agents = agents_of(arguments.runs)
+    for name in map(task_called, arguments.tasks or list(agents) or ids()):
+        scene = load_scene(name)
+        own = agents.get(name, [])
+        if arguments.check:
+            better += filter(None, [check(name, scene, own, scores)])
+            continue
+        earlier = scores.get(name, {})
+        if arguments.foresight and earlier and compile_scene(scene).support.sampled:
+            earlier["foresight"] = foresight(scene)
+            print(f"{name}: {earlier['foresight']}")
+        elif not arguments.foresight:
+            rows = score(name, own, earlier.get("rows", []), arguments.plans, arguments.seed)
+            new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
+            same = earlier.get("scene_digest") == scene.digest
+            scores[name] = (earlier if same else {}) | new
+        ordered = {task: scores[task] for task in ids() if task in scores}
+        write_text(out, json.dumps(ordered, indent=1) + "\n")
+    if better:
+        return "\n".join([*better, "make their plans starts: python -m agents headroom --runs RUN"])
+    return None
+
+
+if __name__ == "__main__":
+    leave(main())

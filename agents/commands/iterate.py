@@ -1,0 +1,27 @@
+"""Find the optimum without preview by value iteration on a grid.
+
+For example ``python -m agents iterate PreStretchShock``.
+
+It is for scenes where the stretch alone is tuned, the plant is linear at every stretch, and nothing
+but random impulses disturbs it. A task or a file of settings comes first, then flags over it. An
+interrupted run continues from its last checkpoint when the same command is given again, and a
+finished one goes on with more ``--sweeps`` or ``--time-budget``.
+"""
+
+from __future__ import annotations
+
+from agents.commands._search import search_and_score
+from agents.errors import command, leave
+from agents.training.config import settings_from_command_line
+from agents.value_iteration.iteration import iterate
+from agents.value_iteration.settings import IterateSettings
+
+
+@command
+def main() -> None:
+    """Iterate from the command line, and print the cost on the held-out episodes."""
+    search_and_score(settings_from_command_line(IterateSettings, __doc__ or ""), iterate)
+
+
+if __name__ == "__main__":
+    leave(main())

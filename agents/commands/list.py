@@ -1,0 +1,43 @@
+"""List the tasks, or the controllers that apply to one.
+
+``python -m agents list`` lists the tasks; ``python -m agents list Hybrid`` the names of controllers
+that ``evaluate``, ``record``, ``tune`` and ``train --base`` take for that task or scene file.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import tyro
+
+from agents.controllers.names import laws
+from agents.errors import command, leave
+from agents.report.task_page import about
+from mm_gym import load_scene
+from mm_gym.tasks import ids, path_of, short_name, task_or_scene
+
+
+@command
+def main() -> None:
+    """List from the command line."""
+    tyro.cli(show, description=__doc__)
+
+
+def show(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
+    """Print the tasks, or the names of controllers.
+
+    Parameters
+    ----------
+    task
+        a name as Hybrid, or a scene file; by default all tasks are listed
+    """
+    if task is None:
+        names = {short_name(name): about(path_of(name)) for name in ids()}
+        width = max(map(len, names))
+        print(*(f"{name:{width}}  {text}".rstrip() for name, text in names.items()), sep="\n")
+    else:
+        print(*laws(load_scene(task_or_scene(task))), sep="\n")
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,113 @@
+"""Record a Minari dataset.
+
+For example ``python -m agents record CarriageForce --controller lqr``. A controller or a trained
+policy plays one episode a seed, on many lanes. The seed of an episode and its actions reproduce it
+to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
+"""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Annotated, Any
+
+import gymnasium
+import numpy as np
+import tyro
+from pydantic import Field, JsonValue
+
+from agents.errors import command, leave
+from agents.evaluation.named import law_of
+from agents.recording.episodes import Exploration, play
+from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
+from mm_gym import load_scene
+from mm_gym.scene import Document
+from mm_gym.tasks import ids, is_id, short_name, task_or_scene
+
+FIRST_SEED = 3_000_000
+"""Apart from the seeds of the evaluations and of the trainings."""
+
+
+class RecordSettings(Document):
+    """What is recorded, and under which name."""
+
+    task: Annotated[str, tyro.conf.Positional] = "CarriageForce"
+    """a name as Hybrid, or a scene file"""
+    changes: Changes = Field(default_factory=dict[str, JsonValue])
+    """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
+    controller: str = "random"
+    """a law's name (a wrong one lists those of the task), the folder of a run, or a
+    policy's file"""
+    lanes: Annotated[int, Field(ge=1)] = 64
+    """environments side by side"""
+    episodes: Annotated[int, Field(ge=1)] = 100
+    """episodes to record, each whole"""
+    noise: Annotated[float, Field(ge=0)] = 0.0
+    """standard deviation of Gaussian noise on the actions, which are then clipped to [-1, 1]"""
+    seed: Annotated[int, Field(ge=0, lt=1 << 62)] = FIRST_SEED
+    """of the first episode; each episode has the next one"""
+    out: str | None = None
+    """the dataset's id, NAMESPACE/NAME-vVERSION; by default mm_gym/TASK/CONTROLLER-v0"""
+    new_version: bool = False
+    """take the next version of the id if there is one already; else it is refused"""
+
+    @property
+    def wanted_id(self) -> str:
+        """The dataset's id, of which the version may be missing."""
+        if self.out is not None:
+            return self.out
+        return f"mm_gym/{short_name(PurePath(self.task).stem)}/{PurePath(self.controller).stem}"
+
+
+def record(settings: RecordSettings) -> str:
+    """Record a dataset, print what it holds, and return its id.
+
+    Raises
+    ------
+    DatasetError
+        If the id is refused, or the dataset cannot be written.
+    ActionError, DesignError, PolicyError, RunError, SceneError, SimulationError
+        If the controller is refused, or fails.
+    """
+    from agents.recording.dataset import free_id, write  # noqa: PLC0415 - needs an extra
+
+    dataset_id = free_id(settings.wanted_id, new_version=settings.new_version)
+    named = task_or_scene(settings.task)
+    scene = load_scene(named).replace(**settings.changes)
+    arguments: dict[str, Any] = {"changes": settings.changes} if settings.changes else {}
+    task = named
+    if not is_id(named):  # the dataset must not depend on the file: it has the whole scene
+        task, arguments = ids()[0], {"scene": scene}
+    generator = np.random.default_rng(settings.seed)
+    law = law_of(settings.controller, scene, generator)
+    env = gymnasium.make(task, **arguments)
+    dataset = write(
+        dataset_id,
+        env,
+        play(
+            task,
+            law,
+            range(settings.seed, settings.seed + settings.episodes),
+            lanes=settings.lanes,
+            exploration=Exploration(settings.noise, generator),
+            arguments=arguments,
+        ),
+        {
+            "algorithm_name": law.name,
+            "description": f"{named}: {law.name}, action noise {settings.noise:g}",
+            "scene_digest": scene.digest,
+        },
+    )
+    print(f"{dataset.total_episodes} episodes, {dataset.total_steps} steps of {law.name}")
+    print(f"written: {dataset.spec.data_path}")
+    print(f'read it: minari.load_dataset("{dataset_id}")')
+    return dataset_id
+
+
+@command
+def main() -> None:
+    """Record from the command line."""
+    record(tyro.cli(RecordSettings, description=__doc__))
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,93 @@
+"""Train many agents: tasks, algorithms, settings and seeds.
+
+For example ``python -m agents sweep --tasks PreStretch Hybrid --algorithms ppo sac --seeds 10``, or
+with a file: ``python -m agents sweep sweep.toml``. On a Ray cluster: ``--ray`` begins one on this
+machine, ``--ray ADDRESS`` takes one.
+
+Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a row for each. The
+same command again does what is left, and with more seeds or tasks what is new.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from tqdm import tqdm
+
+from agents.errors import command, leave
+from agents.sweeps.trials import SweepSettings, check_scenes, result_file, write_results
+from agents.sweeps.workers import work_here, work_on_ray
+from agents.training.config import settings_from_command_line
+from agents.training.ending import notes_of
+from agents.training.runs import Run
+
+HERE = "none"
+"""What ``--ray`` alone stands for."""
+
+
+@command
+def main() -> str | None:
+    """Sweep from the command line."""
+    with_address()
+    return sweep(settings_from_command_line(SweepSettings, __doc__ or ""))
+
+
+def with_address() -> None:
+    """Let ``--ray`` alone stand for a cluster on this machine."""
+    for place, word in enumerate(sys.argv):
+        if word == "--ray" and sys.argv[place + 1 : place + 2] in ([], *_flags(sys.argv)):
+            sys.argv.insert(place + 1, HERE)
+            return
+
+
+def _flags(words: list[str]) -> list[list[str]]:
+    return [[word] for word in words if word.startswith("-")]
+
+
+def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | None:
+    """Do the trainings that are left; return what went wrong, or None.
+
+    Raises
+    ------
+    SceneError
+        If a setting of a training is wrong, or a scene differs. No folder is made.
+    RunError
+        If another process is at work on this sweep.
+    """
+    trials = settings.trials()
+    folder = Run(settings.name, root)
+    with folder.locked():
+        whole = folder.folder.resolve()
+        check_scenes(trials, whole)
+        left = [trial for trial in trials if not result_file(Run(trial.name, whole)).exists()]
+        problems: dict[str, str] = {}
+        with tqdm(total=len(trials), initial=len(trials) - len(left), unit="training") as bar:
+
+            def report(number: int, problem: str | None) -> None:
+                bar.update()
+                if problem is not None:
+                    problems[left[number].name] = problem
+
+            work = [(trial.model_dump_json(), str(whole)) for trial in left]
+            try:
+                if settings.ray is None:
+                    work_here(work, settings.processes, report)
+                else:
+                    address = None if settings.ray == HERE else settings.ray
+                    work_on_ray(work, address, settings.processes, report)
+            except KeyboardInterrupt as interrupt:
+                bar.close()
+                advice = f"{folder.folder}: give the same command again to continue"
+                raise KeyboardInterrupt(str(interrupt), advice) from None
+            finally:
+                path = write_results(trials, folder.folder)
+    print(f"written: {path}")
+    for trial in trials:
+        for note in notes_of(Run(trial.name, whole)):
+            print(f"{trial.name}: {note}")
+    return "\n".join(f"{name}: {problem}" for name, problem in problems.items()) or None
+
+
+if __name__ == "__main__":
+    leave(main())

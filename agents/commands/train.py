@@ -1,0 +1,55 @@
+"""Train an agent by reinforcement learning.
+
+For example ``python -m agents train PreStretch --name first --seed 1``.
+
+A task, which stands for its file in ``configs/agents``, or a file of settings comes first, then
+flags over it. An interrupted run continues from its last checkpoint when the same command is given
+again, and a finished one goes on with more ``--steps``; the best policy of the validations is kept.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from agents.commands.evaluate import SINGLE, report_run
+from agents.errors import command, leave
+from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.ending import notes_of
+from agents.training.reinforcement import train
+from agents.training.runs import Run
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.controller import Controller
+
+
+@command
+def main() -> None:
+    """Train from the command line, then report."""
+    train_and_report(settings_from_command_line(TrainSettings, __doc__ or ""))
+
+
+def train_and_report(
+    settings: TrainSettings,
+    beside: Sequence[Controller] = (),
+    *,
+    episodes: int = SINGLE,
+    name: str = "learned",
+) -> None:
+    """Train and report, with other controllers too.
+
+    Parameters
+    ----------
+    episodes, name
+        Of the report: how many, and what the agent is called there.
+    """
+    run = Run(settings.name)
+    with run.advised():
+        train(settings, run)
+        report_run(run, episodes, name=name, beside=beside, trust=True)
+    print(*notes_of(run), sep="\n", end="\n" if notes_of(run) else "")
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,1 +1,0 @@
-"""Several controllers on several tasks: what is compared, measured and concluded."""

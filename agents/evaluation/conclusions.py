@@ -1,0 +1,233 @@
+"""Conclusions from what was measured: costs, scores, and their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.evaluation.aggregates import (
+    Estimate,
+    cost_estimate,
+    estimate,
+    interquartile_mean,
+    performance_profile,
+    probability_of_improvement,
+    stacked,
+    tail_mean,
+)
+from agents.evaluation.headroom import least_cost
+from agents.evaluation.scores import read_scores
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Reads
+    from agents.evaluation.contestants import Episodes
+    from agents.evaluation.measure import TaskResult
+    from mm_gym import Scene
+
+    Array = NDArray[np.float64]
+
+THRESHOLDS = np.linspace(-0.5, 1.1, 65)
+"""Scores at which the performance profile is taken."""
+
+CHOSEN = "best classical controller"
+"""Label of the one that did best on each task's validation episodes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """What one controller did on one task.
+
+    Attributes
+    ----------
+    label, reads
+        Of the controller.
+    trainings
+        Number of trainings with a seed of their own; 1 for all others.
+    cost
+        Root of the mean penalty of all episodes [-].
+    score
+        s = (J_constant - J) / (J_constant - J_best known) [-], or None where no best is known.
+    worst, tail
+        The largest cost of an episode, and that of the worst tenth of them (CVaR) [-].
+    """
+
+    label: str
+    reads: Reads
+    trainings: int
+    cost: Estimate
+    score: Estimate | None
+    worst: float
+    tail: float
+
+
+@dataclass(frozen=True, eq=False)
+class Overall:
+    """What one controller did on all tasks.
+
+    Attributes
+    ----------
+    label
+        Of the controller.
+    mean
+        Interquartile mean of its scores.
+    profile
+        (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
+        the ends of the 95 % interval.
+    improvement
+        Label -> probability that it does better than another.
+    """
+
+    label: str
+    mean: Estimate
+    profile: Array
+    improvement: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All conclusions.
+
+    Attributes
+    ----------
+    episodes
+        That all controllers went through.
+    tables
+        Task -> rows, the least cost first.
+    results
+        What they follow from.
+    overall
+        The controllers that were on all tasks, the best first; none unless the best is known on
+        all.
+    """
+
+    episodes: Episodes
+    tables: Mapping[str, Sequence[Row]]
+    results: Sequence[TaskResult]
+    overall: Sequence[Overall]
+
+
+def best_known(task: str, scene: Scene) -> float | None:
+    """Return the least known cost over that of the best constant [-], from the committed scores.
+
+    It is None for a scene that has none.
+    """
+    scores = read_scores().get(task)
+    if scores is None or scores["scene_digest"] != scene.digest:
+        return None
+    rows = scores["rows"]
+    constant = next(row["cost"] for row in rows if row["role"] == "constant")
+    return least_cost(rows) / constant
+
+
+def conclude(
+    results: Sequence[TaskResult], scenes: Mapping[str, Scene], episodes: Episodes
+) -> Comparison:
+    """Return the conclusions; equal results and episodes give equal ones to the last digit."""
+    generator = np.random.default_rng(episodes.first)
+    resampled = [result.sample.resampled(generator) for result in results]
+    known = [best_known(result.task, scenes[result.task]) for result in results]
+    tables = {
+        result.task: _table(result, drawn, ratio)
+        for result, drawn, ratio in zip(results, resampled, known, strict=True)
+    }
+    ratios = [ratio for ratio in known if ratio is not None]
+    overall: list[Overall] = []
+    if len(ratios) == len(results) > 1:
+        overall = _overall(results, resampled, ratios)
+    return Comparison(episodes, tables, results, overall)
+
+
+def scores_of(means: Array, constant: Array, ratio: float) -> Array:
+    """Return the scores of mean penalties, with those of the best constant in the same episodes.
+
+    J_best known is the given ratio times J_constant: both are of the committed episodes, which
+    need not be these.
+    """
+    return (1.0 - np.sqrt(means / constant)) / (1.0 - ratio)
+
+
+def _table(result: TaskResult, drawn: Array, ratio: float | None) -> list[Row]:
+    rows = [_row(result, k, drawn, ratio) for k in range(len(result.labels))]
+    return sorted(rows, key=lambda row: row.cost.value)
+
+
+def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
+    sample, reference = result.sample, result.reference
+    own, seeds = sample.penalties[k], sample.penalties.shape[1]
+    trained = bool(sample.trained[k])
+    score = None
+    if ratio is not None:
+        constant, drawn_constant = sample.penalties[reference], drawn[reference]
+        score = estimate(
+            float(scores_of(own.mean(), constant.mean(), ratio)),
+            scores_of(drawn[k].mean(axis=1), drawn_constant.mean(axis=1), ratio),
+            scores_of(own.mean(axis=1), constant.mean(axis=1), ratio)[None],
+            scores_of(drawn[k], drawn_constant, ratio)[:, None],
+            trained=trained,
+            episodes=own.shape[1],
+        )
+    return Row(
+        label=result.labels[k],
+        reads=result.reads[k],
+        trainings=seeds if trained else 1,
+        cost=cost_estimate(sample, k, drawn),
+        score=score,
+        worst=float(np.sqrt(own.max())),
+        tail=float(np.sqrt(tail_mean(own))),
+    )
+
+
+def _overall(
+    results: Sequence[TaskResult], resampled: Sequence[Array], ratios: Sequence[float]
+) -> list[Overall]:
+    """Return the aggregates of the controllers that were on all tasks."""
+    indices = {
+        label: [result.labels.index(label) for result in results]
+        for label in results[0].labels
+        if all(label in result.labels for result in results)
+    }
+    if all(result.chosen is not None for result in results):
+        indices[CHOSEN] = [result.chosen or 0 for result in results]
+    scores: dict[str, Array] = {}
+    drawn: dict[str, Array] = {}
+    for label, rows in indices.items():
+        measured, resamples = [], []
+        for result, draws, ratio, k in zip(results, resampled, ratios, rows, strict=True):
+            means = result.sample.penalties.mean(axis=2)
+            measured.append(scores_of(means[k], means[result.reference], ratio))
+            resamples.append(scores_of(draws[k], draws[result.reference], ratio))
+        scores[label], drawn[label] = stacked(measured), stacked(resamples)
+    first = results[0].sample
+    trained = {label: bool(first.trained[rows[0]]) for label, rows in indices.items()}
+    found = [
+        Overall(
+            label=label,
+            mean=estimate(
+                float(interquartile_mean(own)),
+                interquartile_mean(drawn[label]),
+                own,
+                drawn[label],
+                trained=trained[label],
+                episodes=first.penalties.shape[2],
+            ),
+            profile=_profile(own, drawn[label]),
+            improvement={
+                other: float(probability_of_improvement(own, scores[other]))
+                for other in scores
+                if other != label
+            },
+        )
+        for label, own in scores.items()
+    ]
+    return sorted(found, key=lambda one: -one.mean.value)
+
+
+def _profile(scores: Array, drawn: Array) -> Array:
+    ends = np.percentile(performance_profile(drawn, THRESHOLDS), (2.5, 97.5), axis=0)
+    return np.column_stack([performance_profile(scores, THRESHOLDS), *ends])

@@ -1,0 +1,371 @@
+"""What is compared: laws by name, runs, patterns of runs, files of policies, the user's own."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.names import laws, obstacle
+from agents.controllers.user_defined import user_defined
+from agents.evaluation.named import law_of
+from agents.policies import ENDINGS, load_policy
+from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
+from agents.training.runs import Run, RunError
+from mm_gym import OwnReward, SceneError, load_scene, rewarded
+from mm_gym.errors import suggest
+from mm_gym.tasks import ids, task_or_scene
+from mm_gym.user_code import is_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+BASELINES = "baselines"
+"""The name of all classical controllers that apply to a task."""
+
+
+SEEDS, EACH = 5, 64
+"""Seeds and episodes of each where none are asked for."""
+
+LEAST = 2
+"""Least number of episodes of a seed."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """What stands in one row of the tables.
+
+    Attributes
+    ----------
+    label
+        Its name there.
+    text
+        What was given for it.
+    texts
+        Task -> what makes its controllers: names that `law_of` takes, or FILE.py:NAME. Several are
+        runs of one training with several seeds.
+    """
+
+    label: str
+    text: str
+    texts: Mapping[str, tuple[str, ...]]
+
+    def make(self, task: str, scene: Scene) -> list[Controller]:
+        """Return its controllers for a task: one, or one for each seed."""
+        made: list[Controller] = []
+        for text in self.texts[task]:
+            if is_path(text):
+                made.append(user_defined(text, scene)[-1])
+            else:
+                made.append(law_of(text, scene, np.random.default_rng(0)))
+        return made
+
+
+@dataclass(frozen=True)
+class Field:
+    """All that is compared.
+
+    Attributes
+    ----------
+    scenes
+        Task -> scene.
+    contestants
+        In the order in which they were given.
+    baselines
+        Whether all classical controllers of each task are compared too.
+    """
+
+    scenes: Mapping[str, Scene]
+    contestants: tuple[Contestant, ...]
+    baselines: bool
+
+    @property
+    def trainings(self) -> int:
+        """Number of seeds of the trainings that have several, else 1."""
+        counts = (len(texts) for one in self.contestants for texts in one.texts.values())
+        return max(counts, default=1)
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """The episodes that all controllers go through.
+
+    Attributes
+    ----------
+    seeds, each
+        Number of seeds, and of episodes of each.
+    first
+        Seed of the first episode; the others count up from it.
+    """
+
+    seeds: int
+    each: int
+    first: int = HELD_OUT_SEED
+
+    @classmethod
+    def of_field(
+        cls, field: Field, seeds: int | None, each: int | None, *, first: int = HELD_OUT_SEED
+    ) -> Episodes:
+        """Return the episodes to compare in; raise `SceneError` for numbers that do not fit."""
+        trainings = field.trainings
+        seeds = (trainings if trainings > 1 else SEEDS) if seeds is None else seeds
+        each = EACH if each is None else each
+        if seeds < 1 or (trainings > 1 and seeds != trainings):
+            allowed = "at least 1" if trainings == 1 else f"{trainings}, as many as there are runs"
+            msg = f"--seeds: got {seeds}; allowed: {allowed}"
+            raise SceneError(msg)
+        if each < LEAST:
+            msg = f"--episodes: got {each}; allowed: at least {LEAST}, to estimate their scatter"
+            raise SceneError(msg)
+        last = VALIDATION_SEED - seeds * each
+        if not HELD_OUT_SEED <= first <= last:
+            allowed = f"{HELD_OUT_SEED} to {last}: laws are tuned, and agents trained, on others"
+            msg = f"--first-seed: got {first} for {seeds} x {each} episodes; allowed: {allowed}"
+            raise SceneError(msg)
+        return cls(seeds, each, first)
+
+    def of(self, number: int) -> Episodes:
+        """Return the episodes of one of the seeds alone."""
+        return Episodes(1, self.each, self.first + number * self.each)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of a task: its label, and one controller, or one for each seed."""
+
+    label: str
+    controllers: Sequence[Controller]
+    classical: bool = False
+    """Whether it is one of the baselines."""
+
+    @property
+    def trained(self) -> bool:
+        """Whether each seed is a training of its own."""
+        return len(self.controllers) > 1
+
+    def penalties(self, scene: Scene, episodes: Episodes) -> NDArray[np.float64]:
+        """Return the penalties (seeds, episodes) of the episodes, those of a controller at once."""
+        each, parts = episodes.each, [episodes]
+        if self.trained:
+            parts = [episodes.of(number) for number in range(episodes.seeds)]
+        found = [
+            evaluate(scene, one, seed=part.first, episodes=part.seeds * each, blocks=part.seeds)
+            for one, part in zip(self.controllers, parts, strict=True)
+        ]
+        return np.concatenate([one.penalties for one in found]).reshape(episodes.seeds, each)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """Finished runs that were trained on one scene.
+
+    Attributes
+    ----------
+    name
+        The scene's: a task's id, or the path of a file.
+    scene
+        The scene.
+    runs
+        Their folders.
+    """
+
+    name: str
+    scene: Scene
+    runs: tuple[Run, ...]
+
+
+def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | None = None) -> Field:
+    """Return what texts name: contestants, on the given tasks or else on the scenes of the runs.
+
+    Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
+    compared too; their label tells that scene. An own reward, FILE.py:NAME, scores all of them.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown or given twice, or applies to none of the tasks.
+    RunError
+        If a run is missing or not over, runs of several scenes do not fit, or patterns of runs have
+        different numbers of them.
+    PolicyError
+        If a file is no policy.
+    """
+    twice = [text for text in texts if list(texts).count(text) > 1]
+    if twice:
+        msg = f"{twice[0]}: given twice; allowed: once"
+        raise SceneError(msg)
+    runs = {text: finished_runs(text) for text in texts if _may_be_runs(text)}
+    scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
+    if not scenes:
+        scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
+    if reward is not None:
+        own = OwnReward(reward)
+        scenes = {task: rewarded(scene, own) for task, scene in scenes.items()}
+    found = [
+        _trained(text, runs[text], scenes, elsewhere=bool(tasks))
+        if text in runs
+        else _named(text, scenes)
+        for text in texts
+        if text != BASELINES
+    ]
+    counts = {one.label: {len(texts) for texts in one.texts.values()} for one in found}
+    several = {label: count for label, (count, *_) in counts.items() if count > 1}
+    if len(set(several.values())) > 1:
+        told = ", ".join(f"{label} has {count}" for label, count in several.items())
+        msg = f"seeds: got different numbers of runs ({told}); allowed: the same for all, or one"
+        raise RunError(msg)
+    return Field(scenes, _distinct(found), baselines=BASELINES in texts)
+
+
+def _may_be_runs(text: str) -> bool:
+    """Tell whether a text is a path of runs, and not a name, a policy or a file of the user's."""
+    if text == BASELINES or is_path(text) or text.endswith(ENDINGS):
+        return False
+    return "*" in text or "/" in text or Path(text).is_dir()
+
+
+def finished_runs(text: str) -> dict[str, Trained]:
+    """Return the runs of a folder, or of a pattern of folders, by the digest of their scene.
+
+    Raise `RunError` if there are none, or one is not over.
+    """
+    path = Path(text)
+    folders = sorted(path.parent.glob(path.name)) if "*" in text else [path]
+    folders = [folder for folder in folders if os.path.lexists(folder / "run.json")]
+    if not folders:
+        near = suggest(path.name, [file.name for file in path.parent.glob("*") if file.is_dir()])
+        msg = f"{text}: no finished run here{near}; train first: python -m agents train"
+        raise RunError(msg)
+    found: dict[str, Trained] = {}
+    for folder in folders:
+        run = Run(folder.name, folder.parent)
+        if not run.finished:
+            msg = f"{folder}: training is not over; continue it: python -m agents train"
+            raise RunError(msg)
+        digest = run.read()["scene_digest"]
+        earlier = found.get(digest) or Trained(*_scene_of(run), ())
+        found[digest] = replace(earlier, runs=(*earlier.runs, run))
+    return found
+
+
+def _scene_of(run: Run) -> tuple[str, Scene]:
+    """Return the scene of a run and its name: its task's, or its file's and what was changed."""
+    record = run.read()
+    settings, digest = record["settings"], record["scene_digest"]
+    task = load_scene(settings["task"])
+    if task.digest == digest:
+        return settings["task"], task
+    source, changes = settings.get("scene") or settings["task"], settings.get("changes") or {}
+    name = ", ".join([source, *(f"{field} = {value}" for field, value in changes.items())])
+    with suppress(SceneError):  # its file need not be there any more
+        if load_scene(source).replace(**changes).digest != digest:
+            name += ", as it was"
+    return name, run.scene()
+
+
+def _scenes_of(runs: Mapping[str, Mapping[str, Trained]]) -> dict[str, Scene]:
+    """Return the scenes of all runs by name, tasks of mm_gym first; names must differ."""
+    found: dict[str, Trained] = {}
+    for of_scene in runs.values():
+        found |= of_scene
+    names = [trained.name for trained in found.values()]
+    for trained in found.values():
+        if names.count(trained.name) > 1:
+            msg = (
+                f"{trained.runs[0].folder}: trained on another {trained.name} than other runs; "
+                "allowed: runs of the same one, or --tasks that says on which to compare them"
+            )
+            raise RunError(msg)
+    scenes = {trained.name: trained.scene for trained in found.values()}
+    return {name: scenes[name] for name in (*ids(), *scenes) if name in scenes}
+
+
+def agents_of(texts: Iterable[str]) -> dict[str, list[Controller]]:
+    """Return the agents of finished runs by their task; raise `RunError` for another scene."""
+    found: dict[str, list[Controller]] = {}
+    for text in texts:
+        for trained in finished_runs(text).values():
+            if trained.name not in ids():
+                msg = (
+                    f"{trained.runs[0].folder}: trained on {trained.name}; "
+                    "allowed: a run of the scene of a task of mm_gym"
+                )
+                raise RunError(msg)
+            for run in trained.runs:
+                agent = law_of(str(run.folder), trained.scene, np.random.default_rng(0))
+                agent.name = run.folder.name
+                found.setdefault(trained.name, []).append(agent)
+    return found
+
+
+def _trained(
+    text: str, runs: Mapping[str, Trained], scenes: Mapping[str, Scene], *, elsewhere: bool
+) -> Contestant:
+    """Return the contestant of a run or of several; refuse what cannot stand in one table.
+
+    `elsewhere` is whether runs of one scene may stand on others.
+    """
+    label = Path(text).name.replace("*", "").strip("-_.") or Path(text).parent.name
+    names = [trained.name for trained in runs.values()]
+    wanted = {scene.digest for scene in scenes.values()}
+    if set(runs) != wanted:
+        if not elsewhere or len(runs) > 1:
+            also = "" if elsewhere else ", or --tasks that says on which to compare them"
+            msg = (
+                f"{text}: got runs of {', '.join(names)}; allowed: of each of "
+                f"{', '.join(scenes)}{also}"
+            )
+            raise RunError(msg)
+        (only,) = runs.values()
+        other = only.name in scenes and scenes[only.name].digest != only.scene.digest
+        label += f", trained on {'another ' * other}{only.name}"
+        runs = dict.fromkeys(wanted, only)
+    counts = {trained.name: len(trained.runs) for trained in runs.values()}
+    if len(set(counts.values())) > 1:
+        told = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        msg = f"{text}: got {told}; allowed: the same number of runs of each task"
+        raise RunError(msg)
+    folders = {
+        task: tuple(str(run.folder) for run in runs[scene.digest].runs)
+        for task, scene in scenes.items()
+    }
+    return Contestant(label, text, folders)
+
+
+def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
+    """Return the contestant of a law's name, a policy's file or a file of the user's."""
+    if text.endswith(ENDINGS):
+        load_policy(text)
+        return Contestant(Path(text).name, text, dict.fromkeys(scenes, (text,)))
+    if is_path(text):
+        return Contestant(text.rpartition(":")[2], text, dict.fromkeys(scenes, (text,)))
+    applicable = {task: laws(scene) for task, scene in scenes.items()}
+    found = {task: (text,) for task, names in applicable.items() if text in names}
+    if not found:
+        known = dict.fromkeys(name for names in applicable.values() for name in names)
+        why = dict.fromkeys(filter(None, (obstacle(text, scene) for scene in scenes.values())))
+        msg = (
+            f"controller: got {text!r}{''.join(f', {reason}' for reason in why)}"
+            f"{suggest(text, [BASELINES, *known])}; allowed for these "
+            f"tasks: {BASELINES}, {', '.join(known)}, the folder of a run, a pattern of runs in "
+            "quotes, a policy's file, or FILE.py:NAME"
+        )
+        raise SceneError(msg)
+    return Contestant(text, text, found)
+
+
+def _distinct(found: Sequence[Contestant]) -> tuple[Contestant, ...]:
+    """Return the contestants, those of the same label by what was given."""
+    labels = [one.label for one in found]
+    return tuple(
+        one if labels.count(one.label) == 1 else replace(one, label=one.text) for one in found
+    )

@@ -1,0 +1,150 @@
+"""Measurement: every contestant of a task in the same episodes, tasks side by side in processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.constant import best_constant
+from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
+from agents.evaluation.aggregates import Sample
+from agents.evaluation.contestants import Entry
+from agents.evaluation.studies import closed_loops, efforts, outcomes
+from agents.scoring import validation_cost
+from mm_gym import DesignError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from agents.controllers.controller import Reads
+    from agents.evaluation.contestants import Episodes, Field
+    from agents.evaluation.studies import ClosedLoop, Effort, Outcome, Records
+    from mm_gym import Scene
+
+
+@dataclass(frozen=True)
+class Studies:
+    """What is measured besides the cost.
+
+    Attributes
+    ----------
+    robustness
+        Whether the controllers are tried on changed scenes.
+    records
+        Recorded motions among the changes.
+    frequency
+        Whether the closed loop's response over frequency is measured.
+    effort
+        Whether response and effort are, over references.
+    """
+
+    robustness: bool = False
+    records: Records | None = None
+    frequency: bool = False
+    effort: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult:
+    """What all controllers did on one task.
+
+    Attributes
+    ----------
+    task
+        Its id, or the path of its scene.
+    labels, reads
+        Of each controller.
+    sample
+        Their penalties.
+    reference
+        Index of the best constant action.
+    chosen
+        Index of the classical law of least cost on the validation episodes, or None.
+    outcomes, loops, efforts
+        What the studies gave, if they were asked for.
+    not_scored
+        Label of each controller that could not be scored -> the reason.
+    """
+
+    task: str
+    labels: tuple[str, ...]
+    reads: tuple[Reads, ...]
+    sample: Sample
+    reference: int
+    chosen: int | None
+    outcomes: Sequence[Outcome] = field(default_factory=list)
+    loops: Sequence[ClosedLoop] = field(default_factory=list)
+    efforts: Sequence[Effort] = field(default_factory=list)
+    not_scored: Mapping[str, str] = field(default_factory=dict)
+
+
+def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
+    """Return the rows of a task, the best constant first, and why others cannot be designed."""
+    scene = field.scenes[task]
+    made, not_scored = baselines(scene) if field.baselines else Baselines([], {})
+    constant = made.pop(0) if made and scene.actuation.stretch is not None else best_constant(scene)
+    rows = [Entry("best constant", [constant])]
+    rows += [Entry(controller.name, [controller], classical=True) for controller in made]
+    for one in field.contestants:
+        try:
+            if task in one.texts:
+                rows.append(Entry(one.label, one.make(task, scene)))
+        except DesignError as error:
+            not_scored[one.label] = str(error)
+    return rows, not_scored
+
+
+def best_classical(scene: Scene, rows: Sequence[Entry]) -> int | None:
+    """Return the classical law that does best on the validation episodes, of those that observe."""
+    laws = [k for k, row in enumerate(rows) if row.classical]
+    laws = [k for k in laws if rows[k].controllers[0].reads == "observation"]
+    return min(laws, key=lambda k: validation_cost(scene, rows[k].controllers[0]), default=None)
+
+
+def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: str) -> TaskResult:
+    """Run all controllers of a task through the same episodes, and through the studies."""
+    scene = compared.scenes[task]
+    made, not_scored = entries(compared, task)
+    rows, penalties = [], []
+    for row in made:
+        try:
+            penalties.append(row.penalties(scene, episodes))
+            rows.append(row)
+        except NOT_SCORED as error:
+            if not rows:  # what all others are compared with
+                raise
+            not_scored[row.label] = str(error)
+    changes = studies.robustness or studies.records is not None
+    return TaskResult(
+        task=task,
+        labels=tuple(row.label for row in rows),
+        reads=tuple(row.controllers[0].reads for row in rows),
+        sample=Sample(
+            np.stack(penalties),
+            np.array([row.trained for row in rows]),
+        ),
+        reference=0,
+        chosen=best_classical(scene, rows),
+        outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
+        loops=closed_loops(scene, rows) if studies.frequency else [],
+        efforts=efforts(scene, rows, episodes) if studies.effort else [],
+        not_scored=not_scored,
+    )
+
+
+def measure(
+    compared: Field, episodes: Episodes, studies: Studies | None = None, processes: int = 1
+) -> list[TaskResult]:
+    """Measure all tasks, in as many processes; the results do not depend on their number."""
+    job, tasks = partial(measure_task, compared, episodes, studies or Studies()), compared.scenes
+    if min(processes, len(tasks)) == 1:
+        return [job(task) for task in tasks]
+    # New interpreters: a fork would copy locks that other threads of this one hold.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        return list(pool.map(job, tasks))

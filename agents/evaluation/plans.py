@@ -1,0 +1,263 @@
+"""Plans: the best found of each episode, knowing what is to come, and those made in every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.controllers.controller import Controller
+from agents.controllers.trajectories import Trajectories
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Memory, Reads
+    from agents.controllers.trajectories import Trajectory
+    from mm_gym import MovingMassVectorEnv, Scene
+
+    Array = NDArray[np.float64]
+
+CORRELATIONS = (0.0, 0.6, 0.9)
+"""Correlation of successive controls' noise: white noise hardly moves the carriage."""
+
+SPREADS = (0.3, 1.0, 2.0)
+"""Standard deviations of random plans [-]; those above 1 are mostly at the limits."""
+
+LITTLE, MORE = 0.1, 0.3
+"""Standard deviations of the noise that is added to the best plans."""
+
+AT_LIMIT = 10.0
+"""What a step at a limit costs in the search of a start that keeps off it."""
+
+
+AHEAD, FIRST, ROUNDS = 40, 30, 3
+"""Steps that are planned, and steps of Gauss and Newton at an episode's start and in each step."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long plans are searched.
+
+    Attributes
+    ----------
+    random
+        Random plans to start from, besides the given ones and no control at all.
+    kept, first, second
+        The starts of which each episode keeps the best so many, after a first number of steps of
+        Gauss and Newton; they go on for a second number.
+    rounds, steps
+        Rounds in which the best plans are changed at random, or taken from the next episode, and
+        the steps that each such plan has.
+    last
+        Steps of the best plan at the end.
+    seed
+        Of the random numbers.
+    """
+
+    random: int = 9
+    kept: int = 3
+    first: int = 12
+    second: int = 40
+    rounds: int = 12
+    steps: int = 20
+    last: int = 60
+    seed: int = 0
+
+
+class Planner(Controller):
+    """Search the best plan of each episode by itself, and carry it out.
+
+    It knows the disturbance to come, which no agent can. Plans are improved by Gauss-Newton steps
+    on the exact Jacobians, within the actuators' limits; Li and Todorov, *Iterative linear
+    quadratic regulator design*, ICINCO 2004. They are local optima, and the best is the best known:
+    better may exist.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    starts
+        Name -> what was applied (steps, lanes, k) in these very episodes, such as
+        `Evaluation.applied`. No plan is worse than them.
+    effort
+        How long to search.
+
+    Attributes
+    ----------
+    origins
+        Of each lane, the start of its best plan.
+    """
+
+    name = "best known plan (knows the episode)"
+    reads: Reads = "episode"
+
+    def __init__(
+        self, scene: Scene, starts: Mapping[str, Array], effort: Effort | None = None
+    ) -> None:
+        self.scene, self.starts, self.effort = scene, starts, effort or Effort()
+        self.origins: list[str] = []
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        """Search the plans of the lanes."""
+        self.noise = np.random.default_rng(self.effort.seed)
+        start = env.get_state()
+        self.problem = Trajectories(self.scene, env.plant, start)
+        self.careful = Trajectories(_careful(self.scene), env.plant, start)
+        self.cost = np.full(env.num_envs, np.inf)
+        self.origins = [""] * env.num_envs
+        columns = env.single_action_space.shape[0]
+        self.controls = self.actions = np.zeros((self.problem.steps, columns, env.num_envs))
+        self._begin()
+        for k in range(self.effort.rounds):
+            self._vary(k)
+        self._go_on({"": self.controls}, self.effort.last)
+        plan = np.moveaxis(self.actions, 2, 0)
+        return {"step": np.zeros(env.num_envs, np.int64), "plan": plan}
+
+    def propose(
+        self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
+    ) -> tuple[Array, Memory]:
+        """Return the next actions of the plans."""
+        step, plan = memory["step"], memory["plan"]
+        return plan[np.arange(len(plan)), step], {"step": step + 1, "plan": plan}
+
+    def _begin(self) -> None:
+        """Improve all starts for a while, then the best of each episode."""
+        starts = dict(self._starts())
+        found = self._improved(starts, self.effort.first)
+        costs = found.cost.reshape(len(starts), -1)
+        order = np.argsort(costs, axis=0)[: self.effort.kept]
+        names, rows = list(starts), np.arange(costs.shape[1])
+        shape = (*found.controls.shape[:2], *costs.shape)
+        controls = found.controls.reshape(shape)
+        for place in order:
+            origins = [names[k] for k in place]
+            self._keep(controls[:, :, place, rows], self.effort.second, origins)
+
+    def _starts(self) -> Iterator[tuple[str, Array]]:
+        for name, applied in self.starts.items():
+            yield name, self.problem.controls_of(applied)
+        still = np.zeros(self.controls.shape)
+        yield "no control", still
+        if self.problem.ends:
+            lanes = np.arange(self.controls.shape[2])
+            found = self.careful.improve(lanes, still, self.effort.first)
+            yield "far from the limits", found.controls
+        for k in range(self.effort.random):
+            correlation = CORRELATIONS[k % len(CORRELATIONS)]
+            spread = SPREADS[k // len(CORRELATIONS) % len(SPREADS)]
+            yield f"random plan {k + 1}", np.clip(spread * self._drawn(correlation), -1.0, 1.0)
+
+    def _vary(self, k: int) -> None:
+        """Try changes of the best plans: everywhere, in a part of the episode, of the next lane."""
+        correlation = CORRELATIONS[k % len(CORRELATIONS)]
+        everywhere = self.controls + LITTLE * self._drawn(0.0)
+        part = self.controls + self._window()[:, None] * self._drawn(correlation)
+        other = np.roll(self.controls, k // 2 + 1, axis=2)
+        mixed = other if k % 2 else self.controls + MORE * self._drawn(correlation)
+        plans = {
+            f"changed a little in round {k + 1}": everywhere,
+            f"changed for a while in round {k + 1}": part,
+            f"{'of another episode' if k % 2 else 'changed'} in round {k + 1}": mixed,
+        }
+        self._go_on({n: np.clip(plan, -1.0, 1.0) for n, plan in plans.items()}, self.effort.steps)
+
+    def _go_on(self, plans: Mapping[str, Array], steps: int) -> None:
+        """Improve plans, and keep those that are better than the best."""
+        found = self._improved(plans, steps)
+        count = self.controls.shape[2]
+        for k, name in enumerate(plans):
+            own = slice(k * count, (k + 1) * count)
+            origins = [f"{origin}, {name}" if name else origin for origin in self.origins]
+            self._take(found.controls[..., own], found.actions[..., own], found.cost[own], origins)
+
+    def _keep(self, controls: Array, steps: int, origins: list[str]) -> None:
+        found = self.problem.improve(np.arange(controls.shape[2]), controls, steps)
+        self._take(found.controls, found.actions, found.cost, origins)
+
+    def _take(self, controls: Array, actions: Array, cost: Array, origins: list[str]) -> None:
+        """Keep the plans of the lanes in which they are better than the best."""
+        better = cost < self.cost
+        self.controls = np.where(better, controls, self.controls)
+        self.actions = np.where(better, actions, self.actions)
+        self.cost = np.where(better, cost, self.cost)
+        pairs = zip(better, origins, self.origins, strict=True)
+        self.origins = [new if is_better else old for is_better, new, old in pairs]
+
+    def _improved(self, plans: Mapping[str, Array], steps: int) -> Trajectory:
+        together = np.concatenate(list(plans.values()), axis=2)
+        episodes = np.tile(np.arange(self.controls.shape[2]), len(plans))
+        return self.problem.improve(episodes, together, steps)
+
+    def _drawn(self, correlation: float) -> Array:
+        """Return noise like the controls, of unit variance, correlated from step to step."""
+        noise = self.noise.standard_normal(self.controls.shape)
+        for k in range(1, len(noise)):
+            noise[k] = correlation * noise[k - 1] + np.sqrt(1.0 - correlation**2) * noise[k]
+        return noise
+
+    def _window(self) -> Array:
+        """Return 1 in a random part of each episode, from a twentieth to a third of it, else 0."""
+        steps, lanes = self.controls.shape[0], self.controls.shape[2]
+        length = self.noise.integers(max(1, steps // 20), max(2, steps // 3), lanes)
+        first = (self.noise.random(lanes) * (steps - length)).astype(np.int64)
+        k = np.arange(steps)[:, None]
+        return ((first <= k) & (k < first + length)).astype(np.float64)
+
+
+class Replanner(Controller):
+    """In every step take the first action of the best plan found for the steps to come.
+
+    It knows the true state, and those of the filters that shape the noise. One that does not
+    foresee plans for the mean of what is to come: no random impulse, and noise that dies out as its
+    filters do. Both are alike in all else, so that the difference of their costs is what foresight
+    is worth to this controller. Neither is a bound: plans are local optima, and where the problem
+    is not linear and quadratic the best plan for the mean is not the best on average.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    foresees
+        Whether the disturbance of the steps that are planned is known.
+    """
+
+    def __init__(self, scene: Scene, *, foresees: bool) -> None:
+        self.scene, self.foresees = scene, foresees
+        self.name = f"replanning, {AHEAD} steps ahead" + (", foresees them" if foresees else "")
+        self.reads = "episode" if foresees else "full state"
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        """Begin without a plan; the environment shows what is to come."""
+        self.env = env
+        lanes, columns = env.num_envs, env.single_action_space.shape[0]
+        return {"begun": np.zeros(lanes, np.bool_), "plan": np.zeros((lanes, AHEAD, columns))}
+
+    def propose(
+        self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
+    ) -> tuple[Array, Memory]:
+        """Return the first actions of new plans, which go on from those of the step before."""
+        start, lanes = self.env.get_state(), np.arange(self.env.num_envs)
+        problem = Trajectories(self.scene, self.env.plant, start, AHEAD, foresees=self.foresees)
+        rounds = ROUNDS if memory["begun"].all() else FIRST
+        found = problem.improve(lanes, np.moveaxis(memory["plan"], 0, 2), rounds)
+        plan = np.concatenate([found.controls[1:], np.zeros_like(found.controls[:1])])
+        begun = np.ones_like(memory["begun"])
+        return found.actions[0].T, {"begun": begun, "plan": np.moveaxis(plan, 2, 0)}
+
+
+def _careful(scene: Scene) -> Scene:
+    """Return a scene without limits, in which the cost of being near them is high."""
+    o, weights = scene.objective, {}
+    if o.displacement_limit is not None:
+        near = (o.displacement_scale / o.displacement_limit) ** 2
+        weights["objective.displacement_weight"] = o.displacement_weight + AT_LIMIT * near
+    if o.rail_half_length is not None:
+        near = (o.stroke_scale / o.rail_half_length) ** 2
+        weights["objective.stroke_weight"] = o.stroke_weight + AT_LIMIT * near
+    limits = ("objective.displacement_limit", "objective.rail_half_length")
+    return scene.replace(**weights, **dict.fromkeys(limits))

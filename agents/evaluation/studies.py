@@ -1,0 +1,387 @@
+"""Studies of a comparison: changed scenes, response over frequency, and effort.
+
+In **robustness** controllers run as designed on scenes that are not the ones they were designed
+for. The **frequency** response is the steady one of the closed loop, at several amplitudes.
+**Effort** compares response and effort with those of no control and of the best passive damper.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.matching_stretch import FREQUENCY
+from agents.evaluation.aggregates import tail_mean
+from agents.rollout import Rollout
+from agents.scoring import evaluate
+from mm_gym import (
+    DesignError,
+    MovingMassVectorEnv,
+    SceneError,
+    SimulationError,
+    compile_scene,
+    metrics,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from agents.evaluation.contestants import Entry, Episodes
+    from mm_gym import Scene
+
+    Array = NDArray[np.float64]
+    Options = dict[str, Array]
+
+NOMINAL = "as designed"
+
+FACTORS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)
+"""Of mass, stiffness and damping of the carriage."""
+
+PARTS = ("mass", "stiffness", "damping")
+
+NOISE, DELAY, RECORD = "noise over scale", "delay [steps]", "record"
+"""Studies by name; that of a record goes on with the name of its file."""
+
+LEVELS = (0.01, 0.03, 0.1)
+"""Standard deviations of the noise over each channel's scale."""
+
+DELAYS = (0, 1, 2, 3)
+"""Ages of the newest frame, in control steps."""
+
+
+@dataclass(frozen=True)
+class Records:
+    """Recorded motions that take the place of the excitation.
+
+    Attributes
+    ----------
+    files
+        Their files.
+    unit
+        Of their values; by default g for AT2, else m/s^2 or N.
+    """
+
+    files: tuple[Path, ...] = ()
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one controller did on one changed scene.
+
+    Attributes
+    ----------
+    study, level
+        What is changed, and to which number, as "carriage.mass" and 1.1; a record has no number.
+    label
+        Of the controller.
+    cost, worst, tail
+        Root of the mean penalty, the largest cost of an episode, and that of the worst tenth [-].
+    ratio
+        Cost over that on the scene as designed [-].
+    """
+
+    study: str
+    level: float
+    label: str
+    cost: float
+    worst: float
+    tail: float
+    ratio: float
+
+
+def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, float], Scene]:
+    """Return the changed scenes by study and level, the scene as it is first.
+
+    What the scene draws is drawn from a range that is changed by the same factor. A scene that
+    cannot be changed so, as one without a damper, is left out.
+    """
+    found = {(NOMINAL, 1.0): scene}
+    for part in PARTS:
+        name = f"carriage.{part}"
+        for factor in FACTORS:
+            if getattr(scene.carriage, part) > 0.0:
+                found[name, factor] = scene.replace(**_scaled(scene, name, factor))
+    channels = compile_scene(scene).observed
+    for level in LEVELS:
+        own = scene.sensors.noise
+        noise = {
+            channel.name: float(np.hypot(own.get(channel.name, 0.0), level / channel.factor))
+            for channel in channels
+        }
+        found[NOISE, level] = scene.replace(**{"sensors.noise": noise})
+    for delay in DELAYS:
+        found[DELAY, float(delay)] = scene.replace(**{"sensors.delay": delay})
+    for file, unit in _files(records):
+        found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, unit)
+    return found
+
+
+def _scaled(scene: Scene, name: str, factor: float) -> dict[str, object]:
+    if name in scene.randomization:
+        low, high = scene.randomization[name]
+        return {f"randomization.{name}": (factor * low, factor * high)}
+    return {name: factor * getattr(scene.carriage, name.partition(".")[2])}
+
+
+def check_records(scenes: Iterable[Scene], records: Records | None) -> None:
+    """Raise `SceneError` if a record cannot be read or does not suit one of the scenes."""
+    for scene in scenes:
+        for file, unit in _files(records):
+            try:
+                compile_scene(_recorded(scene, file, unit))
+            except SceneError as error:
+                advice = re.sub(r"set unit = '(.*?)'", r"give --unit '\1'", str(error))
+                msg = f"--records: {advice}"
+                raise SceneError(msg) from None
+
+
+def _files(records: Records | None) -> list[tuple[Path, str | None]]:
+    return [] if records is None else [(file, records.unit) for file in records.files]
+
+
+def _drawn_elsewhere(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Return what a scene draws, but for its excitation."""
+    drawn = scene.randomization.items()
+    return {name: ends for name, ends in drawn if not str(name).startswith("excitation.")}
+
+
+def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
+    """Return the scene with a record in place of its excitation."""
+    drawn = _drawn_elsewhere(scene)
+    target = scene.excitation[0].target if scene.excitation else "ground"
+    part = {"kind": "record", "file": str(file.absolute()), "target": target, "unit": unit}
+    return scene.replace(excitation=[part], randomization=drawn)
+
+
+def outcomes(
+    scene: Scene,
+    rows: Sequence[Entry],
+    episodes: Episodes,
+    records: Records | None = None,
+    *,
+    studies: Sequence[str] = (),
+) -> list[Outcome]:
+    """Return what every controller of a task does on every changed scene.
+
+    The controllers are those of the scene as it is: they are not told of the change. All go through
+    the episodes of the first seed; of a training with several seeds it is the first run. Without
+    names of studies it is all of them.
+    """
+    found: list[Outcome] = []
+    nominal: dict[str, float] = {}
+    for study, changed in variants(scene, records).items():
+        if studies and study[0] not in (NOMINAL, *studies):
+            continue
+        for row in rows:
+            outcome = _outcome(changed, row, episodes, study, nominal)
+            nominal.setdefault(row.label, outcome.cost)
+            found.append(outcome)
+    return found
+
+
+def _outcome(
+    scene: Scene,
+    row: Entry,
+    episodes: Episodes,
+    study: tuple[str, float],
+    nominal: Mapping[str, float],
+) -> Outcome:
+    first, each = episodes.first, episodes.each
+    penalties = evaluate(scene, row.controllers[0], seed=first, episodes=each).penalties
+    cost = float(np.sqrt(penalties.mean()))
+    return Outcome(
+        *study,
+        label=row.label,
+        cost=cost,
+        worst=float(np.sqrt(penalties.max())),
+        tail=float(np.sqrt(tail_mean(penalties))),
+        ratio=cost / nominal.get(row.label, cost),
+    )
+
+
+POINTS = 48
+"""Frequencies, from `SPAN` of the carriage's own, evenly over their logarithm."""
+
+SPAN = (0.4, 2.0)
+
+DEFLECTIONS = (0.1, 0.3, 1.0)
+"""Amplitudes of the force: static deflections of the carriage over its displacement_scale."""
+
+PERIODS = (60, 20)
+"""Periods of the carriage's own frequency that are waited for, and that are measured then."""
+
+NAME = "excitation.0"
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """The steady response of one controller.
+
+    Attributes
+    ----------
+    label
+        Of the controller.
+    frequencies
+        (n,) of the force [rad/s].
+    forces
+        (m,) its amplitudes [N].
+    gain
+        (m, n) amplitude of x1 at the frequency of the force over the static deflection F / k1 [-].
+    distortion
+        (m, n) root mean square of the rest of x1 over that of all [-]: 0 if x1 is harmonic.
+    """
+
+    label: str
+    frequencies: Array
+    forces: Array
+    gain: Array
+    distortion: Array
+
+
+def closed_loops(scene: Scene, rows: Sequence[Entry]) -> list[ClosedLoop]:
+    """Return the steady responses of every controller of a task under a harmonic force.
+
+    The force takes the place of the scene's excitation; noise and delay of the sensors stay. Of a
+    training with several seeds it is the first run.
+    """
+    return [closed_loop(scene, row.controllers[0], row.label) for row in rows]
+
+
+def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
+    """Measure the steady response of one controller, each frequency and amplitude in a lane."""
+    stiffness = scene.carriage.stiffness
+    own = float(np.sqrt(stiffness / scene.carriage.mass))
+    frequencies = own * np.geomspace(*SPAN, POINTS)
+    forces = stiffness * scene.objective.displacement_scale * np.array(DEFLECTIONS)
+    lanes = {
+        f"{NAME}.frequency": np.tile(frequencies, len(forces)),
+        f"{NAME}.amplitude": np.repeat(forces, POINTS),
+    }
+    step = scene.control.time_step
+    waited, measured = (round(count * 2.0 * np.pi / own / step) for count in PERIODS)
+    shaken = _shaken(scene, lanes, waited + measured)
+    displacement = _displacement(shaken, controller, lanes)[waited:]
+    time = step * np.arange(waited + 1, waited + measured + 1)
+    gain, distortion = _harmonic_part(time, displacement, lanes[f"{NAME}.frequency"])
+    shape = len(forces), POINTS
+    static = np.repeat(forces / stiffness, POINTS)
+    return ClosedLoop(
+        label, frequencies, forces, (gain / static).reshape(shape), distortion.reshape(shape)
+    )
+
+
+def _shaken(scene: Scene, lanes: dict[str, Array], steps: int) -> Scene:
+    """Return the scene at rest under a harmonic force whose numbers are drawn."""
+    drawn = _drawn_elsewhere(scene)
+    harmonic = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
+    stretch = {} if scene.springs.kind == "none" else {"stretch": scene.initial.stretch}
+    return scene.replace(
+        excitation=[harmonic],
+        initial=stretch,
+        randomization=drawn | {name: (float(v.min()), float(v.max())) for name, v in lanes.items()},
+        **{
+            "control.steps": steps,
+            "objective.displacement_limit": None,
+            "objective.rail_half_length": None,
+        },
+    )
+
+
+def _displacement(scene: Scene, controller: Controller, lanes: dict[str, Array]) -> Array:
+    """Return x1 [m] after each control step (steps, lanes)."""
+    count = len(next(iter(lanes.values())))
+    env = MovingMassVectorEnv(scene, count, autoreset_mode="Disabled")
+    rollout = Rollout(env, controller, seed=0, options=lanes)
+    return np.stack([made.info["state"][:, 0].copy() for made in rollout])
+
+
+def _harmonic_part(time: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
+    """Return the amplitude (lanes,) at each frequency, and how much of the values is not of it.
+
+    Least squares of a constant and a harmonic: the time need not be whole periods.
+    """
+    amplitude, rest = np.empty(len(frequencies)), np.empty(len(frequencies))
+    for lane, w in enumerate(frequencies):
+        basis = np.column_stack([np.ones_like(time), np.cos(w * time), np.sin(w * time)])
+        found, *_ = np.linalg.lstsq(basis, values[:, lane], rcond=None)
+        amplitude[lane] = np.hypot(found[1], found[2])
+        moving = values[:, lane] - found[0]
+        left = values[:, lane] - basis @ found
+        rest[lane] = np.sqrt(np.mean(left**2) / max(np.mean(moving**2), np.finfo(float).tiny))
+    return amplitude, rest
+
+
+UNCONTROLLED, PASSIVE = "no control", "best passive damper"
+
+
+@dataclass(frozen=True)
+class Effort:
+    """The indices of one controller over one reference, averaged over episodes.
+
+    Attributes
+    ----------
+    label, reference
+        Of the controller, and what its motions are compared with.
+    indices
+        Name -> mean over the episodes, see `mm_gym.metrics.Indices`.
+    """
+
+    label: str
+    reference: str
+    indices: dict[str, float]
+
+
+def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Effort]:
+    """Return the indices of every controller of a task, in the episodes of the first seed.
+
+    Of a training with several seeds it is the first run. A scene whose damper cannot be tuned has
+    no passive reference; a carriage without mass has no indices.
+    """
+    seeds = range(episodes.first, episodes.first + episodes.each)
+    band = scene.randomization.get(FREQUENCY)
+    options = {} if band is None else {FREQUENCY: np.linspace(*band, episodes.each)}
+    try:
+        references = {UNCONTROLLED: metrics.uncontrolled_response(scene, seeds, options)}
+    except SimulationError:
+        return []
+    with suppress(DesignError):
+        references[PASSIVE] = metrics.passive_response(scene, seeds, options)
+    found = []
+    for row in rows:
+        response = _response(scene, row.controllers[0], seeds, options)
+        for name, reference in references.items():
+            measured = metrics.indices(response, reference, sensors=len(scene.sensors.channels))
+            found.append(Effort(row.label, name, _means(measured)))
+    return found
+
+
+def _response(
+    scene: Scene, controller: Controller, seeds: Sequence[int], options: Options
+) -> metrics.Response:
+    """Return the responses of a controller's episodes, each until it ends."""
+    env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled")
+    rollout, record = (
+        Rollout(env, controller, seed=seeds, options=options),
+        metrics.LaneResponse(env),
+    )
+    for made in rollout:
+        record.add(made.ran)
+    return record.response()
+
+
+def _means(indices: metrics.Indices) -> dict[str, float]:
+    """Return the means of all indices but the number of the controller's states."""
+    return {
+        field.name: float(np.mean(getattr(indices, field.name)))
+        for field in fields(indices)
+        if field.name != "j17"
+    }

@@ -1,0 +1,49 @@
+"""Pages in Markdown: templates of prose, which data fill."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+FOLDER = Path(__file__).with_name("templates")
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def percent(value: float) -> str:
+    """Return a ratio in whole per cent; nothing rounds to -0."""
+    return f"{round(100.0 * value)} %"
+
+
+def not_scored_cells(not_scored: Mapping[str, str]) -> list[str]:
+    """Return the cell of each controller that is not scored, in one line with the reason."""
+    return [
+        f"{name}: not scored: {'; '.join(reason.splitlines())}"
+        for name, reason in not_scored.items()
+    ]
+
+
+TEMPLATES = Environment(
+    loader=FileSystemLoader(FOLDER),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    autoescape=False,  # noqa: S701 - it is Markdown
+)
+TEMPLATES.globals["table"] = markdown
+
+
+def render(name: str, **data: object) -> str:
+    """Return a page: the template of a name with data, and one empty line between paragraphs."""
+    text = TEMPLATES.get_template(f"{name}.md.jinja").render(data)
+    return re.sub(r"\n{3,}", "\n\n", text).strip("\n") + "\n"

@@ -1,1 +1,0 @@
-"""Searches around a law: how networks begin, and rounds that any kill leaves resumable."""

@@ -1,0 +1,92 @@
+"""A network's parameters as one vector, in the order of the kernel; and the policy they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.policies import Policy
+    from agents.training.starts import Start
+
+    Values = NDArray[np.float64]
+
+WEIGHT, OUTPUT, DIRECT = 0.5, 0.3, 0.5
+"""Size of the changes of a hidden unit's weights, of its part in the action, and of direct weights,
+all of which are of order one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Correlation units, direct weights and one hidden layer, beside a linear memory that is given.
+
+    The vector holds the pairs (r, 2, n + m), then for each action its bias and direct weights (1 +
+    n + m + r), then for each hidden unit its bias, weights and parts in the actions (1 + n + m + r
+    + k).
+
+    Attributes
+    ----------
+    start
+        The law as which it begins.
+    hidden
+        Number of hidden units.
+    odd
+        Whether biases stay zero: the mirrored motion then gets the opposite force.
+    """
+
+    start: Start
+    hidden: int
+    odd: bool
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """Shapes of the vector's three parts."""
+        k, inputs = self.start.direct.shape
+        return self.start.pairs.shape, (k, inputs), (self.hidden, inputs + k)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of an observation, of hidden units and of an action."""
+        n = self.start.pairs.shape[2] - len(self.start.keep)
+        return n, self.hidden, len(self.start.direct)
+
+    def first(self, generator: np.random.Generator) -> Values:
+        """Return a vector that acts as the law: hidden units are drawn, and have no part yet."""
+        *_, shape = self.shapes
+        weights = np.zeros(shape)
+        inputs = shape[1] - self.sizes[2]
+        weights[:, :inputs] = 1.5 / np.sqrt(inputs) * generator.standard_normal((shape[0], inputs))
+        if self.odd:
+            weights[:, 0] = 0.0
+        return np.concatenate(
+            [self.start.pairs.ravel(), self.start.direct.ravel(), weights.ravel()]
+        )
+
+    def spreads(self) -> Values:
+        """Return the size of each parameter's changes."""
+        pairs, direct, hidden = (np.ones(shape) for shape in self.shapes)
+        hidden *= WEIGHT
+        hidden[:, -self.sizes[2] :] = OUTPUT
+        pairs *= self.start.spreads[:, None, None]
+        return np.concatenate([pairs.ravel(), DIRECT * direct.ravel(), hidden.ravel()])
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters (N,) are searched."""
+        parts = [np.ones(shape, np.bool_) for shape in self.shapes]
+        for part in parts[1:]:
+            part[:, 0] = not self.odd
+        return np.concatenate([part.ravel() for part in parts])
+
+    def policy(self, vector: Values) -> Policy:
+        """Return the policy of a vector."""
+        ends = np.cumsum([np.prod(shape) for shape in self.shapes])[:-1]
+        parts = np.split(vector, ends)
+        pairs, direct, hidden = (
+            part.reshape(shape) for part, shape in zip(parts, self.shapes, strict=True)
+        )
+        return replace(self.start, pairs=pairs, direct=direct).policy(hidden)

@@ -1,0 +1,182 @@
+"""A search of a policy, round by round, that any kill leaves resumable."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+from tqdm import tqdm
+
+from agents.controllers.learned import Learned
+from agents.scoring import validation_cost
+from agents.training.arrays import (
+    check_like,
+    damage_named,
+    load_checkpoint,
+    save_checkpoint,
+)
+from agents.training.ending import Ending, told_part
+from agents.training.progress import Progress
+from agents.training.starts import without_control
+
+if TYPE_CHECKING:
+    from agents.policies import AnyPolicy
+    from agents.training.arrays import Arrays
+    from agents.training.runs import Run
+    from agents.training.search_settings import TimedSettings
+    from mm_gym import Scene
+
+BETWEEN_SAVES = 5.0
+"""Time between checkpoints [s]."""
+
+
+class Search(ABC):
+    """A search that validates the policy it has come to, and keeps the best.
+
+    Attributes
+    ----------
+    unit
+        The name of a round.
+    rounds
+        Those that are done.
+    frames
+        Control steps of a round.
+    progress
+        The validations.
+    began_as
+        What it begins as, in words.
+    """
+
+    unit: ClassVar[str]
+    frames: int
+    began_as: str
+
+    def __init__(self, settings: TimedSettings, scene: Scene) -> None:
+        self.settings, self.scene = settings, scene
+        self.rounds, self.progress = 0, Progress()
+
+    @property
+    @abstractmethod
+    def total(self) -> int:
+        """Number of rounds of the whole search."""
+
+    @abstractmethod
+    def _advance(self) -> None:
+        """Do a round."""
+
+    @abstractmethod
+    def _present(self) -> Arrays:
+        """Return the parameters of the policy that is validated, copied."""
+
+    @abstractmethod
+    def _policy(self, parameters: Arrays) -> AnyPolicy:
+        """Return the policy of parameters."""
+
+    @abstractmethod
+    def _state(self) -> Arrays:
+        """Return the arrays from which the next rounds follow; no round writes to them."""
+
+    @abstractmethod
+    def _restore(self, arrays: Arrays) -> None:
+        """Go on from what `_state` returned, and count the rounds."""
+
+    def policy(self) -> AnyPolicy:
+        """Return the best policy of the validations."""
+        return self._policy(self.progress.best)
+
+    def finish(self, run: Run, *, bar: bool = True) -> None:
+        """Search until rounds or time are used up, and write the best policy to the run's folder.
+
+        An interrupted run continues from its last checkpoint; Ctrl-C writes one.
+
+        Raises
+        ------
+        RunError
+            If the folder holds another run, or another process uses it.
+        """
+        with run.locked():
+            run.open(self.settings)
+            if not run.finished:
+                if run.checkpoint.exists():
+                    self._continue(run)
+                self._to_the_end(run, bar=bar)
+
+    def _continue(self, run: Run) -> None:
+        """Go on from a run's checkpoint; raise `RunError` if it is not of this search."""
+        arrays = load_checkpoint(run.checkpoint)
+        with damage_named(run.checkpoint):
+            self.progress = Progress.of(arrays)
+            check_like(arrays, self._state())
+            if self.progress.best:
+                check_like(self.progress.best, self._present())
+            self._restore(arrays)
+            if not 0 <= self.rounds <= self.total:
+                msg = f"got {self.rounds} rounds; allowed: 0 to {self.total}"
+                raise ValueError(msg)
+
+    def _to_the_end(self, run: Run, *, bar: bool) -> None:
+        """Search on, validate, and write the best policy; draw a progress bar if asked to."""
+        progress, total = self.progress, self.total
+        every = -(-total // self.settings.evaluations)
+        began = time.perf_counter() - progress.seconds
+        saved, done = progress.seconds, self.rounds >= total
+        budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
+        if not len(progress.rows):
+            self._validate()
+        self._note()
+        with tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar) as shown:
+            try:
+                while not done:
+                    self._advance()
+                    self.rounds += 1
+                    shown.update()
+                    progress.seconds = time.perf_counter() - began
+                    done = progress.seconds >= budget or self.rounds == total
+                    if done or self.rounds % every == 0:
+                        self._validate()
+                        shown.set_postfix(cost=f"{progress.least_cost:.4f}")
+                    self._note()
+                    if done or progress.seconds > saved + BETWEEN_SAVES:
+                        self._save(run)
+                        saved = progress.seconds
+            except KeyboardInterrupt:
+                self._save(run)
+                raise KeyboardInterrupt(told_part(self.rounds, total, self.unit)) from None
+        progress.write_metrics(run)  # a process may have been killed before it did
+        policy = self.policy()
+        ending = Ending.of(
+            progress,
+            self.scene,
+            unit=self.unit,
+            done=self.rounds,
+            total=total,
+            time_budget=self.settings.time_budget if self.rounds < total else None,
+            began_as=self.began_as,
+        )
+        if ending.is_worse:
+            without = without_control(self.scene)
+            if validation_cost(self.scene, Learned(without)) < progress.least_cost:
+                policy, ending.replaced = without, True
+        ending.write(run)
+        policy.save(run.policy)
+
+    def _validate(self) -> None:
+        present = self._present()
+        cost = self._cost(present)
+        if cost < self.progress.least_cost:
+            self.progress.best = present
+        self.progress.add(self.rounds * self.frames, cost)
+
+    def _cost(self, parameters: Arrays) -> float:
+        """Return the cost of parameters on the episodes of all validations."""
+        return validation_cost(self.scene, Learned(self._policy(parameters)))
+
+    def _note(self) -> None:
+        """Note where an interrupted search begins again: between two rounds."""
+        self.noted = self.progress.arrays() | self._state()
+
+    def _save(self, run: Run) -> None:
+        save_checkpoint(run.checkpoint, self.noted)
+        self.progress.write_metrics(run)

@@ -1,0 +1,445 @@
+"""The laws as which networks begin: exactly or nearly, as functions of the observation."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.actuators import Command
+from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.clipped_optimal import ClippedOptimal
+from agents.controllers.constant import device_of
+from agents.controllers.controller import columns
+from agents.controllers.learned import Learned
+from agents.controllers.lqg import design_lqg, state_units
+from agents.controllers.lqr import LQR
+from agents.controllers.observation import ROWS
+from agents.policies import Policy, network
+from agents.scoring import validation_cost
+from agents.training.forecast import force_memory
+from mm_gym import DesignError, compile_scene
+from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.training.search_settings import LawName, SearchSettings
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+FLOOR = 1e-3
+"""Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""
+
+STRETCH, PRICE = 0.125, 1.0
+"""Where a clipped LQR is designed: fraction of the stretch's range, and price of its force."""
+
+PRICES = 1e-3, 1e-2, 0.1, 1.0
+"""Of the force of clipped-optimal controls that are tried."""
+
+GAIN = 2.0
+"""Of a switching function: the action is full as soon as it is beyond a half."""
+
+MEMORY = 0.97
+"""Of the estimate of a frequency: some 30 control steps."""
+
+
+CLEARLY = 1.1
+"""By how much the start that suits the actuators may cost more than the cheapest one: on
+CarriageForceFriction the LQR costs 5 % more than no control, and evolution ends alike from both."""
+
+UNMODELLED = 1e-3, 1e-2, 0.1, 1.0
+"""Of the LQGs that are tried (`design_lqg`): with more the stationary filter is quicker, as an
+episode's first steps need it, and shows more noise."""
+
+CAUTION = 1.0, 10.0, 100.0
+"""Factors of the force's weight in these designs: with more the force is clipped less often, of
+which the memory does not know."""
+
+MOST_STATES = 64
+"""Of the memory of an LQG: each late frame adds some."""
+
+COARSE, FINE = 0.3, 0.01
+"""Size of the changes of a switching function's weights, and of those of a frequency's estimate:
+they are of order one, and a hundredth changes the frequency by as much as the springs can."""
+
+
+IN_WORDS: dict[str, str] = {
+    "regulator": "the LQR of the force",
+    "lqg": "the LQG of the force",
+    "switching": "the clipped LQR of the stretch, or of the damping",
+    "tracking": "the absorber tuned to the frequency that it finds",
+    "none": "no control",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What a network is before hidden units take part.
+
+    Attributes
+    ----------
+    pairs, units
+        (r, 2, n + m), (r, 4): those of `agents.network.layers.Correlation`.
+    direct
+        (k, 1 + n + m + r): bias and direct weights of each action.
+    spreads
+        (r,) size of the changes of each pair's weights.
+    keep, enter
+        (m, m), (m, n): the linear memory, which is not searched.
+    law
+        The name of what it is.
+    """
+
+    pairs: Values
+    units: Values
+    direct: Values
+    spreads: Values
+    keep: Values = field(default_factory=lambda: np.empty((0, 0)))
+    enter: Values = field(default_factory=lambda: np.empty((0, 0)))
+    law: LawName = "none"
+
+    def remembering(self, keep: Values, enter: Values) -> Start:
+        """Return it with a linear memory that has no part in the action."""
+        _, _, shown = self.pairs.shape
+        return replace(
+            self,
+            pairs=np.pad(self.pairs, ((0, 0), (0, 0), (0, len(keep)))),
+            direct=np.insert(self.direct, [1 + shown] * len(keep), 0.0, axis=1),
+            keep=keep,
+            enter=enter,
+        )
+
+    def policy(self, hidden: Values | None = None) -> Policy:
+        """Return the policy of it and of hidden units; see `agents.training.network.Network`.
+
+        Parameters
+        ----------
+        hidden
+            (units, 1 + n + m + r + k); by default one that has no part in the action.
+        """
+        k, inputs = self.direct.shape
+        units = np.zeros((1, inputs + k)) if hidden is None else hidden
+        bias, weights, output = np.split(units, [1, inputs], axis=1)
+        last, direct = np.split(self.direct, [1], axis=1)
+        return network(
+            (weights, output.T),
+            (bias[:, 0], last[:, 0]),
+            "rational",
+            -np.ones(k),
+            np.ones(k),
+            direct=direct,
+            keep=self.keep,
+            enter=self.enter,
+            pairs=self.pairs,
+            units=self.units,
+        )
+
+
+def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Generator) -> Start:
+    """Return the start that is asked for, with its further correlation units and its memory.
+
+    Raises
+    ------
+    DesignError
+        If the law does not apply to the scene. "auto" takes another one then.
+    """
+    shown, law, extra = Shown(scene), settings.law, settings.extra
+    start = _best_start(scene, shown) if law == "auto" else _law(scene, law, shown)
+    if not start.keep.size:
+        start = start.remembering(*_memory(scene, shown, settings.memory))
+    drawn = 0.5 * generator.standard_normal((extra, *start.pairs.shape[1:]))
+    return replace(
+        start,
+        pairs=np.concatenate([start.pairs, drawn]),
+        units=np.concatenate([start.units, np.tile((0.0, FLOOR, 0.0, 1.0), (extra, 1))]),
+        spreads=np.concatenate([start.spreads, np.full(extra, COARSE)]),
+        direct=np.pad(start.direct, ((0, 0), (0, extra))),
+    )
+
+
+def _best_start(scene: Scene, shown: Shown) -> Start:
+    """Return the start that suits the actuators, or another one that clearly costs less."""
+    costs: dict[float, Start] = {}
+    for law in (natural_law(scene), "lqg", "none"):
+        try:
+            start = _law(scene, law, shown)
+        except DesignError:
+            continue
+        costs.setdefault(_cost(scene, start), start)
+    least = min(costs)
+    return next(start for cost, start in costs.items() if cost <= CLEARLY * least)
+
+
+def natural_law(scene: Scene) -> LawName:
+    """Return the law for a scene's actuators and excitation."""
+    if scene.actuation.names == ("damping",):
+        return "switching"
+    if scene.actuation.stretch is None:
+        return "regulator"
+    harmonic = {part.kind for part in scene.excitation} == {"harmonic"}
+    return "tracking" if harmonic and scene.actuation.force is None else "switching"
+
+
+class Shown:
+    """What an observation (n,) shows.
+
+    Attributes
+    ----------
+    count, frame
+        Numbers of an observation, and of a frame of it; the newest frame is the last.
+    state
+        (4, n): the state x1, x2, v1, v2 [m, m/s] is nearest to `state` @ observation.
+    actions
+        Number of actuators.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        plant = compile_scene(scene)
+        self.channels = [channel.name for channel in plant.observed]
+        self.frame, self.count = len(self.channels), len(self.channels) * plant.history
+        self.units = np.array([1.0 / channel.factor for channel in plant.observed])
+        self.zeros = np.array([channel.zero for channel in plant.observed])
+        self.history, self.actions = plant.history, len(columns(scene))
+        self.state = self.frame_state(0)
+
+    def frame_state(self, age: int) -> Values:
+        """Return `state` of the frame so many steps ago."""
+        rows = np.zeros((self.frame, 4))
+        for row, name in zip(rows, self.channels, strict=True):
+            row[:] = ROWS.get(name, 0.0)
+        inverse = np.linalg.pinv(rows) * self.units
+        state = np.zeros((4, self.count))
+        first = self.count - (age + 1) * self.frame
+        state[:, first : first + self.frame] = inverse
+        return state
+
+    def moving(self, time_step: float) -> Values:
+        """Return `state`; velocities that no channel shows are differences of two frames'."""
+        state = self.state.copy()
+        if self.history > 1:
+            passed = (state[:2] - self.frame_state(1)[:2]) / time_step
+            hidden = ~state[2:].any(axis=1)
+            state[2:][hidden] = passed[hidden]
+        return state
+
+    def stretch(self) -> Values | None:
+        """Return (1 + n,) bias and weights of the stretch, or None if it is not shown."""
+        if "stretch" not in self.channels:
+            return None
+        row, column = np.zeros(1 + self.count), self.channels.index("stretch")
+        row[0], row[1 + self.count - self.frame + column] = self.zeros[column], self.units[column]
+        return row
+
+
+def _memory(scene: Scene, shown: Shown, states: int) -> tuple[Values, Values]:
+    """Return the linear memory of a scene that has a random force and shows it."""
+    random = {part.kind for part in scene.excitation} == {"noise"}
+    if not (states and random and shown.history > 1):
+        return np.empty((0, 0)), np.empty((0, 0))
+    return force_memory(scene, _mean_force(scene, shown, 0), states)
+
+
+def without_control(scene: Scene) -> Policy:
+    """Return the policy of no force, and of stretch and damping that an episode begins with.
+
+    Of a range of them it keeps the middle.
+    """
+    return _none(scene, Shown(scene)).policy()
+
+
+def _none(scene: Scene, shown: Shown) -> Start:
+    direct = np.zeros((shown.actions, 1 + shown.count))
+    if scene.actuation.stretch is not None:
+        assert scene.springs.kind != "none"  # noqa: S101 - the scene guarantees it
+        own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
+        present = np.full(1, np.mean(own))
+        direct[columns(scene).index("stretch"), :1] = Command(scene, "stretch")(present, present)[0]
+    if (damped := scene.actuation.damped) is not None:
+        held = np.full(1, np.mean(scene.range_of(damped, scene.value_of(damped))))
+        command = Command(scene, device_of(scene))
+        direct[command.column, :1] = command(held, held)[0]
+    return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
+
+
+def _law(scene: Scene, law: LawName, shown: Shown) -> Start:
+    return replace(_start(scene, law, shown), law=law)
+
+
+def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
+    actuation = scene.actuation
+    if law == "none":
+        return _none(scene, shown)
+    if actuation.device is not None:
+        if law == "switching" and actuation.names == ("damping",):
+            return _clipped_optimal(scene, shown)
+        msg = (
+            f"law: got {law!r}; allowed where actuation.{device_of(scene)} is: 'none', and where "
+            "actuation.damping is alone 'switching'"
+        )
+        raise DesignError(msg)
+    if law == "lqg":
+        return _lqg(scene, shown)
+    if law != "regulator" and actuation.stretch is None:
+        msg = f"law: {law!r} tunes springs; actuation.stretch is missing"
+        raise DesignError(msg)
+    if law == "tracking":
+        return _tracking(scene, shown)
+    switches = actuation.stretch is not None
+    start = _switching(scene, shown) if switches else _none(scene, shown)
+    if actuation.force is not None:
+        start.direct[0, 1 : 1 + shown.count] = _regulator(scene) @ shown.state
+    elif law == "regulator":
+        msg = "law: 'regulator' pushes; actuation.force is missing"
+        raise DesignError(msg)
+    return start
+
+
+def _lqg(scene: Scene, shown: Shown) -> Start:
+    """Return the LQG of the least validation cost, each with its stationary filter."""
+    designs = itertools.product(CAUTION, UNMODELLED)
+    found = [_one_lqg(scene, shown, *design) for design in designs]
+    return min(found, key=lambda start: _cost(scene, start))
+
+
+def _cost(scene: Scene, start: Start) -> float:
+    cost = validation_cost(scene, Learned(start.policy()))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> Start:
+    """Return an LQG, whose estimate is the linear memory.
+
+    The estimate x is corrected by the observation y, and the regulator's own force is known:
+    x = (1 - F C) (A - B K) x + F y.
+    """
+    force = scene.actuation.force
+    if scene.actuation.stretch is not None or force is None:
+        msg = "law: 'lqg' pushes, and tunes no springs; actuation.stretch is there"
+        raise DesignError(msg)
+    weight = caution * scene.objective.effort_weight
+    design = design_lqg(scene.replace(**{"objective.effort_weight": weight}), unmodelled=unmodelled)
+    system, limit = design.system, force.limit
+    if len(system.A) > MOST_STATES:
+        msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"
+        raise DesignError(msg)
+    columns_of = [shown.channels.index(signal.name) for signal in system.outputs]
+    units, gains = state_units(scene, compile_scene(scene), system), design.filters[-1]
+    closed = system.A - system.B[:, :1] @ design.gain[None]
+    keep = (np.eye(len(closed)) - gains @ system.C) @ closed * units / units[:, None]
+    enter = np.zeros((len(closed), shown.count))
+    newest = shown.count - shown.frame
+    enter[:, [newest + k for k in columns_of]] = gains * shown.units[columns_of] / units[:, None]
+    start = _none(scene, shown).remembering(keep, enter)
+    start.direct[0, 1 + shown.count :] = -design.gain * units / limit
+    return start
+
+
+def _regulator(scene: Scene) -> Values:
+    """Return the LQR's action as (4,) weights of the state, at the stretch of `_switching`."""
+    stretch = None if scene.actuation.stretch is None else _design_stretch(scene)
+    try:
+        law = LQR(scene, stretch)
+    except DesignError:
+        law = LQR(scene.replace(**{"objective.stroke_weight": 0.0}), stretch)
+    weights = np.zeros(4)
+    weights[list(law.design.states)] = -law.design.gain[0] / law.limit
+    return weights
+
+
+def _design_stretch(scene: Scene) -> float:
+    command = Command(scene, "stretch")
+    return command.low + STRETCH * (command.high - command.low)
+
+
+def _switching(scene: Scene, shown: Shown) -> Start:
+    """Return the clipped LQR in the limit of a small price, as one switching function.
+
+    The springs soften where the wanted internal force F and the offset have unlike signs, and
+    stiffen elsewhere.
+    """
+    law = ClippedLQR(scene, _design_stretch(scene), PRICE)
+    ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ shown.state
+    return _switched_by(np.stack([law.gain @ ahead, ahead[1] - ahead[0]]), shown)
+
+
+def _switched_by(pair: Values, shown: Shown) -> Start:
+    """Return one switching function: where two values (2, n) of an observation have like signs."""
+    pair = pair / np.linalg.norm(pair, axis=1, keepdims=True)
+    direct = np.zeros((shown.actions, 2 + shown.count))
+    direct[-1, -1] = GAIN
+    return Start(pair[None], np.array([[0.0, FLOOR, 0.0, 1.0]]), direct, np.array([COARSE]))
+
+
+def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
+    """Return clipped-optimal control on or off, as one switching function, at the best price.
+
+    The damping is the greatest where the wanted force and the device's velocity have like signs.
+    """
+    state = shown.moving(scene.control.time_step)
+    found: list[Start] = []
+    for price in PRICES:
+        law = ClippedOptimal(scene, "on-off", price)
+        ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
+        pair = np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
+        if not pair.any(axis=1).all():
+            msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
+            msg += ": channels that show it, or displacements with sensors.history of at least 2"
+            raise DesignError(msg)
+        found.append(_switched_by(pair, shown))
+    return min(found, key=lambda start: _cost(scene, start))
+
+
+def _tracking(scene: Scene, shown: Shown) -> Start:
+    """Return the absorber that is tuned to the frequency of the force, found by its correlation.
+
+    The mean force of each control step follows from two frames: it changes the momentum, and
+    balances damper and carriage spring, whatever the sphere's springs do. Of a harmonic force, the
+    cosine of the phase between two steps is a correlation unit; the stretch that matches is nearly
+    linear in it.
+    """
+    if shown.history < 3:  # noqa: PLR2004 - two forces
+        msg = f"sensors.history: got {shown.history}; allowed for tracking: at least 3"
+        raise DesignError(msg)
+    step, command = scene.control.time_step, Command(scene, "stretch")
+    pair = np.stack([_mean_force(scene, shown, age) for age in (0, 1)])
+    pair /= np.abs(pair).max()
+    low, high = command.low, command.high
+    ends = spring_stiffness([high, low], scene.springs.stiffness)
+    frequencies = np.linspace(*np.sqrt(ends / scene.sphere.mass), 33)
+    cosines = np.cos(frequencies * step)
+    wanted = stretch_for_stiffness(scene.sphere.mass * frequencies**2, scene.springs.stiffness)
+    middle, scale = cosines.mean(), 1.0 / cosines.std()
+    slope, level = np.polyfit((cosines - middle) * scale, wanted, 1)
+    direct = np.zeros((1, 2 + shown.count))
+    if not command.is_rate:
+        half = 0.5 * (high - low)
+        direct[0, [0, -1]] = (level - 0.5 * (high + low)) / half, slope / half
+    else:
+        present = shown.stretch()
+        if present is None:
+            msg = "sensors.channels: tracking needs the stretch, whose rate is commanded"
+            raise DesignError(msg)
+        direct[0, :-1] = -present
+        direct[0, 0] += level
+        direct[0, -1] = slope
+        direct /= command.actuator.rate_limit * step
+    units = np.array([[MEMORY, FLOOR, middle, scale]])
+    return Start(pair[None], units, direct, np.array([FINE]))
+
+
+def _mean_force(scene: Scene, shown: Shown, age: int) -> Values:
+    """Return (n,) weights of the mean force on the carriage [N] in a control step.
+
+    The integral of the spring's force is that of Hermite's cubic, of error (step w)^4 / 720.
+    """
+    x1, _, v1, v2 = shown.frame_state(age)
+    past = shown.frame_state(age + 1)
+    step, carriage = scene.control.time_step, scene.carriage
+    momentum = carriage.mass * (v1 - past[2]) + scene.sphere.mass * (v2 - past[3])
+    displacement = 0.5 * (x1 + past[0]) - step / 12.0 * (v1 - past[2])
+    stiffness = carriage.stiffness * carriage.linear_coefficient
+    return (momentum + carriage.damping * (x1 - past[0])) / step + stiffness * displacement

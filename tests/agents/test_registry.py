@@ -1,0 +1,45 @@
+"""Is a controller that is added in one file known to all: commands, bases and rankings?"""
+
+import re
+from pathlib import Path
+
+import pytest
+from tasks import CARRIAGE_FORCE, PRE_STRETCH
+
+import agents.controllers
+from agents.controllers.names import laws, obstacle
+from agents.controllers.registry import every_entry
+from agents.controllers.tuned import classical_laws
+from agents.training.parts import base_controller
+from mm_gym import SceneError
+
+PAGE = (Path(__file__).parents[2] / "docs" / "controllers.md").read_text("utf-8")
+(ADDED,) = re.findall(r"^```py\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+"""The file of the page."""
+
+
+@pytest.fixture
+def added(tmp_path, monkeypatch):
+    (tmp_path / "cubic_damper.py").write_text(ADDED)
+    every_entry.cache_clear()
+    monkeypatch.setattr(
+        agents.controllers, "__path__", [*agents.controllers.__path__, str(tmp_path)]
+    )
+    yield
+    every_entry.cache_clear()
+
+
+@pytest.mark.usefixtures("added")
+def test_controller_of_one_file_is_a_law_a_base_and_a_row() -> None:
+    scene = CARRIAGE_FORCE.replace(**{"control.steps": 20})
+    assert "cubic-damper" in laws(scene)
+    assert base_controller(scene, "cubic-damper").name == "cubic damper"
+    assert "cubic damper" in [law.name for law in classical_laws(scene)]
+    assert obstacle("cubic-damper", PRE_STRETCH) == "which is for other actuators: force"
+    with pytest.raises(SceneError, match=r"got 'cubic-dampr'; did you mean 'cubic-damper'"):
+        base_controller(scene, "cubic-dampr")
+
+
+def test_names_are_unique_for_the_actuators() -> None:
+    names = [(entry.name, entry.actuators) for entry in every_entry()]
+    assert len(names) == len(set(names)) == 36
