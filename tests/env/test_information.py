@@ -1,4 +1,4 @@
-"""What steps tell besides the observation: nothing, the state, or also the reward's terms."""
+"""What steps tell with the observation: nothing, the state, or also the reward's terms."""
 
 import gymnasium
 import numpy as np

@@ -125,7 +125,7 @@ def test_sensors_own_noise_is_normal_and_differs_in_every_frame_channel_and_lane
     scale = np.array([channel.factor for channel in env.plant.observed]) * 1e-4
     first = (seen[0] - seen[1]) / scale
     n = first.size
-    # Four standard errors of mean, variance and correlation, and what float32 rounds beside.
+    # Four standard errors of mean, variance and correlation, and what float32 rounds.
     assert abs(first.mean()) < 4.0 / np.sqrt(n) + 1e-3
     assert abs(first.var() - 1.0) < 4.0 * np.sqrt(2.0 / n) + 1e-2
     for axis in range(3):

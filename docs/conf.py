@@ -1,0 +1,101 @@
+"""The site: `make docs` builds these pages, the reference and the executed examples with Sphinx."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+from animations import animate_tasks  # noqa: E402 - Sphinx runs this file by itself
+from scene_fields import scene_fields  # noqa: E402
+
+from mm_gym.drawing import COLOURS  # noqa: E402
+
+project = "mm_gym"
+author = "the developers of mm_gym"
+release = metadata.version("mm-gym")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+    "sphinxcontrib.programoutput",
+]
+exclude_patterns = ["_build", "examples", "gallery/*.ipynb", "gallery/*.md5"]
+suppress_warnings = ["config.cache"]  # `palette` is a function
+nitpicky = False  # types of numba and pydantic have no pages to point at
+
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # numpydoc's sections say types and units
+napoleon_custom_sections = [  # of environments, as Gymnasium writes them
+    "Description",
+    "Action Space",
+    "Observation Space",
+    "Rewards",
+    "Starting State",
+    "Episode End",
+    "Information",
+    "Continuation",
+    "Through Gymnasium",
+    "Version History",
+]
+napoleon_use_ivar = True
+
+
+def palette(*_: object) -> None:
+    """Draw every example in the colours of all other figures."""
+    mpl.rcParams["axes.prop_cycle"] = mpl.cycler(color=COLOURS)
+
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_signature": False,
+    "remove_config_comments": True,
+    "reset_modules": ("matplotlib", palette),
+    "within_subsection_order": "FileNameSortKey",
+}
+
+default_role = "code"
+
+copybutton_exclude = ".linenos, .gp, .go"
+
+html_theme = "furo"
+html_title = "mm_gym"
+html_show_copyright = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+
+
+def escape_bars(*arguments: object) -> None:
+    """Keep |x| in docstrings from being read as a substitution."""
+    lines = arguments[-1]
+    text = re.sub(r"(``.*?``)|\|", lambda m: m[1] or r"\|", "\n".join(lines), flags=re.DOTALL)
+    lines[:] = text.split("\n")
+
+
+def setup(app: Sphinx) -> None:
+    """Make what is drawn and written anew for each build."""
+    app.connect("autodoc-process-docstring", escape_bars)
+    animate_tasks()
+    (HERE / "reference" / "scene-fields.md").write_text(scene_fields(), encoding="utf-8")
