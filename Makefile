@@ -13,12 +13,12 @@ COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cac
 	tests/numerics/test_golden.py tests/numerics/test_switched.py tests/env/test_threads.py
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
-.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check bench tasks results clean
+.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check docs bench tasks results clean
 .DELETE_ON_ERROR:
 .PRECIOUS: .venv-numba-%/.installed
 
 demo: $(INSTALLED)
-	$(RUN) -m agents.demo
+	$(RUN) -m agents demo
 
 test: $(INSTALLED)
 	$(RUN) -m pytest -n auto --dist loadfile -m "not slow"
@@ -26,7 +26,7 @@ test: $(INSTALLED)
 test-slow: $(INSTALLED)
 	$(RUN) -m pytest -n auto --dist loadfile
 
-# As other processors would run them, and twice beside eight busy processes: an hour or two.
+# As other processors would run them, and twice while eight busy processes run: an hour or two.
 test-processors: $(INSTALLED)
 	$(RUN) tests/processors.py
 
@@ -50,18 +50,22 @@ check: $(INSTALLED)
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/codespell
 
+# The site, in docs/_build/html: examples are run, warnings are errors.
+docs: $(INSTALLED)
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(RUN) -m sphinx -q -W --keep-going -b html docs docs/_build/html
+
 bench: $(BENCH)/.installed
 	$(BENCH)/bin/python -m benchmarks
 
 # The scores of the tasks, and the pages that show them.
 tasks: $(INSTALLED)
-	$(RUN) -m agents.headroom
-	$(RUN) -m agents.task_page
-	$(RUN) -m agents.ranking
+	$(RUN) -m agents headroom
+	$(RUN) -m agents task-page
+	$(RUN) -m agents ranking
 
 # Ten trainings of each task by each algorithm, some seven hours of one core, and their page.
 results: $(INSTALLED)
-	$(RUN) -m agents.results configs/results.toml
+	$(RUN) -m agents results configs/results.toml
 
 # The stamp is younger than what was installed from, so a second call has nothing to do. Dependency
 # groups need pip 25.1.
@@ -99,4 +103,4 @@ $(CLIENTS:%=.venv-%/.installed): .venv-%/.installed: pyproject.toml constraints.
 	@touch $@
 
 clean:
-	rm -rf $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) .venv-numba-* dist .processors .pytest_cache .ruff_cache .hypothesis
+	rm -rf docs/_build docs/gallery $(VENV) $(BENCH) $(CLIENTS:%=.venv-%) .venv-numba-* dist .processors .pytest_cache .ruff_cache .hypothesis
