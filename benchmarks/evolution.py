@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from agents.evolution.network import Network
 from agents.evolution.network_kernel import forward
-from agents.search.starts import Start
+from agents.training.network import Network
 from agents.training.runs import Run
+from agents.training.starts import Start
 from benchmarks.report import table
 
 ROOT = Path(__file__).parents[1]
@@ -34,7 +34,7 @@ def evolution() -> str:
     rate = lanes_per_second() / 1e6
     text = (
         f"A network of 4-16-1 acts for {rate:.0f} M lanes a second on one core, {CANDIDATES} "
-        f"networks of {EPISODES} lanes. `python -m agents.evolve TASK --time-budget SECONDS` with "
+        f"networks of {EPISODES} lanes. `python -m agents evolve TASK --time-budget SECONDS` with "
         "its default settings, two threads and a warm cache; the time is that of the search, with "
         "its validations and the reading of compiled code, and whatever other programs of a shared "
         "machine take of it. Cost on the same 100 held-out episodes."
@@ -76,7 +76,7 @@ def search(task: str, seed: int) -> tuple[float, float]:
     flags = ("--time-budget", str(SECONDS[task]), "--seed", str(seed), "--name", "search")
     with TemporaryDirectory() as folder:
         found = subprocess.run(
-            [sys.executable, "-m", "agents.evolve", task, *flags],
+            [sys.executable, "-m", "agents", "evolve", task, *flags],
             cwd=folder,
             env=os.environ | {"PYTHONPATH": str(ROOT)},
             capture_output=True,

@@ -1,4 +1,4 @@
-"""Asymptotic offsets under dry friction: the paper's figure 10, beside SciPy."""
+"""Asymptotic offsets under dry friction: the paper's figure 10, compared with SciPy."""
 
 from __future__ import annotations
 

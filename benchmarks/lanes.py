@@ -1,4 +1,4 @@
-"""Speed over accuracy on many lanes of every task, beside what a user would write instead.
+"""Speed over accuracy on many lanes of every task, compared with what a user would write instead.
 
 The public step with views against bare kernels of twenty lines, see `benchmarks.by_hand`. The
 section redraws the README's figure, docs/lanes.png.

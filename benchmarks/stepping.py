@@ -1,4 +1,4 @@
-"""Cost of a control step: one environment and many lanes, beside Gymnasium's and other peers."""
+"""Cost of a control step: one environment and many lanes, compared with peers."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _step_of_ages(scene: Scene, steps: int, mode: str, *, copy: bool) -> Callabl
 
 
 def threads() -> str:
-    """Return the section on two threads: their gain, beside the gain that the machine allows."""
+    """Return the section on two threads: their gain, and the gain that the machine allows."""
     rows = []
     alone, both = (_timed(_independent_work(count)) for count in (1, 2))
     for name, scene in MANY.items():
