@@ -23,7 +23,7 @@ if sys.argv[:1] == ["-m"]:  # so it is while Python looks for a command of this 
         )
         sys.exit(2)
 
-# ``python -m agents.train`` is ``python -m agents train``, as it was called before.
+# ``python -m agents train`` is ``python -m agents train``, as it was called before.
 __path__.append(str(Path(__file__).with_name("commands")))
 
 # Matrices are small here: threads of NumPy's linear algebra cost more than they save, and a result

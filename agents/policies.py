@@ -104,7 +104,7 @@ def load_policy(path: str | Path) -> AnyPolicy:
         return policy_in(content)
     except ValueError as error:
         told = "; ".join(str(error).splitlines())
-        msg = f"{path}: not a policy that agents.train wrote: {told}"
+        msg = f"{path}: not a policy that `train` wrote: {told}"
         raise PolicyError(msg) from None
 
 

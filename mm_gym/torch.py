@@ -128,7 +128,7 @@ class Episodes:
     what the motion changes by with earlier motion and actions by its exact Jacobians.
 
     Slopes of parametric springs grow without bound near a switching controller, in few lanes by
-    many orders of magnitude: `fade` and `most` hold them, at the price of an exact gradient.
+    many orders of magnitude: `fade` and `most` hold them, at the cost of an exact gradient.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
 """Measure what there is to gain on each task.
 
-Scores fixed, classical and best known control on the same hundred episodes, and writes
+Scores fixed, classical and clairvoyant control on the same hundred episodes, and writes
 ``docs/task_scores.json``, from which ``docs/tasks.md`` takes its numbers. The search of the best
 known plans also starts from what finished runs do: ``--runs runs/NAME ...``.
 
-``--foresight`` measures what it is worth to know the random excitation of the steps to come.
+``--preview`` measures what it is worth to know the random excitation of the steps to come.
 ``--check`` writes nothing: it compares the runs, or without any all classical controllers, with the
-best known plan of every episode, and names those that are better.
+clairvoyant optimum of every episode, and names those that are better.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from agents.evaluation.headroom import (
     LEARNED,
     ROUNDING,
     controllers_of,
-    foresight,
     headroom,
     over_plans,
+    preview,
 )
 from agents.evaluation.scores import SCORES, read_scores
 from agents.network.arrays import numbers, read_array
@@ -63,9 +63,9 @@ class Arguments:
     runs: tuple[str, ...] = ()
     """folders of finished runs, or patterns of folders in quotes"""
     check: bool = False
-    """compare with the best known plans, and write nothing"""
-    foresight: bool = False
-    """measure what foresight of random excitation is worth, and nothing else"""
+    """compare with the clairvoyant optima, and write nothing"""
+    preview: bool = False
+    """measure what preview of random excitation is worth, and nothing else"""
     seed: int = 0
     """of the search"""
     plans: Path | None = None
@@ -118,7 +118,7 @@ def _restore_starts(planner: Row, earlier: list[Row]) -> None:
 
 
 def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, Any]) -> str | None:
-    """Compare with the best known plans, and print how close; return which are better, if any.
+    """Compare with the clairvoyant optima, and print how close; return which are better, if any.
 
     Raise `SceneError` if the scores of the task are missing or of another scene.
     """
@@ -130,10 +130,12 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
     worse: list[str] = []
     for label, ratios in over_plans(scene, controllers, rows).items():
         ahead = np.flatnonzero(ratios < 1.0 - ROUNDING)
-        print(f"{name}: {label}: {ratios.min():.5f} times the best known plan's cost at least")
+        print(f"{name}: {label}: {ratios.min():.5f} times the clairvoyant optimum's cost at least")
         if ahead.size:
             told = ", ".join(str(k) for k in ahead)
-            worse.append(f"{label} is better than the best known plan of {name} in episodes {told}")
+            worse.append(
+                f"{label} is better than the clairvoyant optimum of {name} in episodes {told}"
+            )
     return "; ".join(worse) or None
 
 
@@ -152,10 +154,10 @@ def main() -> str | None:
             better += filter(None, [check(name, scene, own, scores)])
             continue
         earlier = scores.get(name, {})
-        if arguments.foresight and earlier and compile_scene(scene).support.sampled:
-            earlier["foresight"] = foresight(scene)
-            print(f"{name}: {earlier['foresight']}")
-        elif not arguments.foresight:
+        if arguments.preview and earlier and compile_scene(scene).support.sampled:
+            earlier["preview"] = preview(scene)
+            print(f"{name}: {earlier['preview']}")
+        elif not arguments.preview:
             rows = score(name, own, earlier.get("rows", []), arguments.plans, arguments.seed)
             new = {"scene_digest": scene.digest, "episodes": EPISODES, "rows": rows}
             same = earlier.get("scene_digest") == scene.digest

@@ -27,7 +27,7 @@ class ClippedLQR(Law):
 
     A regulator is designed for the internal force between carriage and sphere about one stretch;
     the springs give its force F with k2 = k2(stretch) + F / (x2 - x1), as far as their range goes;
-    a small price makes that on-off stiffness. F is that of the state by which the springs will have
+    a small weight makes that on-off stiffness. F is that of the state by which springs will have
     moved, see `Lead`. Dyke et al., *Modeling and control of magnetorheological dampers for seismic
     response reduction*, Smart Materials and Structures 5 (1996).
 
@@ -35,7 +35,7 @@ class ClippedLQR(Law):
     ----------
     stretch
         About which the regulator is designed [-].
-    price
+    weight
         Of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
 
     Raises
@@ -44,10 +44,10 @@ class ClippedLQR(Law):
         If the carriage is unstable at rest.
     """
 
-    def __init__(self, scene: Scene, stretch: float, price: float) -> None:
+    def __init__(self, scene: Scene, stretch: float, weight: float) -> None:
         require_stable_rest(scene, "clipped LQR")
-        require_number("price", price, np.finfo(np.float64).tiny)
-        self.name = f"clipped LQR about {stretch:.2f}, price {price:.2g}"
+        require_number("weight", weight, np.finfo(np.float64).tiny)
+        self.name = f"clipped LQR about {stretch:.2f}, weight {weight:.2g}"
         self.command, self.lead = Command(scene, "stretch"), Lead(scene)
         self.about, self.stiffness = stretch, scene.springs.stiffness
         self.k2 = spring_stiffness(stretch, self.stiffness)
@@ -55,7 +55,7 @@ class ClippedLQR(Law):
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
         a, _ = plant_of(scene).linear(stretch)
         gain, _, _ = control.lqr(
-            a, internal, state_weight(scene), [[price / unit**2]], method="scipy"
+            a, internal, state_weight(scene), [[weight / unit**2]], method="scipy"
         )
         self.gain = np.asarray(gain)[0]
 
@@ -70,19 +70,19 @@ class ClippedLQR(Law):
 
 
 def best_clipped_lqr(scene: Scene) -> Feedback:
-    """Search the stretch and the price."""
-    return searched_pair(scene, lambda stretch, price: ClippedLQR(scene, stretch, price))
+    """Search the stretch and the weight."""
+    return searched_pair(scene, lambda stretch, weight: ClippedLQR(scene, stretch, weight))
 
 
 def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
-    """Search the stretch and the price next to a regulator of the force.
+    """Search the stretch and the weight next to a regulator of the force.
 
     The search takes long, so what it finds is kept for the next that asks about the same scene.
     """
     if not any(scene is known for known, _ in _FOUND):
         found = searched_pair(
             scene,
-            lambda stretch, price: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, price)),
+            lambda stretch, weight: Both(LQR(scene, stretch), ClippedLQR(scene, stretch, weight)),
         )
         _FOUND[:] = [(scene, found)]
     return _FOUND[0][1]

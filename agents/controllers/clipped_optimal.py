@@ -16,8 +16,8 @@ from agents.controllers.searched import searched
 from agents.controllers.semi_active import SemiActive, damper_entry
 from mm_gym import DesignError
 
-PRICES = np.linspace(-4.0, 2.0, 13)
-"""Exponents of the prices that are tried."""
+WEIGHTS = np.linspace(-4.0, 2.0, 13)
+"""Exponents of the weights that are tried."""
 
 if TYPE_CHECKING:
     from agents.controllers.controller import Acted, Memory, Values
@@ -41,7 +41,7 @@ class ClippedOptimal(SemiActive):
         A scene with an actuated damping.
     switching, on
         How the damper follows F, see `Damper`.
-    price
+    weight
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
 
     Raises
@@ -51,13 +51,13 @@ class ClippedOptimal(SemiActive):
     """
 
     def __init__(
-        self, scene: Scene, switching: Switching, price: float, *, on: float | None = None
+        self, scene: Scene, switching: Switching, weight: float, *, on: float | None = None
     ) -> None:
         super().__init__(scene, switching, on)
-        self.name = self._called("clipped-optimal", f"price {price:.2g}")
+        self.name = self._called("clipped-optimal", f"weight {weight:.2g}")
         if self.device.is_on_off:
-            self.name += f", price {price:.2g}"
-        self.design = design(regulated(scene, price))
+            self.name += f", weight {weight:.2g}"
+        self.design = design(regulated(scene, weight))
         # Positive u accelerates the carriage: so does the interface's damper where v2 > v1.
         self.sign = -1.0 if self.device.of_interface else 1.0
 
@@ -76,7 +76,7 @@ class SharedForce(ClippedOptimal):
     ----------
     scene
         A scene with a force between the masses and an actuated damping of the interface.
-    price
+    weight
         As for `ClippedOptimal`, of the damper's and the actuator's force together.
 
     Raises
@@ -85,7 +85,7 @@ class SharedForce(ClippedOptimal):
         If force and damping do not act between the same masses, or as for `lqr.design`.
     """
 
-    def __init__(self, scene: Scene, price: float) -> None:
+    def __init__(self, scene: Scene, weight: float) -> None:
         if _apart(scene) is not None:
             msg = (
                 "actuation.force.between: allowed for a force that is shared with a damper: "
@@ -93,8 +93,8 @@ class SharedForce(ClippedOptimal):
                 "parallel"
             )
             raise DesignError(msg)
-        super().__init__(scene, "continuous", price)
-        self.name = f"clipped-optimal, rest by the force, price {price:.2g}"
+        super().__init__(scene, "continuous", weight)
+        self.name = f"clipped-optimal, rest by the force, weight {weight:.2g}"
         self.drive, self.actuators = Command(scene, "force"), Actuators(scene)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
@@ -120,7 +120,7 @@ class ClippedVoltage(Law):
     ----------
     scene
         A scene with an actuated voltage.
-    price
+    weight
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
 
     Raises
@@ -129,10 +129,10 @@ class ClippedVoltage(Law):
         If no voltage is actuated, or as for `lqr.design`.
     """
 
-    def __init__(self, scene: Scene, price: float) -> None:
+    def __init__(self, scene: Scene, weight: float) -> None:
         self.device = MagnetorheologicalDamper(scene)
-        self.name = f"clipped-optimal, on-off, price {price:.2g}"
-        self.design = design(regulated(scene, price))
+        self.name = f"clipped-optimal, on-off, weight {weight:.2g}"
+        self.design = design(regulated(scene, weight))
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the regulator's force."""
@@ -140,17 +140,17 @@ class ClippedVoltage(Law):
         return self.device.towards(force, state, self.device.present(applied)), memory
 
 
-def regulated(scene: Scene, price: float) -> Scene:
+def regulated(scene: Scene, weight: float) -> Scene:
     """Return the scene with a force in place of the damper that is actuated.
 
     Parameters
     ----------
     scene
         A scene with an actuated damping or voltage.
-    price
+    weight
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
-    require_number("price", price, np.finfo(np.float64).tiny)
+    require_number("weight", weight, np.finfo(np.float64).tiny)
     damped = str(scene.actuation.damped)
     is_voltage = scene.actuation.voltage is not None
     out = "interface." if is_voltage else damped
@@ -163,7 +163,7 @@ def regulated(scene: Scene, price: float) -> Scene:
             "actuation.damping": None,
             "actuation.voltage": None,
             "actuation.force": {"limit": unit, "between": between},
-            "objective.effort_weight": price,
+            "objective.effort_weight": weight,
             "randomization": drawn,
             "sensors": {},
             **without,
@@ -172,15 +172,15 @@ def regulated(scene: Scene, price: float) -> Scene:
 
 
 def best_clipped_optimal(switching: Switching, scene: Scene) -> Feedback:
-    """Search the price over six decades."""
+    """Search the weight over six decades."""
     return searched(
-        scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), PRICES
+        scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), WEIGHTS
     )
 
 
 def best_shared_force(scene: Scene) -> Feedback:
-    """Search the price of what damper and actuator give together over six decades."""
-    return searched(scene, lambda exponent: SharedForce(scene, 10.0**exponent), PRICES)
+    """Search the weight of what damper and actuator give together over six decades."""
+    return searched(scene, lambda exponent: SharedForce(scene, 10.0**exponent), WEIGHTS)
 
 
 def _apart(scene: Scene) -> str | None:
@@ -191,8 +191,8 @@ def _apart(scene: Scene) -> str | None:
 
 
 def best_clipped_voltage(scene: Scene) -> Feedback:
-    """Search the price of the control of a voltage over six decades."""
-    return searched(scene, lambda exponent: ClippedVoltage(scene, 10.0**exponent), PRICES)
+    """Search the weight of the control of a voltage over six decades."""
+    return searched(scene, lambda exponent: ClippedVoltage(scene, 10.0**exponent), WEIGHTS)
 
 
 ENTRIES = (

@@ -182,7 +182,7 @@ def require_number(name: str, value: float, low: float = 0.0, high: float = inf)
         raise DesignError(msg)
 
 
-def force_price(scene: Scene) -> float:
+def force_weight(scene: Scene) -> float:
     """Return the cost of the force [1/N^2].
 
     Raises

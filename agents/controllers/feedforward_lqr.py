@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from agents.controllers.clipped_lqr import ClippedLQR, best_lqr_with_clipped_lqr
-from agents.controllers.controller import Law, force_price, plant_of
+from agents.controllers.controller import Law, force_weight, plant_of
 from agents.controllers.excitation_filter import ExcitationFilter
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.forecast import SHAPED
@@ -42,9 +42,9 @@ class FeedforwardLQR(Law):
     name = "LQR with feed-forward"
 
     def __init__(self, scene: Scene, stretch: float | None = None) -> None:
-        force_price(scene)
+        force_weight(scene)
         plant = plant_of(scene)
-        assert scene.actuation.force is not None  # noqa: S101 - `force_price` refuses otherwise
+        assert scene.actuation.force is not None  # noqa: S101 - `force_weight` refuses otherwise
         self.limit = scene.actuation.force.limit
         at = None if stretch is None else {"initial.stretch": stretch}
         system = plant.state_space(["force"], STATES, sampled=True, at=at)

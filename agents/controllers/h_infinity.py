@@ -10,7 +10,7 @@ import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.controllers.controller import Controller, force_price, plant_of
+from agents.controllers.controller import Controller, force_weight, plant_of
 from agents.controllers.lqg import require_detectable
 from agents.controllers.lqr import STATES, hidden_mode, state_weight
 from agents.controllers.observation import Frame
@@ -105,7 +105,7 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
     bound, and its routine, SLICOT's SB10AD, the controller above that. The bilinear map takes a
     control step to continuous time and back, and keeps the amplification.
     """
-    force_price(scene)
+    force_weight(scene)
     system, measured = _plant(scene, channels)
     generalised = _generalised(scene, system, measured)
     count = len(measured)
@@ -209,9 +209,9 @@ def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, 
 
 def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Matrices:
     """Return the system from (disturbance, noise, force) to (costs, measurements)."""
-    price = np.sqrt(force_price(scene))
+    weight = np.sqrt(force_weight(scene))
     actuator = scene.actuation.force
-    assert actuator is not None  # noqa: S101 - `force_price` refuses otherwise
+    assert actuator is not None  # noqa: S101 - `force_weight` refuses otherwise
     limit, count, size = actuator.limit, len(measured), len(system.A)
     disturbed = limit / (scene.carriage.mass if system.inputs[1].name == "ground" else 1.0)
     scales, noise = (frame := Frame(scene, measured)).unit, frame.noise
@@ -222,7 +222,7 @@ def _generalised(scene: Scene, system: LinearSystem, measured: list[str]) -> Mat
     seen, direct = system.C[4:] / scales[:, None], system.D[4:] / scales[:, None]
     b = np.hstack([disturbed * system.B[:, 1:], np.zeros((size, count)), limit * system.B[:, :1]])
     d = np.zeros((len(costs) + 1 + count, count + 2))
-    d[len(costs), -1] = price * limit
+    d[len(costs), -1] = weight * limit
     d[-count:] = np.hstack([disturbed * direct[:, 1:], np.diag(noise), limit * direct[:, :1]])
     c = np.vstack([costs, np.zeros((1, size)), seen])
     largest = np.abs(c).max(axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Controller, force_price, plant_of, require_number
+from agents.controllers.controller import Controller, force_weight, plant_of, require_number
 from agents.controllers.lqr import (
     STATES,
     Quadratic,
@@ -92,7 +92,7 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
         If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
         a mode that does not decay, or an equation has no stabilising solution.
     """
-    force_price(scene)
+    force_weight(scene)
     require_number("unmodelled", unmodelled)
     plant = plant_of(scene)
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
@@ -165,7 +165,7 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     weight = np.zeros((len(every) + 1, len(every) + 1))
     motion = [every.index(name) for name in STATES]
     weight[np.ix_(motion, motion)] = motion_weight(scene)
-    weight[-1, -1] = force_price(scene)
+    weight[-1, -1] = force_weight(scene)
     reactions = reaction_weights(scene)
     names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
     if names:

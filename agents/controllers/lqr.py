@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.controllers.actuators import Command
 from agents.controllers.constant import Held
-from agents.controllers.controller import Law, force_price, plant_of
+from agents.controllers.controller import Law, force_weight, plant_of
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import grid, searched
@@ -168,10 +168,10 @@ def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
     Raises
     ------
     DesignError
-        If the motion has no weight, or as for `force_price`.
+        If the motion has no weight, or as for `force_weight`.
     """
     weight = np.zeros((5, 5))
-    weight[4, 4] = force_price(scene)
+    weight[4, 4] = force_weight(scene)
     weight[:4, :4] = motion_weight(scene)
     reactions = reaction_weights(scene)
     if any(reactions):

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import agents.controllers
-from agents.controllers.controller import columns, force_price
+from agents.controllers.controller import columns, force_weight
 from mm_gym import DesignError
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ class Entry:
 
 
 def without_weight(scene: Scene) -> str | None:
-    """Return why a regulator's force has no control weight, or None: see `force_price`."""
+    """Return why a regulator's force has no control weight, or None: see `force_weight`."""
     try:
-        force_price(scene)
+        force_weight(scene)
     except DesignError as error:
         return f"which cannot be designed: {error}"
     return None

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
 DECADES = np.linspace(-2.0, 2.0, 17)
-"""Exponents of the gains and prices that are tried."""
+"""Exponents of the gains and weights that are tried."""
 
 
 def grid(scene: Scene, actuator: str) -> Values:

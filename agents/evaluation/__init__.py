@@ -1,1 +1,1 @@
-"""Controllers on held-out episodes: costs, tuned baselines and the best known plan."""
+"""Controllers on held-out episodes: costs, tuned baselines and the clairvoyant optimum."""

@@ -52,7 +52,7 @@ class Row:
     cost
         Root of the mean penalty of all episodes [-].
     score
-        s = (J_constant - J) / (J_constant - J_best known) [-], or None where no best is known.
+        s = (J_constant - J) / (J_constant - J_best found) [-], or None where no best is known.
     worst, tail
         The largest cost of an episode, and that of the worst tenth of them (CVaR) [-].
     """
@@ -146,7 +146,7 @@ def conclude(
 def scores_of(means: Array, constant: Array, ratio: float) -> Array:
     """Return the scores of mean penalties, with those of the best constant in the same episodes.
 
-    J_best known is the given ratio times J_constant: both are of the committed episodes, which
+    J_best found is the given ratio times J_constant: both are of the committed episodes, which
     need not be these.
     """
     return (1.0 - np.sqrt(means / constant)) / (1.0 - ratio)

@@ -1,4 +1,4 @@
-"""The headroom of a task: fixed, classical and best known control on the same hundred episodes."""
+"""The headroom of a task: fixed, classical and clairvoyant control on the same hundred episodes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ RESAMPLES = 10_000
 """Draws of the bootstrap."""
 
 LEARNED = "learned"
-"""Role of a trained agent, which `agents.ranking` adds."""
+"""Role of a trained agent, which `python -m agents ranking` adds."""
 
 KEPT = "the plan kept"
 """Name of a start from an earlier search."""
@@ -61,7 +61,7 @@ class Headroom(NamedTuple):
         planner, the last, has two entries more: the seed of its search, and of each episode the
         cost and where the plan is from.
     plans
-        (steps, episodes, k) what the best known plans apply [N, -].
+        (steps, episodes, k) what the clairvoyant optima apply [N, -].
     """
 
     rows: list[Row]
@@ -107,7 +107,7 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
     ]
 
 
-def foresight(scene: Scene) -> dict[str, float]:
+def preview(scene: Scene) -> dict[str, float]:
     """Return the costs of plans made anew in every step, for the mean and for what does come."""
     named = {"expected": False, "foreseen": True}
     costs = {
@@ -120,7 +120,7 @@ def foresight(scene: Scene) -> dict[str, float]:
 def over_plans(
     scene: Scene, controllers: Iterable[Controller], rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return each controller's costs over those of the best known plans, episode by episode.
+    """Return each controller's costs over those of the clairvoyant optima, episode by episode.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class Planner(Controller):
         Of each lane, the start of its best plan.
     """
 
-    name = "best known plan (knows the episode)"
+    name = "clairvoyant optimum (best found)"
     reads: Reads = "episode"
 
     def __init__(
@@ -214,7 +214,7 @@ class Replanner(Controller):
 
     It knows the true state, and those of the filters that shape the noise. One that does not
     foresee plans for the mean of what is to come: no random impulse, and noise that dies out as its
-    filters do. Both are alike in all else, so that the difference of their costs is what foresight
+    filters do. Both are alike in all else, so that the difference of their costs is what preview
     is worth to this controller. Neither is a bound: plans are local optima, and where the problem
     is not linear and quadratic the best plan for the mean is not the best on average.
 

@@ -25,7 +25,7 @@ Cost = Annotated[float, Field(ge=0)]
 
 
 class Plan(BaseModel, strict=True, allow_inf_nan=False):
-    """The best known plan of an episode."""
+    """The clairvoyant optimum of an episode."""
 
     cost: Cost
     start: str
@@ -44,8 +44,8 @@ class Scored(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
     plans: list[Plan] = []
 
 
-class Foresight(BaseModel, strict=True, allow_inf_nan=False):
-    """What `agents.evaluation.headroom.foresight` returns."""
+class Preview(BaseModel, strict=True, allow_inf_nan=False):
+    """What `agents.evaluation.headroom.preview` returns."""
 
     expected: Cost
     foreseen: Cost
@@ -56,7 +56,7 @@ class TaskScores(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
 
     scene_digest: str
     rows: list[Scored]
-    foresight: Foresight | None = None
+    preview: Preview | None = None
 
     @model_validator(mode="after")
     def _has_roles(self) -> Self:

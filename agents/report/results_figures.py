@@ -96,7 +96,8 @@ def _profile(known: Sequence[OnTask], path: Path) -> None:
         parts = np.mean([performance_profile(own[None], THRESHOLDS) for own in scores], axis=0)
         panel.plot(THRESHOLDS, parts, **_look(known, name))
     panel.set(
-        xlabel="score s (0: best constant, 1: best known plan)", ylabel="part of trainings above s"
+        xlabel="score s (0: best constant, 1: clairvoyant optimum)",
+        ylabel="part of trainings above s",
     )
     panel.set_ylim(-0.02, 1.02)
     legend_below(figure, panel, len(rows))

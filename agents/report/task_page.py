@@ -30,7 +30,7 @@ def page(scores: Mapping[str, Mapping[str, Any]]) -> str:
         "tasks",
         limited=[f"`{name}`" for name in names if _ends_early(name)],
         summary=[_summary(name, scores[name]["rows"]) for name in names],
-        preview=[_preview(name, scores[name]) for name in names if "foresight" in scores[name]],
+        preview=[_preview(name, scores[name]) for name in names if "preview" in scores[name]],
         tasks=[_task(name, scores[name]["rows"]) for name in names],
     )
 
@@ -54,7 +54,7 @@ def _summary(name: str, rows: Sequence[Row]) -> list[str]:
 
 
 def _preview(name: str, scores: Mapping[str, Any]) -> list[str]:
-    expected, foreseen = (scores["foresight"][key] for key in ("expected", "foreseen"))
+    expected, foreseen = (scores["preview"][key] for key in ("expected", "foreseen"))
     known = _least(scores["rows"], "planner")
     observing = min(row["cost"] for row in scores["rows"] if row["role"] in OBSERVING)
     part = percent((expected - foreseen) / (expected - known))

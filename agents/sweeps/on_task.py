@@ -129,7 +129,7 @@ class OnTask:
     known
         Role -> the least cost of `docs/task_scores.json` [-].
     plans
-        (episodes,) costs of the best known plans [-].
+        (episodes,) costs of the clairvoyant optima [-].
     outcomes
         Of the law and of each algorithm's middle training on changed scenes.
     slopes
@@ -160,7 +160,7 @@ class OnTask:
         return best_of(self.trainings)
 
     def scores(self, costs: Array) -> Array:
-        """Return s = (J_constant - J) / (J_constant - J_best known) of costs J."""
+        """Return s = (J_constant - J) / (J_constant - J_best found) of costs J."""
         constant = self.known["constant"]
         return (constant - costs) / (constant - self.known["planner"])
 

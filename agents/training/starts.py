@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 FLOOR = 1e-3
 """Of a correlation unit's denominator, see `agents.network.layers.Correlation`."""
 
-STRETCH, PRICE = 0.125, 1.0
-"""Where a clipped LQR is designed: fraction of the stretch's range, and price of its force."""
+STRETCH, WEIGHT = 0.125, 1.0
+"""Where a clipped LQR is designed: fraction of the stretch's range, and weight of its force."""
 
-PRICES = 1e-3, 1e-2, 0.1, 1.0
+WEIGHTS = 1e-3, 1e-2, 0.1, 1.0
 """Of the force of clipped-optimal controls that are tried."""
 
 GAIN = 2.0
@@ -356,12 +356,12 @@ def _design_stretch(scene: Scene) -> float:
 
 
 def _switching(scene: Scene, shown: Shown) -> Start:
-    """Return the clipped LQR in the limit of a small price, as one switching function.
+    """Return the clipped LQR in the limit of a small weight, as one switching function.
 
     The springs soften where the wanted internal force F and the offset have unlike signs, and
     stiffen elsewhere.
     """
-    law = ClippedLQR(scene, _design_stretch(scene), PRICE)
+    law = ClippedLQR(scene, _design_stretch(scene), WEIGHT)
     ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ shown.state
     return _switched_by(np.stack([law.gain @ ahead, ahead[1] - ahead[0]]), shown)
 
@@ -375,14 +375,14 @@ def _switched_by(pair: Values, shown: Shown) -> Start:
 
 
 def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
-    """Return clipped-optimal control on or off, as one switching function, at the best price.
+    """Return clipped-optimal control on or off, as one switching function, at the best weight.
 
     The damping is the greatest where the wanted force and the device's velocity have like signs.
     """
     state = shown.moving(scene.control.time_step)
     found: list[Start] = []
-    for price in PRICES:
-        law = ClippedOptimal(scene, "on-off", price)
+    for weight in WEIGHTS:
+        law = ClippedOptimal(scene, "on-off", weight)
         ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
         pair = np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
         if not pair.any(axis=1).all():

@@ -22,7 +22,7 @@ from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 from mm_gym.compiler.jit import plain
 from mm_gym.law import magnetorheological
 
-PRICE, MOST = 0.75, 2.25
+WEIGHT, MOST = 0.75, 2.25
 QUAKE = {
     "kind": "kanai_tajimi",
     "rms": 0.3,
@@ -71,11 +71,11 @@ def settled(scene, voltage, state):
 @pytest.mark.parametrize("present", [0.0, 1.1])
 def test_voltage_is_that_of_the_formula(present):
     """The regulator is that of a damping, which has an oracle of its own in test_semi_active."""
-    law = ClippedVoltage(SCENE, PRICE)
+    law = ClippedVoltage(SCENE, WEIGHT)
     actions = law.action({}, STATES, np.full((len(STATES), 1), present))[0][:, 0]
     viscous = {"kind": "viscous", "damping": 0.1}
     damped = SCENE.replace(interface=viscous, actuation={"damping": {"minimum": 0.1}})
-    wanted = ClippedOptimal(damped, "on-off", PRICE).force({}, STATES)
+    wanted = ClippedOptimal(damped, "on-off", WEIGHT).force({}, STATES)
     checked = set()
     for state, want, action in list(zip(STATES, wanted, actions, strict=True))[:60]:
         given = true_force(SCENE, present, state, settled(SCENE, present, state))
@@ -87,7 +87,7 @@ def test_voltage_is_that_of_the_formula(present):
 
 def test_force_is_that_of_the_damper_in_motion():
     """Without its y and z, but for what k0 and z on its way add: some 6 % (docs/controllers.md)."""
-    law, env = ClippedVoltage(SCENE, PRICE), MovingMassVectorEnv(SCENE, 5)
+    law, env = ClippedVoltage(SCENE, WEIGHT), MovingMassVectorEnv(SCENE, 5)
     _, info = env.reset(seed=3)
     rows, pairs = env.plant.support.state_rows, []
     for _ in range(200):
@@ -106,7 +106,7 @@ def test_it_costs_less_than_every_constant_voltage():
     held = [constant_damping(SCENE, voltage) for voltage in (*np.linspace(0.0, 1.0, 9), MOST)]
     *constant, cost = (
         evaluate(SCENE, Feedback(SCENE, law), episodes=40).cost
-        for law in (*held, ClippedVoltage(SCENE, PRICE))
+        for law in (*held, ClippedVoltage(SCENE, WEIGHT))
     )
     assert 0 < np.argmin(constant) < len(constant) - 2
     assert cost < 0.92 * min(constant)
@@ -114,7 +114,7 @@ def test_it_costs_less_than_every_constant_voltage():
 
 def test_late_sensors_cost_little():
     late = scene_of(**{"sensors.delay": 2})
-    law = ClippedVoltage(late, PRICE)
+    law = ClippedVoltage(late, WEIGHT)
     seen, known = (
         evaluate(late, one, episodes=30).cost
         for one in (Feedback(late, law), Feedback(late, law, TrueState()))
@@ -140,14 +140,14 @@ def test_observed_voltage_begins_where_the_scene_does():
 
 def test_it_is_tuned_named_and_refused_elsewhere():
     (found,) = classical_laws(scene_of(**{"control.steps": 20}))
-    assert found.name.startswith("clipped-optimal, on-off, price")
+    assert found.name.startswith("clipped-optimal, on-off, weight")
     assert "clipped-optimal-on-off" in laws(SCENE)
     assert "skyhook-on-off" not in laws(SCENE)
     pushed = scene_of(actuation={"force": {}})
     assert obstacle("clipped-optimal-on-off", pushed).endswith("actuators: damping or voltage")
     with pytest.raises(DesignError, match=r"actuation\.voltage: missing"):
-        ClippedVoltage(pushed, PRICE)
-    with pytest.raises(DesignError, match=r"price: got -1.0"):
+        ClippedVoltage(pushed, WEIGHT)
+    with pytest.raises(DesignError, match=r"weight: got -1.0"):
         ClippedVoltage(SCENE, -1.0)
 
 

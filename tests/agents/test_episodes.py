@@ -127,7 +127,7 @@ def test_leaving_the_rail_costs_as_much_as_the_limits_allow() -> None:
     scene = CARRIAGE_FORCE.replace(
         **{"objective.rail_half_length": 0.02, "objective.stroke_weight": 0.0}
     )
-    # Without a price of the stroke the last step before the sphere leaves the rail costs nearly
+    # Without a weight of the stroke the last step before the sphere leaves the rail costs nearly
     # nothing. A unit of displacement and 0.1 units of velocity at their scales, 0.01 of the action:
     assert limit_penalty(scene) == pytest.approx(1.11, rel=1e-15)
     result = evaluate(scene, Feedback(scene, ConstantForce(scene, 0.4)), episodes=100)

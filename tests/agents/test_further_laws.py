@@ -20,7 +20,7 @@ from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 UNLIMITED = CARRIAGE_FORCE.replace(
     **{"actuation.force.limit": 1000.0, "objective.effort_weight": 625.0, "control.steps": 40}
 )
-"""The task without clipping: the same price of force in newtons, and a limit out of reach."""
+"""The task without clipping: the same weight of force in newtons, and a limit out of reach."""
 
 
 @pytest.mark.parametrize("stroke_weight", [0.0, 1.0])
@@ -74,10 +74,10 @@ def test_linear_mpc_is_optimal_within_limit_and_rate_limit() -> None:
     solution = design(scene)
     a, b = a[np.ix_(solution.states, solution.states)], b[list(solution.states), 0]
     mpc, state = LinearMPC(scene, steps), np.array([0.01, 0.0, 0.3, 0.1])
-    price = scene.objective.effort_weight
+    weight = scene.objective.effort_weight
 
     def cost(plan):
-        x, total = state[list(solution.states)], price * plan @ plan
+        x, total = state[list(solution.states)], weight * plan @ plan
         for action in plan:
             x = a @ x + b * 2.0 * action
             total += x @ solution.weight @ x

@@ -178,7 +178,8 @@ def test_check_names_the_episodes_in_which_a_run_is_better_than_the_plan(
     scores.write_text(json.dumps(dearer))
     told = str(command.main())
     assert (
-        "small is better than the best known plan of mm_gym/CarriageForce-v0 in episodes 17" in told
+        "small is better than the clairvoyant optimum of mm_gym/CarriageForce-v0 in episodes 17"
+        in told
     )
     assert "--runs" in told
     scores.write_text("{}")

@@ -78,7 +78,7 @@ CASES = [
         for law in (LQR, LQG, FiniteHorizonLQR, FeedforwardLQR)
         for stretch in (np.nan, 0.5, -1.0, np.inf)
     ],
-    *[(ClippedLQR, PRE_STRETCH, (2.0, p), "price: got") for p in (np.nan, -1.0, 0.0, np.inf)],
+    *[(ClippedLQR, PRE_STRETCH, (2.0, p), "weight: got") for p in (np.nan, -1.0, 0.0, np.inf)],
     *[(ClippedLQR, PRE_STRETCH, (s, 1.0), "stretch: got") for s in (np.nan, 0.5)],
     *[(OnOffStiffness, PRE_STRETCH, (s,), "stretch: got") for s in (np.nan, 0.2)],
     *[(Held, PRE_STRETCH, ("stretch", s), "stretch: got .* at most 3") for s in (np.nan, 9.0)],

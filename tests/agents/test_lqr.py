@@ -10,7 +10,7 @@ from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 LONG = CARRIAGE_FORCE.replace(
     **{"control.steps": 3000, "actuation.force.limit": 1000.0, "objective.effort_weight": 625.0}
 )
-"""The task without clipping: the same price of force in newtons, a limit out of reach, and time
+"""The task without clipping: the same weight of force in newtons, a limit out of reach, and time
 to settle."""
 
 LANES = 32

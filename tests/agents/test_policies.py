@@ -133,7 +133,7 @@ def test_evaluation_of_a_folder_with_bombs_runs_nothing(
     for content in contents.values():
         run.policy.write_bytes(content)
         monkeypatch.setattr("sys.argv", ["evaluate", str(run.folder)])
-        assert "not a policy that agents.train wrote" in (command.main() or "")
+        assert "not a policy that `train` wrote" in (command.main() or "")
     arguments = ["evaluate", str(run.folder), "--policy", str(run.folder / "archive.zip")]
     monkeypatch.setattr("sys.argv", arguments)
     assert "can run code that it carries; --trust opens it" in (command.main() or "")

@@ -171,7 +171,7 @@ def passive():
 STILL = Scene(**CAR, actuation=VALVE, objective=WEIGHTS, control={"time_step": 1e-5})
 """What the laws are designed for: a road at rest, a valve without lag, continuous time."""
 
-PRICE = FORCE_WEIGHT * CAR["carriage"]["stiffness"] ** 2
+WEIGHT = FORCE_WEIGHT * CAR["carriage"]["stiffness"] ** 2
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ PRICE = FORCE_WEIGHT * CAR["carriage"]["stiffness"] ** 2
         ("skyhook, on-off [P3]", lambda: Hook(STILL, "skyhook", "on-off"), (8.4, -12.0, -42.2)),
         (
             "clipped LQR [P3]",
-            lambda: ClippedOptimal(STILL, "continuous", PRICE),
+            lambda: ClippedOptimal(STILL, "continuous", WEIGHT),
             (18.4, 13.3, None),
         ),
     ],

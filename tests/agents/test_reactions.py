@@ -34,7 +34,7 @@ WIDE = {
     "objective.displacement_limit": None,
     "objective.rail_half_length": None,
 }
-"""The same price of the force in newtons, no limit in reach, and time to settle."""
+"""The same weight of the force in newtons, no limit in reach, and time to settle."""
 
 FREE = CARRIAGE_FORCE.replace(**WIDE, **WEIGHTS)
 BOUND = FREE.replace(**SPRINGS)

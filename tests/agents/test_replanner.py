@@ -1,4 +1,4 @@
-"""Does foresight change what it should, and nothing else?"""
+"""Does preview change what it should, and nothing else?"""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_without_excitation_there_is_nothing_to_foresee() -> None:
 
 
 @pytest.mark.parametrize("name", ["PreStretchNoise", "Hybrid"])
-def test_foresight_of_noise_is_worth_something_in_every_episode(name: str) -> None:
+def test_preview_of_noise_is_worth_something_in_every_episode(name: str) -> None:
     scene = TASKS[f"mm_gym/{name}-v0"].replace(**{"control.steps": 50})
     one, other = (evaluate(scene, Replanner(scene, foresees=f), episodes=4) for f in (True, False))
     assert np.all(one.penalties < other.penalties)

@@ -40,7 +40,7 @@ def evaluation(name: str, cost: float, rms: float, *, columns: int = 1) -> Evalu
 
 
 STILL = evaluation("still", 0.2, 0.1)
-"""The reference: moves more than the next, and costs less, as where force has a price."""
+"""The reference: moves more than the next, and costs less, as where force has a weight."""
 RESTLESS = evaluation("restless", 0.4, 0.05)
 BEST = evaluation("best", 0.1, 0.08)
 
@@ -83,7 +83,7 @@ def test_files_state_costs_first_and_ratios_of_costs(tmp_path) -> None:
 
 
 def test_a_comma_in_a_name_does_not_split_it(tmp_path) -> None:
-    law = evaluation("clipped LQR about 1.50, price 0.69", 0.2, 0.1)
+    law = evaluation("clipped LQR about 1.50, weight 0.69", 0.2, 0.1)
     write_scores([law], tmp_path / "scores.csv")
     assert rows_of(tmp_path / "scores.csv")[0]["controller"] == law.name
     write_episodes([law], tmp_path / "episodes.csv")

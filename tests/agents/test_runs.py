@@ -270,7 +270,7 @@ class TestNames:
         runs = sorted(path.name for path in (tmp_path / "runs").iterdir())
         names = ["show", "show-2", "show-2-evolved", "show-3", "show-3-evolved", "show-evolved"]
         assert runs == names
-        plan = "best known plan (knows the episode)"
+        plan = "clairvoyant optimum (best found)"
         assert [controller.name for controller in shown] == [plan, "evolved network"] * 3
         assert contents(tmp_path / "runs" / "show") == before
         record = json.loads((tmp_path / "runs" / "show-2" / "run.json").read_text())

@@ -150,7 +150,7 @@ def test_balance_refuses_a_damper_without_springs_beside_it():
 @pytest.mark.parametrize("of", OF)
 def test_clipped_optimal_follows_the_force_of_a_regulator(of):
     """The oracle discretises and solves by itself, with the damper taken out."""
-    scene, price = scene_of(of, **{"objective.stroke_weight": 0.1}), 0.02
+    scene, weight = scene_of(of, **{"objective.stroke_weight": 0.1}), 0.02
     m1, m2, k1, k2 = 0.1, 0.01, 400.0, 36.0
     d, c = (0.2, 0.0) if of == "interface" else (0.0, 0.1)
     a = np.zeros((4, 4))
@@ -163,7 +163,7 @@ def test_clipped_optimal_follows_the_force_of_a_regulator(of):
     x, s = 1.0 / 0.01**2, 0.1 / 0.02**2
     q = np.zeros((4, 4))
     q[:2, :2] = [[x + s, -s], [-s, s]]
-    r = np.array([[price / (400.0 * 0.01) ** 2]])
+    r = np.array([[weight / (400.0 * 0.01) ** 2]])
     # A step's cost is that of the state at its end: Q of the next state.
     cost = ad.T @ q @ ad, bd.T @ q @ bd + r, ad.T @ q @ bd
     p = solve_discrete_are(ad, bd, cost[0], cost[1], s=cost[2])
@@ -171,10 +171,10 @@ def test_clipped_optimal_follows_the_force_of_a_regulator(of):
     force = -STATES @ gain  # on the carriage
     velocity = STATES[:, 3] - STATES[:, 2] if of == "interface" else -STATES[:, 2]
     ratio = force / velocity
-    found = commanded(ClippedOptimal(scene, "continuous", price))
+    found = commanded(ClippedOptimal(scene, "continuous", weight))
     np.testing.assert_allclose(found, np.clip(ratio, LOW, HIGH), rtol=1e-9)
     assert ((ratio > LOW) & (ratio < HIGH)).sum() > 5
-    found = commanded(ClippedOptimal(scene, "on-off", price))
+    found = commanded(ClippedOptimal(scene, "on-off", weight))
     np.testing.assert_allclose(found, np.where(ratio > 0.0, HIGH, LOW), rtol=1e-13)
 
 
