@@ -153,7 +153,7 @@ def cost_estimate(sample: Sample, controller: int, resampled: Array) -> Estimate
     return Estimate(*(float(np.sqrt(max(value, 0.0))) for value in found))
 
 
-def shared_episodes(penalties: Array) -> Estimate:
+def shared_episodes(penalties: Array, reference: Array | None = None) -> Estimate:
     """Return the interquartile mean of the seeds' costs over all episodes and trainings.
 
     The interval is for seeds and episodes drawn anew. It adds the squares of two margins: that of
@@ -169,22 +169,28 @@ def shared_episodes(penalties: Array) -> Estimate:
     ----------
     penalties
         (seeds, episodes) as in `Evaluation`, of the same episodes.
+    reference
+        (episodes,) of one other controller, in the same episodes: the mean is then divided by its
+        cost, and what makes an episode expensive for both widens no interval.
     """
     seeds, episodes = penalties.shape
     costs = np.sqrt(penalties.mean(axis=1))
     cut = seeds // 4
     middle = np.argsort(costs)[cut : seeds - cut]
     value, kept = float(costs[middle].mean()), len(middle)
+    slopes = (penalties[middle] / (2.0 * costs[middle, None])).mean(axis=0) / value
+    ratio = value
+    if reference is not None:
+        slopes = slopes - reference / (2.0 * reference.mean())
+        ratio = value / float(np.sqrt(reference.mean()))
     if seeds == 1:
-        return Estimate(value, np.nan, np.nan)
+        return Estimate(ratio, np.nan, np.nan)
     winsorised = np.clip(costs, costs[middle].min(), costs[middle].max())
-    slopes = (penalties[middle] / (2.0 * costs[middle, None])).mean(axis=0)
     margin = np.hypot(
-        _margin(winsorised.std(ddof=1) * seeds / kept / np.sqrt(seeds), kept),
+        _margin(winsorised.std(ddof=1) * seeds / kept / np.sqrt(seeds) / value, kept),
         _margin(slopes.std(ddof=1) / np.sqrt(episodes), episodes),
     )
-    ratio = np.exp(margin / value)
-    return Estimate(value, float(value / ratio), float(value * ratio))
+    return Estimate(ratio, float(ratio / np.exp(margin)), float(ratio * np.exp(margin)))
 
 
 def _margin(error: float, count: int) -> float:

@@ -1,0 +1,81 @@
+"""Score what is final on the sealed episodes of this release, once.
+
+A thousand episodes a task, on which nothing was tuned, trained or chosen: classical and predictive
+control, and finished runs. Writes ``docs/sealed.md``. What was scored stays; a broken run goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from agents.errors import command, leave
+from agents.evaluation.contestants import agents_of
+from agents.evaluation.scores import SCORES
+from agents.evaluation.sealed import AGENT, EPISODES, Seal, fixed_and_classical
+from agents.report.sealed_page import PAGE, page
+from mm_gym import load_scene
+from mm_gym.files import write_text
+from mm_gym.tasks import ids, path_of, task_called
+
+DATA = SCORES.with_name("sealed_scores.json")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to score."""
+
+    tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """names as Hybrid; by default those of the runs, or all of mm_gym"""
+    runs: tuple[str, ...] = ()
+    """folders of finished runs, or patterns of folders in quotes: the seeds of one training each"""
+    folder: Path = Path("runs/sealed")
+    """where the penalties are kept, a file a task"""
+    episodes: int = EPISODES
+    """of each task; other than by default, nothing is written to the page"""
+
+
+@command
+def main() -> None:
+    """Score from the command line."""
+    arguments, release = tyro.cli(Arguments, description=__doc__), version("mm-gym")
+    agents = {text: agents_of((text,)) for text in arguments.runs}
+    named = arguments.tasks or [task for found in agents.values() for task in found] or ids()
+    done = {}
+    for task in dict.fromkeys(map(task_called, named)):
+        scene = load_scene(task)
+        seal = Seal(
+            arguments.folder / f"{path_of(task).stem}.safetensors",
+            *(scene, release, arguments.episodes),
+        )
+        trained = [
+            (Path(text).name.replace("*", "").strip("-_."), AGENT, found[task])
+            for text, found in agents.items()
+            if task in found
+        ]
+        others = [(one.name, role, [one]) for role, one in fixed_and_classical(scene)]
+        for name, role, controllers in [*others, *trained]:
+            if name not in seal.scored:
+                began = time.perf_counter()
+                seal.score(name, role, controllers)
+                spent = time.perf_counter() - began
+                print(f"{task}: {name}: {seal.scored[name].cost:.4f}, in {spent:.0f} s")
+        done[task] = seal.summary()
+    if arguments.episodes == EPISODES:
+        known = json.loads(DATA.read_text()) if DATA.exists() else {}
+        same = known if known.get("release") == release else {"tasks": {}}
+        tasks = same["tasks"] | done
+        data = {"release": release, "tasks": {task: tasks[task] for task in ids() if task in tasks}}
+        write_text(DATA, json.dumps(data, indent=1) + "\n")
+        write_text(PAGE, page(data))
+        print(f"written: {PAGE}")
+
+
+if __name__ == "__main__":
+    leave(main())

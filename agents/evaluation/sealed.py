@@ -1,0 +1,186 @@
+"""Sealed episodes: those of a release, on which nothing was tuned, trained or chosen."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agents.controllers.constant import best_constant
+from agents.evaluation.aggregates import shared_episodes
+from agents.evaluation.headroom import controllers_of, interval
+from agents.network.files import content_of, read_content
+from agents.scoring import VALIDATION_SEED, evaluate
+from mm_gym import DesignError, SceneError
+from mm_gym.files import read_bytes, write_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+    Row = dict[str, Any]
+
+EPISODES = 1_000
+"""Of a task and a release."""
+
+SEALED = 1 << 62
+"""The bit that the seeds of sealed episodes have; those of all other episodes do not."""
+
+AGENT = "agent"
+"""Role of what was trained."""
+
+CLASSICAL = ("law", "predictive")
+"""Roles of controllers that an agent is compared with."""
+
+LARGEST = 2**28
+"""Size of a file of penalties [bytes]."""
+
+
+def first_seed(release: str) -> int:
+    """Return the seed of the first sealed episode of a release; the others count up from it.
+
+    It follows from the release's name by SHA-256, so that nobody chooses it, and nobody draws these
+    episodes before the release has its name.
+    """
+    drawn = int.from_bytes(hashlib.sha256(f"mm_gym {release}".encode()).digest()[:4], "big")
+    return SEALED | drawn << 24
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """What was scored on a task.
+
+    Attributes
+    ----------
+    name, role
+        Of the controller, or of several trainings of one kind.
+    penalties
+        (seeds, episodes) as in `agents.scoring.Evaluation`, of the same episodes.
+    """
+
+    name: str
+    role: str
+    penalties: NDArray[np.float64]
+
+    @property
+    def cost(self) -> float:
+        """The interquartile mean of the seeds' costs [-]."""
+        return shared_episodes(self.penalties).value
+
+    def row(self) -> Row:
+        """Return the row of the table: the cost with its 95 % interval, and its worst seed.
+
+        The interval is for other episodes, and of several seeds for other seeds too; one seed says
+        nothing of others.
+        """
+        found = shared_episodes(self.penalties)
+        ends = found[1:] if len(self.penalties) > 1 else interval(self.penalties[0])
+        costs = np.sqrt(self.penalties.mean(axis=1))
+        return {"controller": self.name, "role": self.role, "seeds": len(self.penalties)} | {
+            name: float(f"{value:.6g}")
+            for name, value in zip(
+                ("cost", "low", "high", "worst"), (found.value, *ends, costs.max()), strict=True
+            )
+        }
+
+    def over(self, other: Scored) -> Row:
+        """Return the ratio of the costs of this and another controller, with its 95 % interval."""
+        found = shared_episodes(self.penalties, other.penalties[0])
+        return {"agent": self.name, "over": other.name} | {
+            name: float(f"{value:.6g}")
+            for name, value in found._asdict().items()
+            if np.isfinite(value)
+        }
+
+
+class Seal:
+    """The penalties on a task's sealed episodes, in a file that is written after each controller.
+
+    What is in the file is not scored again: sealed episodes are scored once.
+
+    Parameters
+    ----------
+    file
+        Where they are kept.
+    scene
+        The task's scene.
+    release
+        The version whose episodes they are.
+    episodes
+        How many.
+
+    Raises
+    ------
+    SceneError
+        If the file is damaged, or of other episodes.
+    """
+
+    def __init__(self, file: Path, scene: Scene, release: str, episodes: int = EPISODES) -> None:
+        self.file, self.scene, self.seed = file, scene, first_seed(release)
+        self._is_of = {"scene": scene.digest, "release": release, "episodes": episodes}
+        self.episodes = episodes
+        self.scored = self._read() if os.path.lexists(file) else {}
+
+    def _read(self) -> dict[str, Scored]:
+        try:
+            told, arrays = read_content(read_bytes(self.file, most=LARGEST))
+            roles = told.pop("roles")
+            found = {name: Scored(name, roles[name], array) for name, array in arrays.items()}
+            shapes = {one.penalties.shape[1:] for one in found.values()}
+        except (ValueError, KeyError, TypeError) as error:
+            msg = f"{self.file}: not a file of sealed penalties: {error}"
+            raise SceneError(msg) from None
+        if told != self._is_of or shapes != {(self.episodes,)}:
+            msg = f"{self.file}: got {json.dumps(told)}; allowed: {json.dumps(self._is_of)}"
+            raise SceneError(msg)
+        return found
+
+    def score(self, name: str, role: str, controllers: Sequence[Controller]) -> None:
+        """Score controllers, one or a training's seeds, and write the file."""
+        found = [
+            evaluate(self.scene, one, seed=self.seed, episodes=self.episodes).penalties
+            for one in controllers
+        ]
+        self.scored[name] = Scored(name, role, np.array(found))
+        roles = {one.name: one.role for one in self.scored.values()}
+        arrays = {one.name: one.penalties for one in self.scored.values()}
+        write_bytes(self.file, content_of(self._is_of | {"roles": roles}, arrays))
+
+    def of(self, *roles: str) -> list[Scored]:
+        """Return what has one of some roles, the least cost first."""
+        found = (one for one in self.scored.values() if one.role in roles)
+        return sorted(found, key=lambda one: one.cost)
+
+    def summary(self) -> Row:
+        """Return the rows, least cost first, and how agents compare with the best of the others.
+
+        Both are the best on these very episodes, the agent and the controller alike.
+        """
+        rows = [one.row() for one in self.of(*{one.role for one in self.scored.values()})]
+        compared = [
+            agent.over(other) for agent in self.of(AGENT)[:1] for other in self.of(*CLASSICAL)[:1]
+        ]
+        return {"scene_digest": self.scene.digest, "rows": rows, "compared": compared}
+
+
+def fixed_and_classical(scene: Scene) -> Iterator[tuple[str, Controller]]:
+    """Yield what an agent is compared with, each behind its role.
+
+    The best constant is that of the validation episodes, as all that is tuned.
+    """
+    for role, controller in controllers_of(scene):
+        if role in {"zero", *CLASSICAL}:
+            yield role, controller
+    try:
+        yield "constant", best_constant(scene, VALIDATION_SEED)
+    except DesignError:
+        return
