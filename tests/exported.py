@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.exports.controllers import residual
 from agents.network.c_source import c_source
-from agents.network.layers import GRU, Beside, Clip, Dense
+from agents.network.layers import GRU, Append, Clip, Dense
 from agents.network.onnx import onnx_bytes
 from agents.policies import Policy, network
 
@@ -69,7 +69,7 @@ POLICIES["residual recurrent"] = residual(recurrent(3, 7, 8, 2), drawn(4, (2, 6)
 def gated(seed, observed, units, actions):
     arrays = drawn(seed, (3 * units, observed), (3 * units, units), (4 * units,))
     dense, ends = drawn(seed, (actions, observed + units), (actions,)), np.ones(actions, np.float32)
-    return Policy((Beside((GRU(*arrays),)), Dense(*dense), Clip(-ends, ends)), observed)
+    return Policy((Append((GRU(*arrays),)), Dense(*dense), Clip(-ends, ends)), observed)
 
 
 POLICIES["gated"] = gated(5, 6, 8, 2)

@@ -68,7 +68,7 @@ class Arguments:
     robustness: bool = False
     """compare also under other masses, stiffnesses and dampings, noise and delay"""
     records: tuple[Path, ...] = ()
-    """recorded motions that take the place of the excitation, besides"""
+    """also with recorded motions in the place of the excitation"""
     unit: str | None = None
     """of the values of --records, as g or cm/s^2; by default g for AT2 files, else m/s^2 or N"""
     frequency: bool = False
@@ -115,7 +115,7 @@ def report_run(
     *,
     policy: AnyPolicy | None = None,
     name: str = "learned",
-    beside: Sequence[Controller] = (),
+    others: Sequence[Controller] = (),
     trust: bool = False,
     reward: str | None = None,
     folder: Path | None = None,
@@ -140,7 +140,7 @@ def report_run(
         settings = {name: value for name, value in settings.items() if name != "reward"}
     parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
     learned = parts.controller(policy or load_policy(run.policy), name)
-    return report([*beside, learned], parts.scene, episodes, folder or run.folder)
+    return report([*others, learned], parts.scene, episodes, folder or run.folder)
 
 
 def report(

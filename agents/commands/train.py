@@ -32,7 +32,7 @@ def main() -> None:
 
 def train_and_report(
     settings: TrainSettings,
-    beside: Sequence[Controller] = (),
+    others: Sequence[Controller] = (),
     *,
     episodes: int = SINGLE,
     name: str = "learned",
@@ -47,7 +47,7 @@ def train_and_report(
     run = Run(settings.name)
     with run.advised():
         train(settings, run)
-        report_run(run, episodes, name=name, beside=beside, trust=True)
+        report_run(run, episodes, name=name, others=others, trust=True)
     print(*notes_of(run), sep="\n", end="\n" if notes_of(run) else "")
 
 

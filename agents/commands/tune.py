@@ -3,7 +3,7 @@
 For example ``python -m agents tune PreStretch --trials 50 --steps 500000 --name tuned``. All flags
 of ``python -m agents train`` say what every trial has in common.
 
-The study is ``runs/NAME/study.db``, and each trial's training a run folder beside it; ``best.toml``
+The study is ``runs/NAME/study.db``, and each trial's run folder is next to it; ``best.toml``
 there is the best so far, a file like those of ``configs/agents``. The same command goes on after a
 kill or Ctrl-C, from the checkpoint of the trial that was running; more processes of it share the
 trials.
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 OVER = (TrialState.COMPLETE, TrialState.PRUNED)
 
-# `main` says what ended a trial; Optuna would log it with its traceback besides.
+# `main` says what ended a trial; Optuna would also log it with its traceback.
 logging.getLogger("optuna.study._optimize").addFilter(lambda line: line.levelno < logging.WARNING)
 
 
@@ -79,7 +79,7 @@ def shortened(folder: Path) -> list[str]:
 
 
 def _in_one_line(error: BaseException) -> str:
-    """Return what SQLite said, where it is the cause; its messages have the statement besides."""
+    """Return what SQLite said, where it is the cause; its messages also have the statement."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, SQLAlchemyError):
         cause = cause.__cause__

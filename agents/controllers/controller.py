@@ -30,7 +30,7 @@ Observation: TypeAlias = NDArray[np.float32]
 Info: TypeAlias = dict[str, Any]
 
 Reads: TypeAlias = Literal["observation", "full state", "episode"]
-"""What a controller may read: what an agent sees; the true state besides; also what was drawn."""
+"""What a controller may read: what an agent sees; also the true state; also what was drawn."""
 
 
 class Controller(ABC):

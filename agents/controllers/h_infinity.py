@@ -80,7 +80,7 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
 
     The costs are the terms of the scene's reward, of which each has the root of its weight. The
     disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
-    if all of the scene's excitation moves the ground; beside it each sensor has noise.
+    if all of the scene's excitation moves the ground; in addition each sensor has noise.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Laws on late and noisy sensors, beside the same laws on the true state."""
+"""Controllers on late and noisy sensors, and the same ones on the true state."""
 
 from __future__ import annotations
 

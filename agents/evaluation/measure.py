@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Studies:
-    """What is measured besides the cost.
+    """What is measured in addition to the cost.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ class Effort:
     Attributes
     ----------
     random
-        Random plans to start from, besides the given ones and no control at all.
+        Random plans to start from, in addition to the given ones and no control at all.
     kept, first, second
         The starts of which each episode keeps the best so many, after a first number of steps of
         Gauss and Newton; they go on for a second number.

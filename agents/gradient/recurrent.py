@@ -13,7 +13,7 @@ import torch
 
 from agents.gradient.episodes import MOST
 from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
-from agents.network.layers import GRU, UNIT, Activation, Beside, Clip, Correlation, Dense, Skip
+from agents.network.layers import GRU, UNIT, Activation, Append, Clip, Correlation, Dense, Skip
 from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import part_of
@@ -55,7 +55,7 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
     ends = np.ones(k, np.float32)
     units = Correlation(start.pairs.astype(np.float32), start.units.astype(np.float32))
     skip = Skip(hidden, np.pad(direct, ((0, 0), (0, h))))
-    return Policy((units, Beside((cell,)), skip, Clip(-ends, ends)), n)
+    return Policy((units, Append((cell,)), skip, Clip(-ends, ends)), n)
 
 
 class RecurrentDescent(Search):

@@ -26,7 +26,7 @@ class GradientSettings(SearchSettings):
     hidden: Count = 32
     """units of the hidden layer"""
     oscillators: Annotated[int, Field(ge=0)] = 4
-    """of the linear memory, two states each, beside those that foretell a random force"""
+    """of the linear memory, two states each, in addition to those that foretell a random force"""
     cell: Annotated[int, Field(ge=0)] = 0
     """units of a recurrent cell (GRU) in the place of the linear memory, trained by torch; 0 for
     none"""

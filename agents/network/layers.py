@@ -361,10 +361,10 @@ class Skip(_Around):
 
 
 @dataclass(frozen=True, eq=False)
-class Beside(_Around):
+class Append(_Around):
     """Append what inner layers make of the values to them."""
 
-    kind: ClassVar[str] = "beside"
+    kind: ClassVar[str] = "append"
 
     def outputs(self, inputs: int) -> int:
         return inputs + outputs_of(self.layers, inputs)
@@ -415,7 +415,7 @@ KINDS: dict[str, type[Layer]] = {
         Clip,
         Regulator,
         Skip,
-        Beside,
+        Append,
         Residual,
     )
 }

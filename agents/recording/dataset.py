@@ -1,7 +1,7 @@
 """Minari datasets, written whole or not at all.
 
 A dataset is a folder, ``<namespace>/<name>-v<version>``, below ``~/.minari/datasets`` or what
-``MINARI_DATASETS_PATH`` says. It is written in a hidden folder beside the namespaces, which Minari
+``MINARI_DATASETS_PATH`` says. It is written in a hidden folder next to the namespaces, which Minari
 does not list, and renamed.
 """
 
@@ -113,7 +113,7 @@ def write(
     root, target = get_dataset_path().absolute(), get_dataset_path(dataset_id).absolute()
     try:
         _make_namespace(dataset_id)
-        # Beside the target: a rename cannot move from one file system to another.
+        # Next to the target: a rename cannot move from one file system to another.
         with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder:
             whole = Path(folder, "dataset")
             data = whole / "data"

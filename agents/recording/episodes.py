@@ -95,7 +95,7 @@ def play(
     task
         A registered id.
     arguments
-        Keyword arguments of the environment besides.
+        Further keyword arguments of the environment.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def _lanes(model: BaseAlgorithm) -> TrainingLanes:
 
 
 def _networks(model: BaseAlgorithm) -> dict[str, Arrays]:
-    """Return the parameters of networks and optimisers, and tensors that are learned besides."""
+    """Return the parameters of networks and optimisers, and other tensors that are learned."""
     named, tensors = model._get_torch_save_params()  # noqa: SLF001
     parts: dict[str, Arrays] = {}
     for name in named:

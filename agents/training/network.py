@@ -22,7 +22,7 @@ all of which are of order one."""
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Correlation units, direct weights and one hidden layer, beside a linear memory that is given.
+    """Correlation units, direct weights and one hidden layer, next to a given linear memory.
 
     The vector holds the pairs (r, 2, n + m), then for each action its bias and direct weights (1 +
     n + m + r), then for each hidden unit its bias, weights and parts in the actions (1 + n + m + r

@@ -227,7 +227,7 @@ class Run:
         """Begin the run, or continue one of the same settings.
 
         A run that is given more steps, generations or time goes on: its policy so far is kept
-        beside, under a name with the steps or generations. Raise `RunError` if the folder holds a
+        too, under a name with the steps or generations. Raise `RunError` if the folder holds a
         run of other settings or another scene.
         """
         other = self._differences(settings)

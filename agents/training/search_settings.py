@@ -33,6 +33,6 @@ class SearchSettings(TimedSettings):
     hidden: Count = 8
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0
-    """correlation units beside those of the law, drawn at random"""
+    """correlation units in addition to those of the controller, drawn at random"""
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
     """states of a linear memory that foretells a random force, where two frames show it"""

@@ -99,7 +99,7 @@ class TablePolicy:
 
 ARRAYS = ("stretches", "squares", "moves", "cost", "reads")
 NUMBERS = ("travel", "is_rate")
-"""What a file holds besides the table: as arrays, and in its JSON text."""
+"""What a file holds other than the table: as arrays, and in its JSON text."""
 
 
 def is_table(arrays: Arrays) -> bool:

@@ -113,10 +113,10 @@ class Sensitivities:
             self._models, self._advance, tail = [model], by_transition, 1
         else:
             self._advance, width = _kernel(support, causes, by_tangents=by_tangents)
-            beside = self._beside = max(width - states, 1)
+            at_once = self._at_once = max(width - states, 1)
             self._models = [
-                model_of(support, causes[first : first + beside], self.rows, width)
-                for first in range(0, max(len(causes), 1), beside)
+                model_of(support, causes[first : first + at_once], self.rows, width)
+                for first in range(0, max(len(causes), 1), at_once)
             ]
             tail = own.TANGENTS + states * width
         self._rows = rows_of(self.rows + tail, self.count, np.float64)
@@ -186,7 +186,7 @@ class Sensitivities:
         for model in self._models:
             self._rows[:], self.streams[:] = start, streams
             status = max(status, self._move(model, flat))
-            last = min(first + self._beside, found.shape[1])
+            last = min(first + self._at_once, found.shape[1])
             found[:, first:last] = self._columns[:, states:][:, : last - first]
             first = last
         found[:, :states] = self._columns[:, :states]

@@ -16,7 +16,7 @@ from agents import export as command
 from agents.network.c_source import c_source
 from agents.network.graph import Graph
 from agents.network.interface import Interface
-from agents.network.layers import GRU, KINDS, LSTM, Beside, Clip, Dense, Layer
+from agents.network.layers import GRU, KINDS, LSTM, Append, Clip, Dense, Layer
 from agents.network.module import Module
 from agents.policies import Deployed, Policy, PolicyError, load_deployed, load_policy
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
@@ -94,7 +94,7 @@ def test_a_new_layer_is_written_once(tmp_path, monkeypatch):
     inner = Leaky(rng.uniform(0.1, 0.9, 3).astype(np.float32))
     dense = Dense(rng.normal(size=(2, 6)).astype(np.float32), np.zeros(2, np.float32))
     bounds = -np.ones(2, np.float32), np.ones(2, np.float32)
-    policy = Policy((Beside((inner,)), dense, Clip(*bounds)), 3)
+    policy = Policy((Append((inner,)), dense, Clip(*bounds)), 3)
     policy.save(tmp_path / "policy.safetensors")
     policy = load_policy(tmp_path / "policy.safetensors")
     episodes = episodes_for(policy)[:5, :30]

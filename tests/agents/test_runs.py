@@ -257,7 +257,8 @@ class TestNames:
         file.write_text('name = "show"\nsteps = 200\n')
         monkeypatch.setattr(demo, "SETTINGS", file)
         shown = []
-        monkeypatch.setattr(command, "report_run", lambda *_, beside, **__: shown.extend(beside))
+        monkeypatch.setattr("sys.argv", ["demo"])
+        monkeypatch.setattr(command, "report_run", lambda *_, others, **__: shown.extend(others))
         monkeypatch.setattr(demo, "GENERATIONS", 1)
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(
