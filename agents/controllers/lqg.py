@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import control
@@ -37,6 +37,9 @@ noise has no digits left."""
 
 SETTLED = 1e-10
 """Relative change of the filter's gain in a step below which it is the stationary one."""
+
+ROUND_OFF = 1e-12
+"""Of a pole: a mode without decay that the force does not reach has one this near to 1."""
 
 MOST_NUMBERS = 500_000
 """Numbers of gains that are kept for an episode's start."""
@@ -73,7 +76,13 @@ class LQGDesign:
     cost: float
 
 
-def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1e-3) -> LQGDesign:
+def design_lqg(
+    scene: Scene,
+    stretch: float | None = None,
+    unmodelled: float = 1e-3,
+    *,
+    wandering: bool = False,
+) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
 
     Parameters
@@ -85,6 +94,9 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     unmodelled
         Standard deviation of what else disturbs each displacement and velocity in a step, over the
         objective's scales: it keeps the filter awake.
+    wandering
+        Whether the phase of a harmonic wanders within an episode, and faster where its frequency is
+        drawn. No force stills a harmonic for ever, so neither equation has a solution without.
 
     Raises
     ------
@@ -98,6 +110,8 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     channels = tuple(channel for channel in plant.channels if channel != "stretch")
     at = None if stretch is None else {"initial.stretch": stretch}
     system = plant.state_space(["force"], channels, sampled=True, at=at)
+    if wandering:
+        system = _with_wandering_phases(scene, system)
     regulated, gain, riccati, curvature = regulator(plant, scene, at, system)
     noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
     shown = [channel for channel in plant.observed if channel.name in channels]
@@ -105,7 +119,8 @@ def design_lqg(scene: Scene, stretch: float | None = None, unmodelled: float = 1
     sensors = system.sensor_noise + np.diag(floor)
     units = state_units(scene, plant, system), np.array([1.0 / channel.factor for channel in shown])
     start = _initial(scene, system)
-    filters, error = _filter(system, noise, sensors, start, units=units, steps=scene.control.steps)
+    covariances, steps = (noise, sensors, start), scene.control.steps
+    filters, error = _filter(system, gain != 0.0, covariances, units=units, steps=steps)
     rows = np.ix_(regulated, regulated)
     own = gain[list(regulated)]
     cost = float(np.sum(riccati * system.process_noise[rows]))
@@ -137,20 +152,26 @@ def regulator(
     own, rows = whole.of(regulated), np.ix_(regulated, regulated)
     a, b = system.A[rows], system.B[list(regulated)]
     stage = own.ahead(a, b) if own.cross.any() else own
+    x, limit = state_units(scene, plant, system)[list(regulated)], Command(scene, "force").high
+    scaled = Quadratic(
+        stage.state * np.outer(x, x), stage.cross * x[:, None] * limit, stage.force * limit**2
+    )
     try:
-        found, riccati, poles = control.dlqr(a, b, *stage.weights, method="scipy")
+        found, riccati, poles = control.dlqr(
+            a * x / x[:, None], b * limit / x[:, None], *scaled.weights, method="scipy"
+        )
     except (np.linalg.LinAlgError, control.ControlArgument) as error:
         msg = f"the regulator's Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
-    if not np.abs(poles).max() < 1.0:
+    if not np.abs(poles).max() < 1.0 - ROUND_OFF:
         msg = (
             "the regulator has no stabilising solution: the force does not reach a motion that "
             f"the cost shows and that does not decay ({np.abs(poles).max():.9f} in a step)"
         )
         raise DesignError(msg)
     gain = np.zeros(len(every))
-    gain[list(regulated)] = np.asarray(found)[0]
-    riccati = np.asarray(riccati)
+    gain[list(regulated)] = np.asarray(found)[0] * limit / x
+    riccati = np.asarray(riccati) / np.outer(x, x)
     curvature = (stage.force + b.T @ riccati @ b).item()
     if stage is not own:
         riccati = riccati + own.state
@@ -180,6 +201,19 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     if not weight[:-1, :-1].any():
         state_weight(scene)  # tells which weights there are
     return weight
+
+
+def _with_wandering_phases(scene: Scene, system: LinearSystem) -> LinearSystem:
+    """Return a system whose harmonics are noise of their amplitude in a narrow band."""
+    a, noise, control = system.A.copy(), system.process_noise.copy(), scene.control
+    for k, signal in enumerate(system.states):
+        if signal.name.endswith((".cosine", ".sine")):
+            name = f"{signal.name.rpartition('.')[0]}.frequency"
+            low, high = scene.randomization.get(name, (0.0, 0.0))
+            kept = np.exp(-0.5 * (high - low) * control.time_step - 1.0 / control.steps)
+            a[k] *= kept
+            noise[k, k] += 0.5 * (1.0 - kept**2)
+    return replace(system, A=a, process_noise=noise)
 
 
 def _unmodelled(scene: Scene, part: float, size: int) -> Array:
@@ -243,18 +277,26 @@ def state_units(scene: Scene, plant: Plant, system: LinearSystem) -> Array:
 
 def _filter(
     system: LinearSystem,
-    noise: Array,
-    sensors: Array,
-    covariance: Array,
+    regulated: NDArray[np.bool_],
+    covariances: tuple[Array, Array, Array],
     *,
     units: tuple[Array, Array],
     steps: int,
 ) -> tuple[Array, Array]:
-    """Return the filter's gains in an episode's first steps, and the stationary error."""
+    """Return the filter's gains in an episode's first steps, and the stationary error.
+
+    States that neither an output nor a motion in the cost depends on, as those of a sphere without
+    interface and springs, are not estimated.
+    """
     x, y = units
-    a, c = system.A * x / x[:, None], system.C * x / y[:, None]
-    noise, covariance = noise / np.outer(x, x), covariance / np.outer(x, x)
-    sensors = sensors / np.outer(y, y)
+    outer, sensors = np.outer(x, x), covariances[1] / np.outer(y, y)
+    needed = regulated | (system.C != 0.0).any(axis=0)
+    for _ in needed:
+        needed = needed | (system.A[needed] != 0.0).any(axis=0)
+    kept = np.flatnonzero(needed)
+    rows = np.ix_(kept, kept)
+    a, c = (system.A * x / x[:, None])[rows], (system.C * x / y[:, None])[:, kept]
+    noise, covariance = (covariances[k][rows] / outer[rows] for k in (0, 2))
     require_detectable(a, c)
     try:
         _, stationary, poles = control.dlqe(a, np.eye(len(a)), c, noise, sensors, method="scipy")
@@ -278,7 +320,9 @@ def _filter(
         covariance = a @ after @ a.T + noise
         if np.abs(gain - last).max() <= SETTLED * np.abs(last).max():
             break
-    return np.array([*gains, last]) * x[:, None] / y, error * np.outer(x, x)
+    filters, spread = np.zeros((len(gains) + 1, len(x), len(y))), np.zeros_like(outer)
+    filters[:, kept], spread[rows] = [*gains, last], error
+    return filters * x[:, None] / y, spread * outer
 
 
 def require_detectable(a: Array, c: Array) -> None:

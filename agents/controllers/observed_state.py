@@ -211,22 +211,35 @@ class ObservedState(ObservedActuators):
             raise DesignError(msg)
         # In units of the scales, in which the Riccati equation is well conditioned.
         units = state_scales(self.scene)
-        c = self.c * units / self.unit[:, None]
-        disturbance = covariance(self.scene) / np.outer(units, units)
+        kept = self._coupled()
+        units, rows = units[kept], np.ix_(kept, kept)
+        c = self.c[:, kept] * units / self.unit[:, None]
+        disturbance = covariance(self.scene)[rows] / np.outer(units, units)
         noise = np.diag((self.noise / self.unit) ** 2)
         gains: list[Values] = []
         self.spreads: list[Values] = []  # covariances of the estimate at the newest frame
         for stretch in self.grid:
-            a = plant.discrete(stretch)[0] * units / units[:, None]
+            a = plant.discrete(stretch)[0][rows] * units / units[:, None]
             try:
-                _, p, _ = control.dlqe(a, np.eye(4), c, disturbance, noise, method="scipy")
+                _, p, _ = control.dlqe(a, np.eye(len(a)), c, disturbance, noise, method="scipy")
             except (np.linalg.LinAlgError, control.ControlArgument, ValueError) as error:
                 msg = f"sensors.channels: the state cannot be estimated from {names}: {error}"
                 raise DesignError(msg) from error
             gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + noise)
-            gains.append(gain * units[:, None] / self.unit)
-            self.spreads.append((np.eye(4) - gain @ c) @ p * np.outer(units, units))
+            whole, spread = np.zeros((4, len(self.unit))), np.zeros((4, 4))
+            whole[kept] = gain * units[:, None] / self.unit
+            spread[rows] = (np.eye(len(a)) - gain @ c) @ p * np.outer(units, units)
+            gains.append(whole)
+            self.spreads.append(spread)
         return np.stack(gains)
+
+    def _coupled(self) -> list[int]:
+        """Return the states to estimate: an unseen sphere that nothing couples is none of them."""
+        scene = self.scene
+        free = scene.interface.kind == "none" and scene.springs.kind == "none"
+        if free and not scene.actuation.is_between and not self.c[:, [1, 3]].any():
+            return [0, 2]
+        return [0, 1, 2, 3]
 
 
 def missed_covariance(scene: Scene) -> Values:

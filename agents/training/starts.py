@@ -321,7 +321,8 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
         msg = "law: 'lqg' pushes, and tunes no springs; actuation.stretch is there"
         raise DesignError(msg)
     weight = caution * scene.objective.effort_weight
-    design = design_lqg(scene.replace(**{"objective.effort_weight": weight}), unmodelled=unmodelled)
+    cautious = scene.replace(**{"objective.effort_weight": weight})
+    design = design_lqg(cautious, unmodelled=unmodelled, wandering=True)
     system, limit = design.system, force.limit
     if len(system.A) > MOST_STATES:
         msg = f"law: 'lqg' has {len(system.A)} states here; allowed: at most {MOST_STATES}"

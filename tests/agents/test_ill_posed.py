@@ -34,6 +34,9 @@ NOTHING = CARRIAGE_FORCE.replace(
 DRIFTING = CARRIAGE_FORCE.replace(**{"objective.stroke_weight": 1.0})
 MASSLESS = CARRIAGE_FORCE.replace(**{"carriage.mass": 0.0})
 BLIND = CARRIAGE_FORCE.replace(**{"sensors.channels": ["carriage_velocity"]})
+BLIND_TO_STROKE = BLIND.replace(
+    **{"objective.stroke_weight": 1.0, "actuation.force.between": "masses"}
+)
 UNSEEN = PRE_STRETCH.replace(**{"sensors.channels": ["stretch"], "sensors.history": 1})
 OFFSET = CARRIAGE_FORCE.replace(**{"sensors.channels": ["sphere_offset"]})
 LONG = CARRIAGE_FORCE.replace(**{"control.steps": 10**9})
@@ -65,7 +68,7 @@ CASES = [
     (LQR, DRIFTING, (), "not stabilisable"),
     (LQG, DRIFTING, (), "no stabilising solution"),
     (LQG, CARRIAGE_FORCE_FRICTION, (), "no stabilising solution"),
-    (LQG, BLIND, (), "not detectable"),
+    (LQG, BLIND_TO_STROKE, (), "not detectable"),
     (LQG, UNDAMPED, (), "no stabilising solution"),
     (HInfinity, OFFSET, (), r"sensors\.channels: .* of the carriage"),
     (ObservedState, UNSEEN, (), r"sensors\.channels: the state cannot be estimated"),

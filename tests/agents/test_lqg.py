@@ -108,7 +108,13 @@ def test_baselines_have_an_lqg_where_one_can_be_designed():
             r"command: got 'rate'",
         ),
         (
-            CARRIAGE_FORCE.replace(**{"sensors.channels": ["carriage_velocity"]}),
+            CARRIAGE_FORCE.replace(
+                **{
+                    "sensors.channels": ["carriage_velocity"],
+                    "objective.stroke_weight": 1.0,
+                    "actuation.force.between": "masses",
+                }
+            ),
             "not detectable",
         ),
         (CARRIAGE_FORCE_FRICTION, "no stabilising solution"),
