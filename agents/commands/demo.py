@@ -1,7 +1,7 @@
 """Evolve a network in seconds, train PPO, plan, and report all with the controllers.
 
 ``make demo`` runs it. All control the adaptive absorber, on the same hundred held-out episodes as
-in docs/tasks.md, within three minutes.
+in docs/tasks.md, within three minutes. It ends in a web page of all, ``runs/NAME/report.html``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 import tyro
 
 from agents.commands._search import search_and_score
+from agents.commands.report import write_report
 from agents.commands.train import train_and_report
 from agents.controllers.learned import Learned
 from agents.errors import command, leave
@@ -50,6 +51,8 @@ def demo() -> None:
     network = Learned(load_policy(Run(evolved.name).policy), "evolved network")
     planner = Planner(trained.load_scene(), {}, EFFORT)
     train_and_report(trained, [planner, network], episodes=EPISODES, name="PPO")
+    folders = [str(Run(name).folder) for name in (evolved.name, trained.name)]
+    write_report(folders, Run(trained.name).folder / "report.html")
 
 
 if __name__ == "__main__":

@@ -55,6 +55,11 @@ class Row:
         s = (J_constant - J) / (J_constant - J_best found) [-], or None where no best is known.
     worst, tail
         The largest cost of an episode, and that of the worst tenth of them (CVaR) [-].
+    change
+        Cost over that of the task's reference in the same episodes, less 1 [-]; negative is better.
+        None for the reference itself, see `TaskResult.compared`, and where it may cost nothing.
+    won
+        Fraction of the episodes that cost less than with the reference [-].
     """
 
     label: str
@@ -64,6 +69,8 @@ class Row:
     score: Estimate | None
     worst: float
     tail: float
+    change: Estimate | None
+    won: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +179,7 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
             trained=trained,
             episodes=own.shape[1],
         )
+    other = sample.penalties[result.compared]
     return Row(
         label=result.labels[k],
         reads=result.reads[k],
@@ -180,6 +188,24 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
         score=score,
         worst=float(np.sqrt(own.max())),
         tail=float(np.sqrt(tail_mean(own))),
+        change=_change(result, k, drawn),
+        won=float((own < other).mean()),
+    )
+
+
+def _change(result: TaskResult, k: int, drawn: Array) -> Estimate | None:
+    """Return how a controller's cost differs from that of the reference in the same episodes."""
+    sample, reference = result.sample, result.compared
+    if k == reference or not drawn[reference].all():
+        return None
+    own, other = (sample.penalties[index].mean(axis=1) for index in (k, reference))
+    return estimate(
+        float(np.sqrt(own.mean() / other.mean())) - 1.0,
+        np.sqrt(drawn[k].mean(axis=1) / drawn[reference].mean(axis=1)) - 1.0,
+        np.sqrt(own / other)[None],
+        np.sqrt(drawn[k] / drawn[reference])[:, None],
+        trained=bool(sample.trained[k]),
+        episodes=sample.penalties.shape[2],
     )
 
 

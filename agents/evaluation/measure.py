@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from agents.controllers.constant import best_constant
 from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.contestants import Entry
+from agents.evaluation.motions import motions
 from agents.evaluation.studies import closed_loops, efforts, outcomes
 from agents.scoring import validation_cost
 from mm_gym import DesignError
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from agents.controllers.controller import Reads
     from agents.evaluation.contestants import Episodes, Field
+    from agents.evaluation.motions import Motions
     from agents.evaluation.studies import ClosedLoop, Effort, Outcome, Records
     from mm_gym import Scene
 
@@ -41,12 +43,16 @@ class Studies:
         Whether the closed loop's response over frequency is measured.
     effort
         Whether response and effort are, over references.
+    motions
+        Whether motions are recorded. All studies are then of a few controllers: those asked for by
+        name, what they are compared with and the best constant.
     """
 
     robustness: bool = False
     records: Records | None = None
     frequency: bool = False
     effort: bool = False
+    motions: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +71,8 @@ class TaskResult:
         Index of the best constant action.
     chosen
         Index of the classical law of least cost on the validation episodes, or None.
-    outcomes, loops, efforts
-        What the studies gave, if they were asked for.
+    outcomes, loops, efforts, motions
+        What the studies gave, if they were asked for; motions by label.
     not_scored
         Label of each controller that could not be scored -> the reason.
     """
@@ -80,7 +86,13 @@ class TaskResult:
     outcomes: Sequence[Outcome] = field(default_factory=list)
     loops: Sequence[ClosedLoop] = field(default_factory=list)
     efforts: Sequence[Effort] = field(default_factory=list)
+    motions: Mapping[str, Motions] = field(default_factory=dict)
     not_scored: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def compared(self) -> int:
+        """Index of what others are compared with: the chosen law, or else the best constant."""
+        return self.reference if self.chosen is None else self.chosen
 
 
 def entries(field: Field, task: str) -> tuple[list[Entry], dict[str, str]]:
@@ -120,7 +132,7 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
                 raise
             not_scored[row.label] = str(error)
     changes = studies.robustness or studies.records is not None
-    return TaskResult(
+    result = TaskResult(
         task=task,
         labels=tuple(row.label for row in rows),
         reads=tuple(row.controllers[0].reads for row in rows),
@@ -130,10 +142,20 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
         ),
         reference=0,
         chosen=best_classical(scene, rows),
+        not_scored=not_scored,
+    )
+    if studies.motions:
+        named = [one.label for one in compared.contestants]
+        shown = dict.fromkeys([*named, result.labels[result.compared], result.labels[0]])
+        rows = [row for label in shown for row in rows if row.label == label]
+    return replace(
+        result,
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
         loops=closed_loops(scene, rows) if studies.frequency else [],
         efforts=efforts(scene, rows, episodes) if studies.effort else [],
-        not_scored=not_scored,
+        motions={row.label: motions(scene, row.controllers[0], episodes) for row in rows}
+        if studies.motions
+        else {},
     )
 
 

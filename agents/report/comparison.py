@@ -12,7 +12,7 @@ from rich.console import Console
 from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS
 from agents.report.comparison_figures import draw_comparison
-from agents.report.pages import not_scored_cells, render
+from agents.report.pages import not_scored_cells, percent, render
 from agents.report.tables import print_table, write_rows
 from mm_gym import SceneError
 from mm_gym.files import write_text
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from agents.evaluation.conclusions import Comparison, Overall, Row
+    from agents.evaluation.measure import TaskResult
 
 PRINTED = ("controller", "cost", "95 % interval", "score", "95 % interval")
+PAIRED = ("controller", "change of cost", "95 % interval", "episodes won")
 OVERALL = ("controller", "interquartile mean", "95 % interval")
 
 
@@ -49,14 +51,19 @@ def report_comparison(comparison: Comparison, folder: Path | None = None) -> Non
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Print the ranking of each task, then that over all tasks."""
+    """Print the ranking of each task, then that over all tasks, or differences on a single one."""
     for result in comparison.results:
         rows = [_printed_cells(row) for row in comparison.tables[result.task]]
         without = [(cell,) for cell in not_scored_cells(result.not_scored)]
         print_table(result.task, PRINTED, [*rows, *without])
     if comparison.overall:
         print_table("all tasks", OVERALL, [_overall_cells(one) for one in comparison.overall])
-    Console().print(_episodes(comparison), highlight=False)
+    if len(comparison.results) == 1 and len(comparison.results[0].labels) > 1:
+        (result,) = comparison.results
+        rows = comparison.tables[result.task]
+        paired = [(row.label, *paired_cells(row)) for row in rows if row.change is not None]
+        print_table(f"in the same episodes as {against(result)}", PAIRED, paired)
+    Console().print(episodes_in_words(comparison), highlight=False)
 
 
 def _printed_cells(row: Row) -> tuple[str, ...]:
@@ -77,7 +84,21 @@ def _cells(row: Row) -> tuple[str, ...]:
         *score,
         f"{row.worst:.4g}",
         f"{row.tail:.4g}",
+        *paired_cells(row),
     )
+
+
+def against(result: TaskResult) -> str:
+    """Return the name of what the others on a task are compared with."""
+    return result.labels[result.compared]
+
+
+def paired_cells(row: Row) -> tuple[str, str, str]:
+    """Return how a row compares with the reference in the same episodes, with the interval."""
+    if row.change is None:
+        return "", "", ""
+    value, low, high = (f"{100.0 * number:+.1f} %" for number in row.change)
+    return value, f"{low} to {high}", percent(row.won)
 
 
 def _overall_cells(one: Overall) -> tuple[str, ...]:
@@ -90,7 +111,8 @@ def _two(found: Estimate, digits: int = 4) -> tuple[str, str]:
     return value, f"{low} to {high}"
 
 
-def _episodes(comparison: Comparison) -> str:
+def episodes_in_words(comparison: Comparison) -> str:
+    """Return which episodes were run, and what cost and score are."""
     episodes = comparison.episodes
     last = episodes.first + episodes.seeds * episodes.each - 1
     return (
@@ -182,6 +204,11 @@ def _scores(comparison: Comparison) -> Iterator[dict[str, object]]:
                 **{f"score{name} [-]": end for name, end in zip(names, score, strict=True)},
                 "worst episode [-]": row.worst,
                 "worst tenth [-]": row.tail,
+                **{
+                    f"change of cost{name} [-]": end
+                    for name, end in zip(names, row.change or none, strict=True)
+                },
+                "episodes won [-]": row.won,
                 "not scored": "",
             }
     for result in comparison.results:
@@ -207,11 +234,14 @@ def as_data(comparison: Comparison) -> dict[str, object]:
                     "score": None if row.score is None else row.score._asdict(),
                     "worst_episode": row.worst,
                     "worst_tenth": row.tail,
+                    "change": None if row.change is None else row.change._asdict(),
+                    "episodes_won": row.won,
                 }
                 for row in rows
             ]
             for task, rows in comparison.tables.items()
         },
+        "compared_with": {result.task: against(result) for result in comparison.results},
         "not_scored": {result.task: dict(result.not_scored) for result in comparison.results},
         "overall": [
             {
@@ -228,12 +258,13 @@ def as_data(comparison: Comparison) -> dict[str, object]:
 
 def page(comparison: Comparison) -> str:
     """Return the tables in Markdown."""
-    tasks: list[tuple[str, list[tuple[str, ...]]]] = []
+    tasks: list[tuple[str, str, list[tuple[str, ...]]]] = []
     for result in comparison.results:
         rows = [_cells(row) for row in comparison.tables[result.task]]
         blank = [""] * (len(rows[0]) - 1)
         texts = [cell.replace("|", r"\|") for cell in not_scored_cells(result.not_scored)]
-        tasks.append((result.task, [*rows, *((text, *blank) for text in texts)]))
+        cells = [*rows, *((text, *blank) for text in texts)]
+        tasks.append((result.task, against(result), cells))
     names = [one.label for one in comparison.overall]
     better = [
         [one.label, *(f"{one.improvement[n]:.2f}" if n in one.improvement else "" for n in names)]
@@ -241,4 +272,4 @@ def page(comparison: Comparison) -> str:
     ]
     overall = [_overall_cells(one) for one in comparison.overall]
     told = {"overall": overall, "names": names, "improvement": better}
-    return render("comparison", episodes=_episodes(comparison), tasks=tasks, **told)
+    return render("comparison", episodes=episodes_in_words(comparison), tasks=tasks, **told)

@@ -1,4 +1,4 @@
-"""Pages in Markdown: templates of prose, which data fill."""
+"""Pages in Markdown and HTML: templates of prose, which data fill."""
 
 from __future__ import annotations
 
@@ -47,3 +47,12 @@ def render(name: str, **data: object) -> str:
     """Return a page: the template of a name with data, and one empty line between paragraphs."""
     text = TEMPLATES.get_template(f"{name}.md.jinja").render(data)
     return re.sub(r"\n{3,}", "\n\n", text).strip("\n") + "\n"
+
+
+WEB = TEMPLATES.overlay(autoescape=True)
+"""The same for HTML, where a name may hold any character."""
+
+
+def web_page(name: str, **data: object) -> str:
+    """Return a page in HTML: the template of a name with data."""
+    return WEB.get_template(f"{name}.html.jinja").render(data)

@@ -254,7 +254,7 @@ class Run:
             "scene": with_relative_records(
                 json.loads(settings.load_scene().model_dump_json()), self.folder
             ),
-            "versions": _versions(),
+            "versions": versions(),
             "python": platform.python_version(),
             "machine": platform.machine(),
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -270,8 +270,8 @@ class Run:
         if not os.path.lexists(self.record):
             return []
         record, identity = self.read(), _identity(settings)
-        before = _by_dotted_name(record.get("settings", {}))
-        now = _by_dotted_name(identity.pop("settings"))
+        before = by_dotted_name(record.get("settings", {}))
+        now = by_dotted_name(identity.pop("settings"))
         more = {name for name in settings.growing if _has_grown(before.get(name), now[name])}
         found = [
             f"{name} {before.get(name, NONE)}, now {now.get(name, NONE)}"
@@ -338,22 +338,22 @@ def _has_grown(before: object, now: float | None) -> bool:
     return isinstance(before, int | float) and before <= now
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
     """Return the versions of the packages that are installed."""
-    versions: dict[str, str] = {}
+    found: dict[str, str] = {}
     for name in PACKAGES:
         with suppress(PackageNotFoundError):
-            versions[name] = version(name)
-    return versions
+            found[name] = version(name)
+    return found
 
 
-def _by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def by_dotted_name(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return the settings of tables in tables by dotted name."""
     found: dict[str, Any] = {}
     for name, value in table.items():
         own = {name: value}
         if isinstance(value, dict):
-            own = _by_dotted_name(cast("dict[str, Any]", value), f"{name}.")
+            own = by_dotted_name(cast("dict[str, Any]", value), f"{name}.")
         found |= {f"{prefix}{key}": one for key, one in own.items()}
     return found
 

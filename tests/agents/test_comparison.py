@@ -109,6 +109,24 @@ def test_only_controllers_of_all_tasks_are_aggregated() -> None:
     assert np.all(np.diff(first.profile[:, 0]) <= 0.0)
 
 
+def test_change_is_of_the_same_episodes_so_what_all_find_expensive_widens_no_interval() -> None:
+    episodes = np.random.default_rng(3).uniform(0.1, 9.0, (EPISODES.seeds, EPISODES.each))
+    penalties = np.stack([2.0 * episodes, episodes, 0.81 * episodes])
+    labels, reads = ("best constant", "law", "agent"), ("observation",) * 3
+    sample = Sample(penalties, np.array([False, False, True]))
+    alone = TaskResult(FORCE, labels, reads, sample, 0, 1)
+    rows = {row.label: row for row in conclude([alone], TASKS, EPISODES).tables[FORCE]}
+    assert rows["law"].change is None
+    assert rows["law"].won == rows["best constant"].won == 0.0
+    assert rows["best constant"].change == pytest.approx((2**0.5 - 1.0,) * 3, rel=1e-12)
+    value, low, high = rows["agent"].change
+    assert value == pytest.approx(-0.1, rel=1e-12)
+    assert low <= value <= high
+    assert rows["agent"].won == 1.0
+    cost = rows["agent"].cost
+    assert high - low < 0.1 * (cost.high - cost.low) / cost.value
+
+
 def test_worst_episode_and_tenth_are_of_the_costs() -> None:
     row = CONCLUDED.tables[FORCE][-1]
     penalties = RESULTS[0].sample.penalties[2].ravel()

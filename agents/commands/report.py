@@ -1,0 +1,91 @@
+"""Write one web page of finished runs: tables and charts, without any network.
+
+For example ``python -m agents report runs/first runs/second``. The page compares the runs with
+every controller on their task: costs with intervals, responses, spectra, an animation, robustness,
+and what made each run. It is one file that can be sent to others and opened anywhere.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from agents.errors import command, leave
+from agents.evaluation.conclusions import conclude
+from agents.evaluation.contestants import BASELINES, Episodes, read_field
+from agents.evaluation.measure import measure
+from agents.report.web_page import LARGEST, STUDIED, report_page
+from agents.scoring import HELD_OUT_SEED
+from mm_gym import SceneError
+from mm_gym.files import check_outputs, write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to report on."""
+
+    subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
+    """folders of finished runs, and all else that the command evaluate compares"""
+    tasks: tuple[str, ...] = ()
+    """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
+    episodes: int | None = None
+    """held-out episodes of each seed: 64"""
+    seeds: int | None = None
+    """of what is compared: 5, or as many as the training has"""
+    first_seed: int = HELD_OUT_SEED
+    """of the first episode"""
+    baselines: bool = True
+    """compare with all classical controllers too"""
+    processes: int = os.cpu_count() or 1
+    """that work on tasks side by side"""
+    out: Path = Path("report.html")
+    """the page"""
+
+
+@command
+def main() -> str | None:
+    """Write the page from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.subjects:
+        return "error: got nothing to report on; allowed: the folder of a run, runs/NAME"
+    if arguments.processes < 1:
+        return f"error: --processes: got {arguments.processes}; allowed: at least 1"
+    write_report(arguments.subjects, arguments.out, arguments)
+    return None
+
+
+def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None = None) -> None:
+    """Compare, and write the page.
+
+    Raises
+    ------
+    SceneError
+        If the page were too large, or cannot be written; and as `read_field` does.
+    """
+    wanted = arguments or Arguments(tuple(subjects))
+    check_outputs([out])
+    also = (BASELINES,) if wanted.baselines and BASELINES not in subjects else ()
+    compared = read_field((*subjects, *also), wanted.tasks)
+    episodes = Episodes.of_field(compared, wanted.seeds, wanted.episodes, first=wanted.first_seed)
+    results = measure(compared, episodes, STUDIED, wanted.processes)
+    page = report_page(compared, conclude(results, compared.scenes, episodes))
+    size = len(page.encode())
+    if size >= LARGEST:
+        msg = (
+            f"{out}: {size / 2**20:.1f} MiB; allowed: less than {LARGEST / 2**20:g} MiB; report on "
+            "fewer tasks or runs at once"
+        )
+        raise SceneError(msg)
+    write_text(out, page)
+    print(f"written: {out}")
+
+
+if __name__ == "__main__":
+    leave(main())

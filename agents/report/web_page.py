@@ -1,0 +1,349 @@
+"""A comparison as one HTML page with interactive charts, which needs no network."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from shutil import which
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from agents.controllers.controller import columns
+from agents.evaluation.measure import Studies
+from agents.evaluation.studies import DELAY, NOISE, NOMINAL
+from agents.report.comparison import against, episodes_in_words, paired_cells
+from agents.report.pages import FOLDER, not_scored_cells, web_page
+from agents.scoring import FREQUENCY, spread_frequency
+from agents.training.runs import Run, by_dotted_name, versions
+from mm_gym.drawing import ACTUATORS, COLOURS
+from mm_gym.tasks import short_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from agents.evaluation.conclusions import Comparison, Row
+    from agents.evaluation.contestants import Episodes, Field
+    from agents.evaluation.measure import TaskResult
+    from agents.evaluation.motions import Motions
+    from mm_gym import Scene
+
+    Array = NDArray[np.float64]
+    Points = list[float | None]
+
+LARGEST = 5 * 2**20
+"""Size that a page stays below [bytes]."""
+
+DIGITS = 5
+"""Significant digits of what is drawn: a fiftieth of a pixel."""
+
+SHOWN = 2_000
+"""Control steps of a response that are drawn, from its start."""
+
+BRIGHT = ("#56B4E9", "#F08A4B", "#2FBF94", "#E2A1C8", "#F2B632", "#9AD4F5", "#F2F2F2")
+"""The colours of `COLOURS`, lighter: on a dark ground."""
+
+STUDIES = {
+    "carriage.mass": "carriage mass over design [-]",
+    "carriage.stiffness": "carriage stiffness over design [-]",
+    "carriage.damping": "carriage damping over design [-]",
+    NOISE: "sensor noise over scale [-]",
+    DELAY: "delay of the newest frame [control steps]",
+}
+"""What a study changes, as the label of an axis."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes with a curve of each controller over common abscissas.
+
+    Attributes
+    ----------
+    x, curves
+        Abscissas (n,), and ordinates (n,) of each controller, None where there is nothing to draw;
+        a controller without a curve has an empty one.
+    x_label, y_label
+        With units.
+    x_log, y_log
+        Whether an axis is logarithmic.
+    held
+        Whether a value holds from the instant before to its own.
+    title
+        Above the axes.
+    """
+
+    x: Points
+    curves: list[Points]
+    x_label: str
+    y_label: str
+    x_log: bool = False
+    y_log: bool = False
+    held: bool = False
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Panels with one legend, under a heading; `linked` ones are zoomed together."""
+
+    name: str
+    title: str
+    text: str
+    panels: list[Panel]
+    linked: bool = False
+
+
+@dataclass(frozen=True)
+class OnPage:
+    """A task on the page: its table, its controllers in the charts, and the charts.
+
+    Attributes
+    ----------
+    name, against, span
+        The task, what is compared with, and the ends of the bars of the table [-].
+    rows, not_scored
+        Of the table.
+    labels
+        Of the controllers in the charts, the agents first.
+    agents
+        How many of them were asked for by name.
+    groups
+        The charts.
+    springs
+        Whether springs hold the sphere.
+    scene
+        Its digest, and its fields by dotted name.
+    runs
+        What the record of each run says, by its folder.
+    """
+
+    name: str
+    against: str
+    span: tuple[float, float]
+    rows: Sequence[Row]
+    not_scored: Sequence[str]
+    labels: list[str]
+    agents: int
+    groups: list[Group]
+    springs: bool
+    scene: dict[str, str]
+    runs: dict[str, dict[str, str]]
+
+
+STUDIED = Studies(robustness=True, frequency=True, motions=True)
+"""What the page takes."""
+
+
+def report_page(compared: Field, comparison: Comparison) -> str:
+    """Return the page of a comparison that was measured with `STUDIED`."""
+    tasks = [
+        _on_page(compared, comparison, result, short_name(result.task))
+        for result in comparison.results
+    ]
+    charts = [
+        {
+            "labels": task.labels,
+            "agents": task.agents,
+            "springs": task.springs,
+            "groups": [asdict(group) for group in task.groups],
+        }
+        for task in tasks
+    ]
+    return web_page(
+        "report",
+        title=", ".join(task.name for task in tasks),
+        episodes=episodes_in_words(comparison),
+        tasks=tasks,
+        overall=comparison.overall,
+        charts=charts,
+        paired=paired_cells,
+        place=_place,
+        colours=list(zip(COLOURS, BRIGHT, strict=True)),
+        style=Markup((FOLDER / "report.css").read_text("utf-8")),  # noqa: S704 - our own file
+        script=Markup((FOLDER / "report.js").read_text("utf-8")),  # noqa: S704 - our own file
+        made_with={"commit": commit(), "Python": platform.python_version(), **versions()},
+        machine=f"{platform.machine()}, {platform.system()}",
+    )
+
+
+def commit() -> str:
+    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
+    git, root = which("git"), Path(__file__).parents[2]
+    if git is None or not (root / ".git").exists():
+        return "unknown: not a checkout"
+    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
+    return done.stdout.strip() or "unknown"
+
+
+def _place(value: float, span: tuple[float, float]) -> str:
+    """Return where a cost lies between the ends of the bars, in per cent of a logarithmic axis."""
+    low, high = (np.log(max(end, 1e-12)) for end in span)
+    place = (np.log(max(value, 1e-12)) - low) / max(high - low, 1e-9)
+    return f"{100.0 * min(max(place, 0.0), 1.0):.2f}"
+
+
+def _on_page(compared: Field, comparison: Comparison, result: TaskResult, name: str) -> OnPage:
+    scene, rows = compared.scenes[result.task], comparison.tables[result.task]
+    labels, found = list(result.motions), list(result.motions.values())
+    groups = [
+        _responses(scene, found, _median_episode(result)),
+        _spectra(found),
+        _costs(scene, result, labels, comparison.episodes),
+        _frequency(result),
+        _robustness(result),
+    ]
+    fields = by_dotted_name(scene.model_dump(mode="json"))
+    return OnPage(
+        name=name,
+        against=against(result),
+        span=(min(row.cost.low for row in rows), max(row.cost.high for row in rows)),
+        rows=rows,
+        not_scored=not_scored_cells(result.not_scored),
+        labels=labels,
+        agents=sum(one.label in labels for one in compared.contestants),
+        groups=[group for group in groups if group.panels],
+        springs=scene.springs.kind != "none",
+        scene={"digest": scene.digest} | {key: str(value) for key, value in fields.items()},
+        runs=_runs(compared, result.task),
+    )
+
+
+def _median_episode(result: TaskResult) -> int:
+    """Return the episode of the first seed that is of median cost for the reference."""
+    penalties = result.sample.penalties[result.compared, 0]
+    return int(np.argsort(penalties)[penalties.size // 2])
+
+
+def _points(values: Array) -> Points:
+    return [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in values.tolist()]
+
+
+def _responses(scene: Scene, found: Sequence[Motions], episode: int) -> Group:
+    shown = slice(0, SHOWN + 1)
+    time = _points(found[0].time[shown])
+
+    def panel(curves: Sequence[Array], label: str, *, held: bool = False) -> Panel:
+        return Panel(time, [_points(one[shown]) for one in curves], "time [s]", label, held=held)
+
+    panels = [
+        panel([1e3 * one.displacement[:, episode] for one in found], "carriage x1 [mm]"),
+        panel([1e3 * one.stroke[:, episode] for one in found], "relative displacement [mm]"),
+    ]
+    for k, name in enumerate(columns(scene)):
+        applied = [one.applied[:, episode, k] for one in found]
+        panels.append(panel(applied, ACTUATORS[name], held=True))
+    cut = f" Its first {SHOWN} control steps are drawn." if scene.control.steps > SHOWN else ""
+    text = f"Episode {episode} of the first seed, of median cost for the reference.{cut}"
+    return Group("response", "Response", text, panels, linked=True)
+
+
+def _spectra(found: Sequence[Motions]) -> Group:
+    """Return the spectra, up to where all are below a millionth of the peak.
+
+    They begin behind what Hann's window leaks of the mean.
+    """
+    pairs = [one.spectrum() for one in found]
+    lasted = [pair for pair in pairs if pair[0].size]
+    if not lasted:
+        return Group("spectrum", "", "", [])
+    frequencies = lasted[0][0]
+    highest = np.max([power for _, power in lasted], axis=0)
+    end = int(np.flatnonzero(highest >= 1e-6 * highest[2:].max())[-1]) + 1
+    kept = slice(2, max(end, 4))
+    curves = [_points(1e6 * power[kept]) if power.size else [] for _, power in pairs]
+    text = (
+        "Power spectral density of x1, the mean over the episodes of the first seed that lasted to "
+        "their end: periodograms in Hann's window."
+    )
+    panel = Panel(
+        _points(frequencies[kept]), curves, "frequency [Hz]", "of x1 [mm²/Hz]", y_log=True
+    )
+    return Group("spectrum", "Spectrum", text, [panel])
+
+
+def _costs(scene: Scene, result: TaskResult, labels: Sequence[str], episodes: Episodes) -> Group:
+    """Return the episodes' costs, over the frequency that is drawn or from easy to hard."""
+    band = spread_frequency(scene, episodes.each).get(FREQUENCY)
+    penalties = [result.sample.penalties[result.labels.index(label)] for label in labels]
+    if band is not None:
+        x = band / (2.0 * np.pi)
+        curves = [np.sqrt(one.mean(axis=0)) for one in penalties]
+        title, label = "Cost over frequency", "frequency of the excitation [Hz]"
+        text = "Each point is the episodes of all seeds at one frequency."
+    else:
+        x = 100.0 * np.arange(1, penalties[0].size + 1) / penalties[0].size
+        curves = [np.sqrt(np.sort(one, axis=None)) for one in penalties]
+        title, label = "Cost of the episodes", "episodes that cost at most this [%]"
+        text = "Each controller's own order, from its easiest episode to its hardest."
+    low = min(float(curve.min()) for curve in curves)
+    panel = Panel(_points(x), [_points(one) for one in curves], label, "cost [-]", y_log=low > 0.0)
+    return Group("cost", title, text, [panel])
+
+
+def _frequency(result: TaskResult) -> Group:
+    loops = result.loops
+    panels = [
+        Panel(
+            _points(loops[0].frequencies / (2.0 * np.pi)),
+            [_points(loop.gain[k]) for loop in loops],
+            "frequency of the force [Hz]",
+            "|x1| k1 / F [-]",
+            x_log=True,
+            y_log=True,
+            title=f"harmonic force of {force:.3g} N",
+        )
+        for k, force in enumerate(loops[0].forces)
+    ]
+    text = (
+        "Steady amplitude of x1 at the frequency of a harmonic force, which takes the place of the "
+        "excitation, over the static deflection. Linear loops are the same at every amplitude."
+    )
+    return Group("frequency", "Steady response over frequency", text, panels)
+
+
+def _robustness(result: TaskResult) -> Group:
+    found, labels = result.outcomes, result.motions
+    designed = {one.label: one.cost for one in found if one.study == NOMINAL}
+    panels: list[Panel] = []
+    for study, label in STUDIES.items():
+        costs = {(one.level, one.label): one.cost for one in found if one.study == study}
+        if not costs:
+            continue
+        if study != DELAY:  # it has a level of its own for every delay
+            nominal = 0.0 if study == NOISE else 1.0
+            costs |= {(nominal, name): cost for name, cost in designed.items()}
+        levels = sorted({level for level, _ in costs})
+        curves = [_points(np.array([costs[level, name] for level in levels])) for name in labels]
+        panels.append(Panel(list(levels), curves, label, "cost [-]", y_log=True))
+    text = "Each controller as it is, on scenes that differ from the one it was made for."
+    return Group("robustness", "Robustness", text, panels)
+
+
+def _runs(compared: Field, task: str) -> dict[str, dict[str, str]]:
+    """Return what the record of each run among the contestants says, by the run's folder."""
+    found: dict[str, dict[str, str]] = {}
+    for one in compared.contestants:
+        for text in one.texts.get(task, ()):
+            run = Run(Path(text).name, Path(text).parent)
+            if os.path.lexists(run.record):
+                found[text] = _told(run.read())
+    return found
+
+
+def _told(record: dict[str, Any]) -> dict[str, str]:
+    """Return a run's record in lines: not its scene, whose digest tells it, nor the user's code."""
+    kept = ("command", "scene_digest", "python", "machine", "settings", "versions")
+    return {
+        name: str(value)
+        for name, value in by_dotted_name(
+            {key: record[key] for key in kept if key in record}
+        ).items()
+        if value is not None
+    }
