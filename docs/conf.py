@@ -39,6 +39,7 @@ exclude_patterns = ["_build", "examples", "gallery/*.ipynb", "gallery/*.md5"]
 suppress_warnings = ["config.cache"]  # `palette` is a function
 nitpicky = False  # types of numba and pydantic have no pages to point at
 
+myst_fence_as_directive = ["math"]  # GitHub typesets these fences too
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
