@@ -165,8 +165,6 @@ class Episodes:
             raise SceneError(msg)
         self.steps = self.env.scene.control.steps
         self.fade, self.most = fade, most
-        plant = self.env.plant
-        self._delay, self._shown = plant.delay, plant.history * len(plant.observed)
         self._effort = 0.0 if self.env.scene.own_reward else objective.effort_weight
 
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
@@ -179,9 +177,9 @@ class Episodes:
         self._outputs = _Outputs(self.env, rows, difference_steps(self.env.scene, self._physics))
         asked = sum(a.has_memory_of_command for a in self._physics.actuators)
         self._state = torch.zeros(len(observation), len(rows) + asked, dtype=torch.float64)
-        frames = plant.history + self._delay
         empty = torch.zeros(len(observation), len(plant.observed), dtype=torch.float64)
-        self._frames = [empty] * frames  # oldest first
+        # Slopes of frames, oldest first: of those on the way, and of those observed.
+        self._measured, self._received = [empty] * (plant.most_delay + 1), [empty] * plant.history
         return _tensor(observation)
 
     def step(self, action: Tensor) -> tuple[Tensor, Tensor]:
@@ -206,9 +204,9 @@ class Episodes:
         slopes = _tensor(self._outputs.slopes())  # (lanes, channels + 1, rows)
         motion = self._state[:, : slopes.shape[2]]
         changes = torch.einsum("lij,lj->li", slopes, motion)
-        self._frames = [*self._frames[1:], changes[:, :-1]]
-        frames = self._frames[: len(self._frames) - self._delay]
-        shown = torch.cat(frames, dim=1)
+        self._measured = [*self._measured[1:], changes[:, :-1]]
+        self._received = [*self._received[1:], self._arriving()]
+        shown = torch.cat(self._received, dim=1)
         effort = self._effort * (action**2).sum(dim=1)
         return (
             _with_slopes(_tensor(observation), shown.float()),
@@ -218,7 +216,19 @@ class Episodes:
     def detach(self) -> None:
         """Cut the way back: later costs have no slopes over actions so far (short horizons)."""
         self._state = self._state.detach()
-        self._frames = [frame.detach() for frame in self._frames]
+        self._measured = [frame.detach() for frame in self._measured]
+        self._received = [frame.detach() for frame in self._received]
+
+    def _arriving(self) -> Tensor:
+        """Return the slopes of the frame that each lane receives, or of the last one if none."""
+        first = self.env.plant.support.sensors_row
+        if not first:
+            return self._measured[0]
+        lanes: Any = self.env.get_state()["values"]
+        delays, ages = (_tensor(lanes[first + row]) for row in (at.DELAY, at.AGE))
+        places = len(self._measured) - 1 - delays.long()
+        arriving = torch.stack(self._measured)[places, torch.arange(len(places))]
+        return torch.where((ages > delays)[:, None], self._received[-1], arriving)
 
 
 def _applied(function: type[Function], *given: object) -> Tensor:

@@ -19,6 +19,8 @@ FIELD = "carriage.linear_coefficient"
 class Actuators:
     """Limits, rate limits and lags of force [N] and stretch [-], in the order of the action.
 
+    A controller knows the middle of what is drawn.
+
     Attributes
     ----------
     low, high
@@ -41,12 +43,12 @@ class Actuators:
             for name, part in zip(columns(scene), parts, strict=True)
         ]
         self.low, self.high = np.array(limits).T
-        self.travel = np.array(
-            [np.inf if part.rate_limit is None else part.rate_limit * step for part in parts]
+        travel, lags = (
+            [nominal(scene, f"actuation.{name}.{field}") for name in columns(scene)]
+            for field in ("rate_limit", "lag")
         )
-        self.lag_factor = np.array(
-            [1.0 if part.lag == 0.0 else -np.expm1(-step / part.lag) for part in parts]
-        )
+        self.travel = step * np.array(travel)
+        self.lag_factor = np.array([1.0 if lag == 0.0 else -np.expm1(-step / lag) for lag in lags])
         self.is_rate = np.array([part.command == "rate" for part in parts])
         self.at_once = bool(
             np.isinf(self.travel).all()
@@ -77,6 +79,15 @@ class Actuators:
         aim = applied + self.lag_factor * (wanted - applied)
         aim = np.minimum(np.maximum(aim, applied - self.travel), applied + self.travel)
         return np.minimum(np.maximum(aim, self.low), self.high), wanted
+
+
+def nominal(scene: Scene, name: str) -> float:
+    """Return a number by dotted name or, if it is drawn, the middle of its range.
+
+    What is not stated is infinite, as a rate limit is.
+    """
+    stated = scene.value_of(name)
+    return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
 
 
 class Command:

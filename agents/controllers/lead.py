@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm
 
-from agents.controllers.actuators import Command
+from agents.controllers.actuators import Command, nominal
 from agents.controllers.controller import plant_of
 from mm_gym.analysis import spring_stiffness
 
@@ -52,7 +52,7 @@ class Lead:
             fastest = np.abs(np.linalg.eigvals(first).imag).max()
             longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
             share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
-        self.time = getattr(scene.actuation, name).lag + (
+        self.time = nominal(scene, f"actuation.{name}.lag") + (
             0.5 * crossing if crossing < longest else 0.0
         )
         self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)

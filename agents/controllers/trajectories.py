@@ -285,6 +285,12 @@ def ends_of(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
 
 def _require_plannable(actuator: Actuator, effort: float) -> None:
     """Refuse an actuator whose control is not a smooth function of what it applies."""
+    if actuator.own:
+        msg = (
+            f"randomization.actuation.{actuator.name}: allowed for plans by Gauss-Newton: none; "
+            "state one lag and rate limit"
+        )
+        raise DesignError(msg)
     limited = np.isfinite(actuator.rate)
     if limited and (actuator.lag_factor < 1.0 or (effort > 0.0 and not actuator.is_rate)):
         msg = (

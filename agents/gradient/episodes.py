@@ -85,10 +85,11 @@ class Episodes:
     def run(self, network: Network, seeds: Sequence[int]) -> float:
         """Return the mean of -reward of the episodes of the seeds, as `evaluate` has."""
         observation = self._begin(seeds)
-        self.jacobians, total = [], 0.0
+        self.jacobians, self.newest, total = [], [], 0.0
         if self.slopes is not None:
             self.slopes.found = []
         for step in range(self.steps):
+            self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
             actions = self.actions[step] = np.clip(asked, -1.0, 1.0)
             self.free[step] = np.abs(asked) <= 1.0
@@ -103,6 +104,14 @@ class Episodes:
             return total / self.steps
         motion = np.mean(np.sum(self.states * (self.weight @ self.states), axis=1))
         return float(motion + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
+
+    def _ages(self, step: int) -> NDArray[np.int64]:
+        """Return the ages (lanes,) of the newest frames observed, in control steps."""
+        row = self.env.plant.support.age_row
+        if not row:
+            return np.full(self.lanes, min(step, self.env.plant.delay))
+        values: Values = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
+        return values[row].astype(np.int64)
 
     def back(self, network: Network, fade: float, feedback: float = 1.0) -> None:
         """Write the gradient of the mean cost, as far as it does not fade, into the network.
@@ -122,10 +131,16 @@ class Episodes:
         """
         network.begin_back()
         part = 2.0 / (self.lanes * self.steps)
-        history, delay = self.env.plant.history, self.env.plant.delay
+        history, every = self.env.plant.history, np.arange(self.lanes)
         rows, size = self.shown.shape
         state: Values = np.zeros((size, self.lanes))
-        frames: Values = np.zeros((history + delay, rows, self.lanes))  # of this step and before
+        # Of each step the ages of the frames observed, the newest first.
+        ages = [
+            [step - self.newest[max(step - k, 0)] for k in range(history)]
+            for step in range(self.steps)
+        ]
+        oldest = max(int(np.max(of_step)) for of_step in ages)
+        frames: Values = np.zeros((oldest + 1, rows, self.lanes))  # of this step and before
         scale = np.zeros(size)
         scale[: self.motion] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
@@ -143,7 +158,8 @@ class Episodes:
             frames *= factor
             network.fade(factor)
             shown = network.back(step, action)
-            frames[delay:] += shown.reshape(history, rows, self.lanes)[::-1]
+            for age, frame in zip(ages[step], shown.reshape(history, rows, -1)[::-1], strict=True):
+                frames[age, :, every] += frame.T
             state += feedback * (self.shown.T @ frames[0])
             frames[:-1] = frames[1:]
             frames[-1] = 0.0

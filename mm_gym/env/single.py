@@ -72,7 +72,9 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     -----------------
     `Box(low, high, (history * channels,), float32)`: the channels of `sensors.channels` at the last
     `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
-    `sensors.noise`. At an episode's start, the first frame stands for those before it.
+    `sensors.noise` and `sensors.bias`. With probability `sensors.dropout` a step brings no frame,
+    and the last one is shown again. At an episode's start, the first frame stands for those before
+    it.
 
     Applied force and stretch are bounded by their actuators, unless they have noise; all else is
     unbounded. A limit of the displacement is no bound, because the step that ends an episode goes

@@ -43,9 +43,18 @@ def _bounds(plant: Plant, channel: Observed) -> tuple[float, float]:
         at.DAMPING: (plant.support.low[at.DAMPING], plant.support.high[at.DAMPING]),
     }
     low, high = reached.get(CHANNELS[channel.name].row, (-np.inf, np.inf))
-    if channel.noise > 0.0 or not low < high:  # a constant would make a box that cannot be scaled
+    # A constant would make a box that cannot be scaled.
+    if channel.noise > 0.0 or _is_biased(plant, channel) or not low < high:
         low, high = -np.inf, np.inf
     return _shown(low, channel, -1), _shown(high, channel, 1)
+
+
+def _is_biased(plant: Plant, channel: Observed) -> bool:
+    support, name = plant.support, f"sensors.bias.{channel.name}"
+    if name not in support.names:
+        return False
+    row = support.names[name]
+    return bool(support.low[row] < 0.0 or support.high[row] > 0.0)
 
 
 def _shown(value: float, channel: Observed, side: int) -> float:

@@ -93,6 +93,20 @@ AMPLITUDE, FREQUENCY, PHASE, COSINE, SINE, ROTATE_COSINE, ROTATE_SINE = 0, 1, 2,
 # Behind the harmonics come the jets: what all other sources of force, then of ground acceleration,
 # do in the present sample interval h, as coefficients of (t / h)^n; then each source's own rows.
 
+# Rows of a lane's own sensors, behind all others: delay in control steps, probability of a dropout,
+# age of the newest frame observed; then of each channel the standard deviation of its noise and
+# what it shows too much, in SI units.
+DELAY, DROPOUT, AGE = 0, 1, 2
+SENSORS_SIZE = 3
+SPREAD, BIAS = 0, 1
+ERRORS_SIZE = 2
+
+# Rows of a lane's own actuator, behind those: lag [s], rate limit [1/s times its unit], and what
+# follows from them when an episode begins: the fraction of the way that the lag lets it go in a
+# control step, and the largest change in one.
+LAG, RATE_LIMIT, LAG_FACTOR, TRAVEL = 0, 1, 2, 3
+ACTUATOR_SIZE = 4
+
 # Slots of the model array, common to every method; those of a method begin at MODEL_OWN.
 SAMPLE_INTERVAL, HARMONIC_COUNT, GROUND = (
     0,
@@ -129,8 +143,13 @@ RESERVED, HAS_RESERVED_NOISE = 27, 28
 # Of the squares of what follows from the state, and whether one of them is not 0.
 WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 29, 30, 31
 HAS_DERIVED_COST = 32
-CHANNEL_COUNT = 33
-CHANNELS = 34  # then, per channel, CHANNEL_SIZE slots
+# Of what each lane has for itself: first row of its sensors and of each actuator, see below, 0 if
+# it is the same in all lanes; frames observed; largest delay; whether frames are lost.
+SENSORS_ROW, FORCE_ROW, STRETCH_ROW, DAMPING_ROW = 33, 34, 35, 36
+HISTORY, MOST_DELAY, HAS_DROPOUT = 37, 38, 39
+TIME_STEP = 40  # [s] of a control step
+CHANNEL_COUNT = 41
+CHANNELS = 42  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

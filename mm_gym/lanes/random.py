@@ -109,6 +109,13 @@ def normals_of_sensors(streams, ahead, i):
 
 
 @inlined_kernel
+def chance_of_sensors(streams, ahead, i):
+    """Return one of the sensors' own numbers in lane i, uniform in [0, 1): see above."""
+    key = mix(streams[KEY, i] + streams[COUNT, i] * _GOLDEN + _SENSORS)
+    return _fraction(mix(key + np.uint64(ahead + 1) * _GOLDEN))
+
+
+@inlined_kernel
 def normal_pair(first, second):
     """Return two independent normal numbers from two draws of 64 bits (Box and Muller, 1958).
 

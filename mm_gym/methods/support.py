@@ -77,6 +77,9 @@ class Support:
     damped_row, device
         Row of the damping or voltage that is actuated, 0 if none is: C, D or one of the
         interface's. Its name has row DAMPING. And the actuator's name, "damping" or "voltage".
+    sensors_row, actuator_rows
+        First row of the sensors that each lane has for itself, 0 if all have the same; and name of
+        each actuator whose lag or rate limit is drawn -> its first row.
     jets, terms, excitation
         Row of the first jet, its terms, and the description of all excitation but the harmonics,
         see `mm_gym.excitation.kinds`.
@@ -102,6 +105,8 @@ class Support:
     records: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     damped_row: int = 0
     device: str = ""
+    sensors_row: int = 0
+    actuator_rows: dict[str, int] = field(default_factory=dict[str, int])
 
     @property
     def middle(self) -> NDArray[np.float64]:
@@ -189,6 +194,17 @@ class Support:
     def number_rows(self) -> dict[str, int]:
         """Dotted name of each set of records -> the row of the number of an episode's record."""
         return {name: self.names[f"{name}.record"] for name in self.records}
+
+    @property
+    def whole_rows(self) -> dict[str, int]:
+        """Dotted name -> row of each field that only has whole numbers."""
+        numbers = {f"{name}.record": row for name, row in self.number_rows.items()}
+        return numbers | {n: row for n, row in self.names.items() if n == "sensors.delay"}
+
+    @property
+    def age_row(self) -> int:
+        """Row of the age of the newest frame observed [control steps]; 0 if it is the delay."""
+        return self.sensors_row + at.AGE if self.sensors_row else 0
 
     @property
     def state_rows(self) -> list[int]:

@@ -16,7 +16,7 @@ from mm_gym.plant.method_choice import choose, settings_of
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
 from mm_gym.plant.task import observed, task_array
-from mm_gym.scene.scene import Solver
+from mm_gym.scene.scene import DELAY, Solver, bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,13 +56,13 @@ def _compiled(scene: Scene) -> Plant:
         reasons=(*idle, *reasons),
         support=support,
         model=method.constants(support, settings),
-        task=task_array(scene, support.excitation),
+        task=task_array(scene, support),
         template=template,
         draws=draws,
         actuators=scene.actuation.names,
         observed=observed(scene),
         history=scene.sensors.history,
-        delay=scene.sensors.delay,
+        delay=_nominal_delay(scene),
         steps=scene.control.steps,
         time_step=scene.control.time_step,
         digest=scene.digest,
@@ -81,6 +81,12 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
             f"{method.name!r}",
             stacklevel=4,  # where `compile_scene` was called
         )
+
+
+def _nominal_delay(scene: Scene) -> int:
+    """Return the delay, or of a range's whole numbers the middle one: of two the larger."""
+    low, high = bounds(scene.range_of(DELAY, float(scene.sensors.delay)))
+    return int(low + high + 1.0) // 2
 
 
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -65,7 +65,8 @@ class Plant:
     observed
         The channels, in order, each with name, unit, factor, zero, one and noise.
     history, delay
-        Frames observed, and the age of the newest in control steps.
+        Frames observed, and the age of the newest in control steps; of a delay that is drawn, the
+        middle.
     steps, time_step
         Number of control steps in an episode, and the length of a control step [s].
     digest
@@ -102,6 +103,16 @@ class Plant:
     def channels(self) -> tuple[str, ...]:
         """Names of the channels."""
         return tuple(channel.name for channel in self.observed)
+
+    @property
+    def frames(self) -> int:
+        """Frames that a lane keeps: those observed, and those on the way."""
+        return self.history + self.most_delay + bool(self.support.sensors_row)
+
+    @property
+    def most_delay(self) -> int:
+        """Largest delay of an episode in control steps."""
+        return int(self.task[at.MOST_DELAY]) if self.support.sensors_row else self.delay
 
     @property
     def records(self) -> dict[str, tuple[str, ...]]:

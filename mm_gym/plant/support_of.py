@@ -16,6 +16,7 @@ from mm_gym.law.springs import LINEAR
 from mm_gym.methods.support import Support, fastest_rate
 from mm_gym.plant.excitation import NUMBER
 from mm_gym.plant.excitation_layout import lay_out
+from mm_gym.plant.instruments import instruments_of
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
 
@@ -83,10 +84,12 @@ def support_of(scene: Scene) -> Support:
     damped_row = 0 if damped is None else rows[damped]
     if damped is not None:
         rows[damped] = at.DAMPING
-    low, high = np.zeros(first + len(own)), np.zeros(first + len(own))
+    instruments = instruments_of(scene, first + len(own))
+    rows |= instruments.names
+    low, high = np.zeros(instruments.size), np.zeros(instruments.size)
     stated = [(rows[name], value) for name, value in values.items() if name in rows]
     drawn = [(row, scene.randomization[name]) for name, row in ratios.items()]
-    for row, value in [*stated, *layout.values.items(), *drawn]:
+    for row, value in [*stated, *layout.values.items(), *drawn, *instruments.values.items()]:
         low[row], high[row] = bounds(value)
     if scene.springs.kind in FIXED_STRETCH:
         low[at.STRETCH] = high[at.STRETCH] = FIXED_STRETCH[scene.springs.kind]
@@ -96,7 +99,9 @@ def support_of(scene: Scene) -> Support:
     if damper is not None:  # row DAMPING is drawn, the other one follows
         low[damped_row] = high[damped_row] = low[at.DAMPING]
     start_low, start_high = low.copy(), high.copy()
-    for name in layout.records:  # drawn from [0, count), and rounded down
+    # Whole numbers are drawn from [low, high + 1), and rounded down.
+    start_high[instruments.whole] += low[instruments.whole] < high[instruments.whole]
+    for name in layout.records:
         high[rows[f"{name}.{NUMBER}"]] -= 1.0
     if damper is not None:
         low[[at.DAMPING, damped_row]] = damper.minimum
@@ -118,7 +123,10 @@ def support_of(scene: Scene) -> Support:
         ground=layout.ground,
         sample_interval=sample_interval,
         intervals_per_step=layout.intervals_per_step,
-        parameters=(*CONSTANT, *layout.values, *ratios.values(), *own_rows.values()),
+        parameters=(
+            *(*CONSTANT, *layout.values, *ratios.values(), *own_rows.values()),
+            *instruments.values,
+        ),
         products=tuple(
             (rows[field], ratios[name], rows[of])
             for name, (field, of) in scene.drawn_ratios.items()
@@ -131,6 +139,8 @@ def support_of(scene: Scene) -> Support:
         is_between=scene.actuation.is_between,
         records=layout.records,
         damped_row=damped_row,
+        sensors_row=instruments.sensors,
+        actuator_rows=instruments.actuators,
         device=next((n for n in ("damping", "voltage") if n in scene.actuation.names), ""),
     )
 

@@ -10,11 +10,14 @@ import numpy as np
 from mm_gym.excitation.kinds import FILTER, FIRST, KIND, OWN, SIZE
 from mm_gym.excitation.noise import PLACE
 from mm_gym.lanes import layout as at
+from mm_gym.plant.instruments import middle
+from mm_gym.scene.actuators import ForceActuator
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mm_gym.methods.support import Support
     from mm_gym.scene.actuators import DampingActuator, StretchActuator, VoltageActuator
     from mm_gym.scene.scene import Scene
 
@@ -35,7 +38,7 @@ class Observed(NamedTuple):
     zero
         Value shown as 0 [unit].
     noise
-        Standard deviation of its noise [unit].
+        Standard deviation of its noise [unit]; the middle of what is drawn.
     """
 
     name: str
@@ -58,14 +61,12 @@ def observed(scene: Scene) -> tuple[Observed, ...]:
 def _observed(scene: Scene, name: str) -> Observed:
     channel, noise = CHANNELS[name], scene.sensors.noise.get(name, 0.0)
     scale, zero = scales(scene)[channel.scale]
+    noise = middle(scene, f"sensors.noise.{name}", noise)
     return Observed(name, channel.unit, 1.0 / scale, zero, noise)
 
 
-def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return actuators, objective and channels in the slots of `mm_gym.lanes.layout`.
-
-    The excitation is its description, see `mm_gym.excitation.kinds`.
-    """
+def task_array(scene: Scene, support: Support) -> NDArray[np.float64]:
+    """Return actuators, objective and channels in the slots of `mm_gym.lanes.layout`."""
     channels = observed(scene)
     task = np.zeros(at.CHANNELS + at.CHANNEL_SIZE * len(channels))
     _actuators(scene, task)
@@ -84,7 +85,17 @@ def task_array(scene: Scene, excitation: NDArray[np.float64]) -> NDArray[np.floa
     task[at.HAS_REACTIONS] = not rows.isdisjoint(at.REACTIONS) or scene.own_reward is not None
     noisy = sum(channel.noise > 0.0 for channel in channels)
     drawn = noisy + noisy % 2  # normal numbers come in pairs
-    reserved = _reserved(excitation, drawn)
+    sensors = support.sensors_row
+    if sensors:
+        task[at.SENSORS_ROW], task[at.HISTORY] = sensors, scene.sensors.history
+        task[at.MOST_DELAY] = support.high[sensors + at.DELAY]
+        task[at.HAS_DROPOUT] = support.high[sensors + at.DROPOUT] > 0.0
+        drawn += 2 * (task[at.HAS_DROPOUT] > 0.0 and not drawn)  # frames must not have the same
+    task[at.TIME_STEP] = scene.control.time_step
+    slots = {"force": at.FORCE_ROW, "stretch": at.STRETCH_ROW}
+    for name, row in support.actuator_rows.items():
+        task[slots.get(name, at.DAMPING_ROW)] = row
+    reserved = _reserved(support.excitation, drawn)
     task[at.IS_NOISY] = noisy > 0
     task[at.RESERVED], task[at.HAS_RESERVED_NOISE] = reserved, drawn <= reserved
     return task
@@ -118,25 +129,31 @@ def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
-    force, step = scene.actuation.force, scene.control.time_step
+    force = scene.actuation.force
     task[[at.FORCE_RATE, at.STRETCH_RATE, at.DAMPING_RATE]] = np.inf
     task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR]] = 1.0
     if force is not None:
         task[at.HAS_FORCE], task[at.FORCE_LIMIT] = 1.0, force.limit
-        if force.rate_limit is not None:
-            task[at.FORCE_RATE] = force.rate_limit * step
+        task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR] = rate_and_lag_factor(scene, "force")
         task[at.FORCE_IS_RATE] = force.command == "rate"
-        task[at.FORCE_LAG_FACTOR] = _lag_factor(force.lag, step)
-    for first, actuator in (
-        (at.HAS_STRETCH, scene.actuation.stretch),
-        (at.HAS_DAMPING, scene.actuation.device),
-    ):
-        if actuator is not None:
-            rate = np.inf if actuator.rate_limit is None else actuator.rate_limit * step
+    for name, actuator in scene.actuation:
+        if actuator is not None and not isinstance(actuator, ForceActuator):
+            first = at.HAS_STRETCH if name == "stretch" else at.HAS_DAMPING
+            rate, lag_factor = rate_and_lag_factor(scene, name)
             is_rate = actuator.command == "rate"
-            lag_factor = _lag_factor(actuator.lag, step)
             values = 1.0, actuator.minimum, actuator.maximum, rate, is_rate, lag_factor
             task[first : first + len(values)] = values
+
+
+def rate_and_lag_factor(scene: Scene, name: str) -> tuple[float, float]:
+    """Return an actuator's largest change in a control step, and what its lag lets it go of a way.
+
+    They are those in the middle of what is drawn.
+    """
+    actuator, step = getattr(scene.actuation, name), scene.control.time_step
+    limit = actuator.rate_limit
+    rate = np.inf if limit is None else middle(scene, f"actuation.{name}.rate_limit", limit) * step
+    return rate, _lag_factor(middle(scene, f"actuation.{name}.lag", actuator.lag), step)
 
 
 def _lag_factor(lag: float, step: float) -> float:

@@ -32,7 +32,10 @@ UNITS = {
 }
 """Target -> the units that its records may have, and what they are units of."""
 
-FIXED_FIELDS = ("sample_time", "time_step", "inertial_mass")
+FIXED_FIELDS = (
+    *("sample_time", "time_step", "inertial_mass"),
+    *("limit", "minimum", "maximum"),  # they say what an action means
+)
 """Numbers that are the same in every episode."""
 
 

@@ -65,11 +65,18 @@ class Part(BaseModel):
         return value
 
     def findings_with(self, field: str, value: float) -> list[str]:
-        """Return what is wrong with another value of a field or ratio, other fields aside."""
+        """Return what is wrong with another value of a field or ratio, other fields aside.
+
+        The field may be an entry of a table: "noise.carriage_velocity".
+        """
         if field in self.ratios:
             ratio = self.ratios[field]
             return [] if ratio.allows(value) else [f"got {value}; allowed: {ratio.allowed}"]
-        data = self.model_dump() | {field: value}
+        data = holder = self.model_dump()
+        *path, last = field.split(".")
+        for word in path:
+            holder = holder[word]
+        holder[last] = value
         try:
             self.__pydantic_validator__.validate_python(data, context=FIELDS_ONLY)
         except ValidationError as error:

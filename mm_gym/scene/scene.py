@@ -256,6 +256,8 @@ LATER = (
     "actuation.damping",
     "actuation.voltage",
     "actuation.force.between",
+    "sensors.bias",
+    "sensors.dropout",
     *(
         f"objective.{name}_{what}"
         for name in ("carriage_acceleration", "sphere_acceleration", "coupling_force")
@@ -263,6 +265,24 @@ LATER = (
     ),
 )
 """Fields that scenes did not have when digests were first written into files."""
+
+
+DELAY = "sensors.delay"
+ERRORS = ("noise", "bias")
+"""Fields of the sensors that have a number for each channel."""
+
+
+def _owner(name: str) -> tuple[str, str]:
+    """Return the dotted name of the part that a field drawn belongs to, and the field's name."""
+    if name.startswith("sensors."):
+        return "sensors", name.removeprefix("sensors.")
+    prefix, _, field = name.rpartition(".")
+    return prefix, field
+
+
+def _whole(name: str, end: float) -> float:
+    """Return the end of a range; that of a delay as an integer if it is whole."""
+    return int(end) if name == DELAY and end.is_integer() else end
 
 
 def bounds(value: NumberOrRange) -> tuple[float, float]:
@@ -313,9 +333,11 @@ class Scene(Document):
     objective: Objective = Objective()
     control: Control = Control()
     randomization: dict[str, Range] = Field(default_factory=dict)
-    """dotted name of any numeric field -> [low, high], drawn uniformly for each episode; also of
-    interface.kinetic_ratio = kinetic_coefficient / static_coefficient, and of low_ratio =
-    low_frequency / high_frequency of noise, from which the first of the two fields then follows"""
+    """dotted name of any numeric field -> [low, high], drawn uniformly for each episode: of the
+    mechanics, the excitation, the sensors (a delay in whole steps), and of actuators lag and
+    rate_limit; also of interface.kinetic_ratio = kinetic_coefficient / static_coefficient, and of
+    low_ratio = low_frequency / high_frequency of noise, from which the first of the two fields then
+    follows"""
     solver: Solver = Solver()
 
     rules: ClassVar[tuple[Rule, ...]] = (
@@ -390,7 +412,10 @@ class Scene(Document):
             *path, field = name.split(".")
             part: Part | None = self.value_of(".".join(path))
             inner = found
-            if part is not None and getattr(part, field) == type(part).model_fields[field].default:
+            if part is None:
+                continue
+            default = type(part).model_fields[field].get_default(call_default_factory=True)
+            if getattr(part, field) == default:
                 for word in path:
                     inner = inner.setdefault(word, {})
                 inner[field] = True
@@ -450,7 +475,7 @@ class Scene(Document):
         names, parts = self._drawable(), self._drawable_parts()
         ranges: dict[str, dict[str, tuple[float, float]]] = {prefix: {} for prefix in parts}
         for name, ends in self.randomization.items():
-            prefix, _, field = name.rpartition(".")
+            prefix, field = _owner(name)
             if not is_known([name], wrong):
                 continue
             if name not in names:
@@ -458,7 +483,9 @@ class Scene(Document):
             elif name == "springs.stretch" and self.actuation.stretch is not None:
                 texts = ["has no effect with actuation.stretch; set initial.stretch"]
             else:
-                refused = {end: parts[prefix].findings_with(field, end) for end in ends}
+                refused = {
+                    end: parts[prefix].findings_with(field, _whole(name, end)) for end in ends
+                }
                 texts = [text for end in refused for text in refused[end]]
                 if name == self.actuation.damped and not texts:
                     found = _begins_within(name, self.actuation.device, ends)
@@ -485,7 +512,9 @@ class Scene(Document):
                 if isinstance(value, float) and field not in FIXED_FIELDS
             ]
             names += [f"{prefix}.{field}" for field in (*numbers, *part.ratios)]
-        return names
+        sensors = self.sensors
+        errors = [f"sensors.{what}.{c}" for what in ERRORS for c in sensors.channels]
+        return [*names, DELAY, *errors]
 
     def _drawable_parts(self) -> dict[str, Part]:
         parts: dict[str, Part] = {
@@ -493,5 +522,7 @@ class Scene(Document):
             "sphere": self.sphere,
             "interface": self.interface,
             "springs": self.springs,
+            "sensors": self.sensors,
         }
+        parts |= {f"actuation.{name}": part for name, part in self.actuation if part is not None}
         return parts | {f"excitation.{index}": part for index, part in enumerate(self.excitation)}

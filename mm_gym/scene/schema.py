@@ -11,7 +11,8 @@ import re
 from typing import TYPE_CHECKING, TypeAlias, cast, get_args, get_origin
 
 from mm_gym.scene.part import Part, parts_of
-from mm_gym.scene.scene import Scene
+from mm_gym.scene.scene import DELAY, ERRORS, Scene
+from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,7 +37,8 @@ def scene_schema() -> str:
 def _name_drawn(randomization: Object) -> None:
     """Allow only the dotted names of a scene's numbers as keys of the randomisation."""
     drawn = randomization["additionalProperties"]
-    names = dict.fromkeys(_numbers(Scene), drawn)
+    errors = (f"sensors.{what}.{channel}" for what in ERRORS for channel in CHANNELS)
+    names = dict.fromkeys((*_numbers(Scene), DELAY, *errors), drawn)
     randomization |= {
         "properties": {name: drawn for name in names if INDEX not in name},
         "patternProperties": {

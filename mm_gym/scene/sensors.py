@@ -1,7 +1,8 @@
-"""Sensors: the channels that the agent observes, with noise, delay and history."""
+"""Sensors: the channels that the agent observes, with their errors, delay and history."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field
@@ -23,11 +24,11 @@ def _listed_once(channels: tuple[str, ...]) -> str | None:
     return f"channels: {twice[0]!r} is listed more than once" if twice else None
 
 
-def _noise_is_seen(noise: dict[str, float], channels: tuple[str, ...]) -> str | None:
-    idle = [channel for channel in noise if channel not in channels]
+def _is_seen(name: str, errors: dict[str, float], channels: tuple[str, ...]) -> str | None:
+    idle = [channel for channel in errors if channel not in channels]
     if not idle:
         return None
-    return f"noise.{idle[0]}: has no effect; the channel is not among sensors.channels"
+    return f"{name}.{idle[0]}: has no effect; the channel is not among sensors.channels"
 
 
 class Sensors(Part):
@@ -43,12 +44,17 @@ class Sensors(Part):
     spring_force that of the sphere's springs, disturbance_force that of the excitation"""
     noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
     """standard deviation of a channel's Gaussian noise, in the channel's SI unit"""
+    bias: dict[Channel, float] = Field(default_factory=dict[Channel, float])
+    """what a channel shows too much, in its SI unit"""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     """age of the newest frame, in control steps"""
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """probability with which a control step brings no frame: the last one is shown again"""
     history: Annotated[int, Field(ge=1, le=1000)] = 1
     """number of frames observed; a frame holds all channels at one control step"""
 
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("channels",), _listed_once),
-        Rule(("noise", "channels"), _noise_is_seen),
+        Rule(("noise", "channels"), partial(_is_seen, "noise")),
+        Rule(("bias", "channels"), partial(_is_seen, "bias")),
     )

@@ -28,9 +28,12 @@ class Actuator(NamedTuple):
     row, asked_row
         Rows of a lane: what it applies, and what a rate adds up to.
     low, high, rate, lag_factor
-        Limits, largest change in a control step, and fraction of the way that its lag lets it go.
+        Limits, largest change in a control step, and fraction of the way that its lag lets it go;
+        of lanes that differ in them, the middle.
     is_rate
         Whether it is commanded by rate.
+    own
+        First row of what each lane has for itself, 0 if all have the same.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Actuator(NamedTuple):
     rate: float
     lag_factor: float
     is_rate: bool
+    own: int
 
     @property
     def has_memory_of_command(self) -> bool:
@@ -67,13 +71,13 @@ def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
     if task[at.HAS_FORCE] > 0.0:
         limit = float(task[at.FORCE_LIMIT])
         slots = (at.FORCE_RATE, at.FORCE_LAG_FACTOR, at.FORCE_IS_RATE)
-        rest = _numbers(task, slots)
+        rest = *_numbers(task, slots), int(task[at.FORCE_ROW])
         found.append(Actuator("force", at.FORCE, at.FORCE_ASKED, -limit, limit, *rest))
-    for name, (slot, row, asked) in (("stretch", STRETCH), (device, DAMPING)):
+    for name, (slot, row, asked, own) in (("stretch", STRETCH), (device, DAMPING)):
         if task[slot] > 0.0:
             low, high = float(task[slot + LOW]), float(task[slot + HIGH])
             rest = _numbers(task, (slot + RATE, slot + LAG_FACTOR, slot + IS_RATE))
-            found.append(Actuator(name, row, asked, low, high, *rest))
+            found.append(Actuator(name, row, asked, low, high, *rest, int(task[own])))
     return tuple(found)
 
 
@@ -82,19 +86,22 @@ def _numbers(task: Array, slots: tuple[int, int, int]) -> tuple[float, float, bo
     return rate, lag_factor, is_rate > 0.0
 
 
-def slopes(actuator: Actuator, applied: Array, asked: Array, action: Array) -> Slopes:
+def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
     """Return the derivatives over a control step.
 
     Parameters
     ----------
     actuator
         The actuator.
-    applied, asked
-        (count,) [N], [-], [N s/m] or [V] before the step.
+    lanes
+        (rows, count) before the step.
     action
         (count,) [-].
     """
+    applied, asked, own = lanes[actuator.row], lanes[actuator.asked_row], actuator.own
     low, high, rate, factor = actuator.low, actuator.high, actuator.rate, actuator.lag_factor
+    if own:
+        rate, factor = lanes[own + at.TRAVEL], lanes[own + at.LAG_FACTOR]
     inside = (np.abs(action) <= 1.0).astype(np.float64)
     command = np.clip(action, -1.0, 1.0)
     if actuator.is_rate:
@@ -125,5 +132,5 @@ def slopes(actuator: Actuator, applied: Array, asked: Array, action: Array) -> S
     )
 
 
-def _within(value: Array, low: float, high: float) -> Array:
+def _within(value: Array, low: Array | float, high: Array | float) -> Array:
     return ((low <= value) & (value <= high)).astype(np.float64)

@@ -224,8 +224,7 @@ class Sensitivities:
         if status > at.ENDED:
             raise _failure(status)
         chain = [
-            slopes(a, before[a.row], before[a.asked_row], action)
-            for a, action in zip(self.actuators, actions, strict=True)
+            slopes(a, before, action) for a, action in zip(self.actuators, actions, strict=True)
         ]
         count, n = len(self.actuators), self._states
         remembered = [k for k, a in enumerate(self.actuators) if a.has_memory_of_command]

@@ -37,9 +37,10 @@ def checked_fields(
             raise SceneError(msg)
     checked = {row: _checked(name, given[name], row, support, count) for name, row in rows.items()}
     _check_offset(checked, support)
-    for row in support.number_rows.values():
+    for name, row in support.whole_rows.items():
         if row in checked and np.any(checked[row] % 1.0):
-            msg = f"{names[row]}: got {checked[row]}; allowed: whole numbers, those of records"
+            what = "control steps" if row not in support.number_rows.values() else "records"
+            msg = f"{name}: got {checked[row]}; allowed: whole numbers, those of {what}"
             raise SceneError(msg)
     return checked
 
@@ -136,9 +137,9 @@ def check_values(
 
 def _check_relations(values: NDArray[np.float64], support: Support) -> None:
     """Raise `SceneError` for rows that are not what follows from others, or no whole numbers."""
-    for name, row in support.number_rows.items():
+    for name, row in support.whole_rows.items():
         if np.any(values[row] % 1.0):
-            msg = f"state.values: row {row} ({name}.record): allowed: whole numbers"
+            msg = f"state.values: row {row} ({name}): allowed: whole numbers"
             raise SceneError(msg)
     if support.damped_row and np.any(values[support.damped_row] != values[at.DAMPING]):
         msg = f"state.values: row {support.damped_row}: allowed: the same as in row {at.DAMPING}"
@@ -161,6 +162,11 @@ def _bounds(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]
         low[at.C], high[at.C] = 0.0, largest
     for clock in (at.BEGAN, at.NOW):
         low[clock], high[clock] = 0.0, LAST
+    if support.age_row:
+        low[support.age_row], high[support.age_row] = 0.0, LAST
+    for row in support.actuator_rows.values():
+        low[row + at.LAG_FACTOR], high[row + at.LAG_FACTOR] = 0.0, 1.0
+        low[row + at.TRAVEL], high[row + at.TRAVEL] = 0.0, np.inf
     for j in range(len(support.ground)):
         turn = at.HARMONICS + at.HARMONIC_ROWS * j + at.COSINE
         low[turn : turn + 4], high[turn : turn + 4] = -ROUNDED_ONE, ROUNDED_ONE

@@ -62,7 +62,7 @@ class Lanes:
     streams
         (2, count) uint64: key and counter of each lane's random numbers.
     frames, observed
-        ((history + delay) * channels, count) float32: the history, oldest frame first, and its rows
+        (`Plant.frames` * channels, count) float32: the history, oldest frame first, and its rows
         that are observed.
     terminated, truncated
         (count,) bool: how the last control step ended.
@@ -125,7 +125,7 @@ class Lanes:
         self._values = rows_of(len(plant.template), count, np.float64)
         for row in np.flatnonzero(plant.template):  # others need no memory until they are used
             self._values[row] = plant.template[row]
-        frames = (plant.history + plant.delay) * len(plant.channels)
+        frames = plant.frames * len(plant.channels)
         self._frames = rows_of(frames, count, np.float32)
         self._ends = rows_of(3, count + -count % 8, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]

@@ -329,7 +329,9 @@ def in_turn(
 def steer(task, lanes, wanted):
     """Let the actuators of lane 0 go towards force [N], stretch and damping [N s/m] wanted."""
     if task[at.HAS_FORCE] > 0.0:
-        limit, rate, share = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+        limit = task[at.FORCE_LIMIT]
+        given = task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
+        rate, share = _rate_and_share(lanes, int(task[at.FORCE_ROW]), given)
         lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], wanted[0], share, rate, -limit, limit)
     if task[at.HAS_STRETCH] > 0.0:
         _steer(task, lanes, STRETCH, wanted[1])
@@ -338,13 +340,18 @@ def steer(task, lanes, wanted):
 
 
 @borrowing_kernel
+def _rate_and_share(lanes, own, given):
+    """Return the largest change in a control step, and the fraction that a lag lets it go."""
+    if own > 0:
+        return lanes[own + at.TRAVEL, 0], lanes[own + at.LAG_FACTOR, 0]
+    return given
+
+
+@borrowing_kernel
 def _steer(task, lanes, actuator, wanted):
     """Let an actuated parameter of lane 0 go towards a value; arguments as of `task.tune`."""
-    slot, row, _ = actuator
-    low, high, rate, share = (
-        task[slot + LOW],
-        task[slot + HIGH],
-        task[slot + RATE],
-        task[slot + LAG_FACTOR],
-    )
+    slot, row, _, slot_own = actuator
+    low, high = task[slot + LOW], task[slot + HIGH]
+    given = task[slot + RATE], task[slot + LAG_FACTOR]
+    rate, share = _rate_and_share(lanes, int(task[slot_own]), given)
     lanes[row, 0] = approach(lanes[row, 0], wanted, share, rate, low, high)

@@ -23,6 +23,8 @@ from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import next_episode, uniform
 from mm_gym.law.dry_friction import write_regimes
 from mm_gym.step.outputs import (
+    begin_sensors,
+    bias_row_of,
     blur,
     pass_frame,
     rows_of,
@@ -30,7 +32,7 @@ from mm_gym.step.outputs import (
     shown,
     write_channels,
 )
-from mm_gym.step.task import finite, task_and_model
+from mm_gym.step.task import begin_own, finite, task_and_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -149,6 +151,8 @@ def complete(model, task, lanes, which):
         copy_within(lanes, at.DAMPING, at.DAMPING_ASKED, which)
     if model[at.DAMPED] > 0.0:
         copy_within(lanes, at.DAMPING, int(model[at.DAMPED]), which)
+    begin_sensors(task, lanes, which)
+    begin_own(task, lanes, which)
     first, last = run_of(which)
     if last > first:
         _write_regimes_and_phases(model, lanes, first, last)
@@ -221,15 +225,18 @@ def fill_history(task, lanes, frames, streams, which):
     for c in range(channels if last == first else 0):
         scale, shift = scaling(task, c)
         row, subtracted_row = rows_of(task, c)
+        bias_row = bias_row_of(task, c)
         for k in span(0, which.shape[0]):
             value = lanes[row, which[k]]
             if subtracted_row != at.NO_ROW:
                 value -= lanes[subtracted_row, which[k]]
+            if bias_row != at.NO_ROW:
+                value += lanes[bias_row, which[k]]
             frames[newest + c, which[k]] = shown(value, scale, shift)
     if task[at.IS_NOISY] > 0.0:
-        blur(task, frames, newest, streams, first, last)
+        blur(task, lanes, frames, newest, streams, first, last)
         for i in which[: 0 if last > first else which.shape[0]]:
-            blur(task, frames, newest, streams, i, i + 1)
+            blur(task, lanes, frames, newest, streams, i, i + 1)
     pass_frame(task, streams, first, last)
     for i in which[: 0 if last > first else which.shape[0]]:
         pass_frame(task, streams, i, i + 1)

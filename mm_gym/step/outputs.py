@@ -2,12 +2,14 @@
 
 The kernels read `task`, (t,) float64, `model`, (m,) float64, and `lanes`, (rows, lanes) float64.
 They write observations to `frames`, (frames * channels, lanes) float32, oldest frame first, whose
-newest frame begins at row `newest`. `streams` are the random numbers, (2, lanes) uint64. They serve
-the lanes first .. last - 1.
+newest frame begins at row `newest`. Where lanes have sensors of their own, the frames observed come
+first, and behind them those on the way, as many as the largest delay and one. `streams` are the
+random numbers, (2, lanes) uint64. They serve the lanes first .. last - 1.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +20,12 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.lanes.listed import place_of
 from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
-from mm_gym.lanes.random import count_draws, normals_ahead, normals_of_sensors
+from mm_gym.lanes.random import (
+    chance_of_sensors,
+    count_draws,
+    normals_ahead,
+    normals_of_sensors,
+)
 from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force
@@ -150,17 +157,86 @@ def observe(task, lanes, frames, streams, first, last):
     The streams advance by what is reserved for a frame.
     """
     channels = int(task[at.CHANNEL_COUNT])
-    newest = frames.shape[0] - channels
-    if last - first == 1:  # a lone lane does without what loops prepare
-        for row in range(newest):
-            frames[row, first] = frames[row + channels, first]
-    else:
-        for row in range(newest):
-            copy_row(frames, row + channels, row, first, last)
+    newest, behind = frames.shape[0] - channels, 0
+    if task[at.SENSORS_ROW] > 0.0:
+        behind = int(task[at.HISTORY]) * channels
+        move_frames(frames, channels, 0, behind - channels, first, last)
+    move_frames(frames, channels, behind, newest, first, last)
     write_channels(task, lanes, frames, newest, first, last)
     if task[at.IS_NOISY] > 0.0:
-        blur(task, frames, newest, streams, first, last)
+        blur(task, lanes, frames, newest, streams, first, last)
+    if behind > 0:
+        receive(task, lanes, frames, streams, first, last)
     pass_frame(task, streams, first, last)
+
+
+@borrowing_kernel
+def move_frames(frames, channels, begin, end, first, last):
+    """Move rows from `begin` to before `end` on by a frame: each takes what the next frame has."""
+    if last - first == 1:  # a lone lane does without what loops prepare
+        for row in range(begin, end):
+            frames[row, first] = frames[row + channels, first]
+    else:
+        for row in range(begin, end):
+            copy_row(frames, row + channels, row, first, last)
+
+
+@borrowing_kernel
+def receive(task, lanes, frames, streams, first, last):
+    """Let the frame of each lane's own delay arrive, or hold the last one where it is lost.
+
+    A frame that is held grows older. None is older than its episode, so that the first one, which
+    stands for those before it, arrives without being lost.
+    """
+    channels, sensors = int(task[at.CHANNEL_COUNT]), int(task[at.SENSORS_ROW])
+    newest, shown_at = frames.shape[0] - channels, (int(task[at.HISTORY]) - 1) * channels
+    delays, ages = lanes[sensors + at.DELAY, first:last], lanes[sensors + at.AGE, first:last]
+    if task[at.HAS_DROPOUT] > 0.0:
+        noisy = 0
+        for k in range(channels):
+            noisy += int(noise_of(task, k) > 0.0)
+        noisy += noisy % 2  # normal numbers come in pairs
+        chances = lanes[sensors + at.DROPOUT, first:last]
+        for i in range(last - first):
+            held = ages[i] + 1.0
+            is_lost = chance_of_sensors(streams, noisy, first + i) < chances[i]
+            ages[i] = held if is_lost else min(held, delays[i])
+    else:
+        for i in range(last - first):
+            ages[i] = min(ages[i] + 1.0, delays[i])
+    for delay in range(int(task[at.MOST_DELAY]) + 1):  # side by side, which a look-up is not
+        wanted = float(delay)
+        for k in range(channels):
+            arriving = frames[newest - channels * delay + k, first:last]
+            observed = frames[shown_at + k, first:last]
+            for i in range(last - first):
+                new, old, late = arriving[i], observed[i], delays[i]
+                observed[i] = new if (late == wanted) & (ages[i] <= late) else old
+
+
+@borrowing_kernel
+def begin_sensors(task, lanes, which):
+    """Begin with a frame that is not late, and a delay of whole steps, in the lanes listed."""
+    sensors = int(task[at.SENSORS_ROW])
+    if sensors > 0:
+        for i in which:
+            delay = math.floor(lanes[sensors + at.DELAY, i])
+            lanes[sensors + at.DELAY, i] = min(delay, task[at.MOST_DELAY])
+            lanes[sensors + at.AGE, i] = 0.0
+
+
+@borrowing_kernel
+def errors_row_of(task, k):
+    """Return the first row of channel k's noise and bias; `NO_ROW` if all lanes have the same."""
+    sensors = int(task[at.SENSORS_ROW])
+    return sensors + at.SENSORS_SIZE + at.ERRORS_SIZE * k if sensors > 0 else at.NO_ROW
+
+
+@borrowing_kernel
+def bias_row_of(task, k):
+    """Return the row of what channel k shows too much [SI], or `NO_ROW`."""
+    row = errors_row_of(task, k)
+    return row + at.BIAS if row != at.NO_ROW else at.NO_ROW
 
 
 @borrowing_kernel
@@ -180,7 +256,14 @@ def write_channels(task, lanes, frames, newest, first, last):
         scale, shift = scaling(task, k)
         row, subtracted_row = rows_of(task, k)
         frame, values = frames[newest + k, first:last], lanes[row, first:last]
-        if subtracted_row != at.NO_ROW:
+        bias_row = bias_row_of(task, k)
+        if bias_row != at.NO_ROW:
+            biases, is_relative = lanes[bias_row, first:last], subtracted_row != at.NO_ROW
+            subtracted = lanes[subtracted_row if is_relative else bias_row, first:last]
+            for i in range(last - first):
+                value = values[i] - subtracted[i] if is_relative else values[i]
+                frame[i] = shown(value + biases[i], scale, shift)
+        elif subtracted_row != at.NO_ROW:
             subtracted = lanes[subtracted_row, first:last]
             for i in range(last - first):
                 frame[i] = shown(values[i] - subtracted[i], scale, shift)
@@ -190,7 +273,7 @@ def write_channels(task, lanes, frames, newest, first, last):
 
 
 @borrowing_kernel
-def blur(task, frames, newest, streams, first, last):
+def blur(task, lanes, frames, newest, streams, first, last):
     """Add the sensors' noise to the newest frame; the streams are read, and do not advance."""
     prefer_widest_vectors()
     is_reserved, ahead = task[at.HAS_RESERVED_NOISE] > 0.0, 0
@@ -199,8 +282,11 @@ def blur(task, frames, newest, streams, first, last):
         other = next_noisy(task, k + 1)
         spreads = noise_of(task, k), noise_of(task, other) if other < channels else 0.0
         # Of an odd number the last takes the second normal number too, times zero.
-        rows = newest + k, newest + (other if other < channels else k)
-        if last - first == 1:  # a lone lane does without what a loop prepares
+        second = other if other < channels else k
+        rows = newest + k, newest + second
+        if task[at.SENSORS_ROW] > 0.0:
+            blur_own(task, lanes, frames, newest, streams, (k, second), ahead, first, last)
+        elif last - first == 1:  # a lone lane does without what a loop prepares
             blur_pair(frames, rows, spreads, streams, is_reserved, ahead, first)
         elif is_reserved:
             for i in span(first, last):
@@ -209,6 +295,28 @@ def blur(task, frames, newest, streams, first, last):
             for i in span(first, last):
                 blur_pair(frames, rows, spreads, streams, False, ahead, i)
         k, ahead = next_noisy(task, other + 1), ahead + 2
+
+
+@borrowing_kernel
+def blur_own(task, lanes, frames, newest, streams, pair, ahead, first, last):
+    """Add noise to two channels, of each lane's own standard deviations.
+
+    Arguments as of `blur`, the channels, and how many numbers come before theirs. If it is one
+    channel twice, it takes the first number only.
+    """
+    one, other = pair
+    is_reserved, both = task[at.HAS_RESERVED_NOISE] > 0.0, other != one
+    scales = scaling(task, one)[0], scaling(task, other)[0] if both else 0.0
+    row, row_of_other = errors_row_of(task, one) + at.SPREAD, errors_row_of(task, other) + at.SPREAD
+    rows = newest + one, newest + other
+    if is_reserved:
+        for i in span(first, last):
+            own = lanes[row, i] * scales[0], lanes[row_of_other, i] * scales[1]
+            blur_pair(frames, rows, own, streams, True, ahead, i)
+    else:
+        for i in span(first, last):
+            own = lanes[row, i] * scales[0], lanes[row_of_other, i] * scales[1]
+            blur_pair(frames, rows, own, streams, False, ahead, i)
 
 
 @inlined_kernel

@@ -35,6 +35,15 @@ def rows_of_start(
     """
     drawn = [int(row) for row in draws[:, 0]]
     read, written = [], [*range(at.DAMPING + 1), *drawn]
+    sensors = int(task[at.SENSORS_ROW])
+    if sensors:
+        channels = int(task[at.CHANNEL_COUNT])
+        read += range(sensors, sensors + at.SENSORS_SIZE + at.ERRORS_SIZE * channels)
+        written += [sensors + at.DELAY, sensors + at.AGE]
+    for own in (int(task[slot]) for slot in (at.FORCE_ROW, at.STRETCH_ROW, at.DAMPING_ROW)):
+        if own:
+            read += [own + at.LAG, own + at.RATE_LIMIT]
+            written += [own + at.LAG_FACTOR, own + at.TRAVEL]
     if task[at.FORCE_IS_RATE]:
         written.append(at.FORCE_ASKED)
     if task[at.STRETCH_IS_RATE]:

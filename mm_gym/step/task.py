@@ -11,6 +11,7 @@ import numpy as np
 from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
+from mm_gym.lanes.elementary import exponential
 from mm_gym.lanes.memory import copy_row, fill, span
 
 LOW, HIGH, RATE, IS_RATE, LAG_FACTOR = 1, 2, 3, 4, 5
@@ -72,9 +73,10 @@ def command(task, lanes, actions, rewards, first, last):
             rewards[i] = 0.0
 
 
-STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED
-DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED
-"""Of an actuated parameter: its first slot of the task, its row, and that of what is asked."""
+STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED, at.STRETCH_ROW
+DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED, at.DAMPING_ROW
+"""Of an actuated parameter: its first slot of the task, its row, that of what is asked, and the
+slot of the first row of a lane's own actuator."""
 
 
 @borrowing_kernel
@@ -90,8 +92,15 @@ def push(task, lanes, actions, rewards, first, last):
     """Apply a force [N] and begin the rewards with the cost of its action."""
     prefer_widest_vectors()
     limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
-    lag_factor = task[at.FORCE_LAG_FACTOR]
-    if task[at.FORCE_IS_RATE] > 0.0:
+    lag_factor, own = task[at.FORCE_LAG_FACTOR], int(task[at.FORCE_ROW])
+    is_rate = task[at.FORCE_IS_RATE] > 0.0
+    if own > 0:
+        rows, limits = (at.FORCE, at.FORCE_ASKED, own), (-limit, limit)
+        move_own(lanes, rows, limits, actions, is_rate, first, last)
+        for i in span(first, last):
+            a = clip(actions[i], -1.0, 1.0)
+            rewards[i] = 0.0 - weight * a * a
+    elif is_rate:
         integrate(lanes, at.FORCE_ASKED, actions, rate, -limit, limit, first, last)
         for i in span(first, last):
             a, present, wanted = (
@@ -135,10 +144,17 @@ def tune(task, lanes, actuator, asked, rewards, begun, first, last):
         The lanes first .. last - 1.
     """
     prefer_widest_vectors()
-    (slot, row, row_asked), weight = actuator, task[at.WEIGHT_EFFORT]
+    (slot, row, row_asked, slot_own), weight = actuator, task[at.WEIGHT_EFFORT]
     low, high, rate = task[slot + LOW], task[slot + HIGH], task[slot + RATE]
     lag_factor, middle, half = task[slot + LAG_FACTOR], 0.5 * (high + low), 0.5 * (high - low)
-    if task[slot + IS_RATE] > 0.0:
+    is_rate, own = task[slot + IS_RATE] > 0.0, int(task[slot_own])
+    if own > 0:
+        rows, limits = (row, row_asked, own), (low, high)
+        move_own(lanes, rows, limits, asked, is_rate, first, last)
+        for i in span(first, last):
+            a = clip(asked[i], -1.0, 1.0)
+            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
+    elif is_rate:
         integrate(lanes, row_asked, asked, rate, low, high, first, last)
         for i in span(first, last):
             a, present, wanted = (
@@ -153,6 +169,66 @@ def tune(task, lanes, actuator, asked, rewards, begun, first, last):
             a, present = clip(asked[i], -1.0, 1.0), lanes[row, i]
             lanes[row, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
             rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
+
+
+@borrowing_kernel
+def move_own(lanes, rows, limits, actions, is_rate, first, last):
+    """Move actuators, each with the lag and the rate limit of its lane.
+
+    Parameters
+    ----------
+    lanes
+        (rows, lanes) float64; what is applied, and asked if by rate, is written.
+    rows
+        Rows of what it applies and of what it is asked for, and the first of its own.
+    limits
+        Least and largest value.
+    actions
+        (lanes,) float32 or float64, read; clipped to [-1, 1].
+    is_rate
+        Whether an action commands a rate.
+    first, last
+        The lanes first .. last - 1.
+    """
+    (row, row_asked, own), (low, high) = rows, limits
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    for i in span(first, last):
+        a, travel = clip(actions[i], -1.0, 1.0), lanes[own + at.TRAVEL, i]
+        if is_rate:
+            wanted = clip(lanes[row_asked, i] + travel * a, low, high)
+            lanes[row_asked, i] = wanted
+        else:
+            wanted = middle + half * a
+        lag_factor = lanes[own + at.LAG_FACTOR, i]
+        lanes[row, i] = approach(lanes[row, i], wanted, lag_factor, travel, low, high)
+
+
+@borrowing_kernel
+def begin_own(task, lanes, which):
+    """Write what follows from the lag and rate limit of each lane listed, in a control step."""
+    for slot in (at.FORCE_ROW, at.STRETCH_ROW, at.DAMPING_ROW):
+        own = int(task[slot])
+        if own > 0:
+            for i in which:
+                lag = lanes[own + at.LAG, i]
+                share = 1.0 if lag == 0.0 else part_of_way(task[at.TIME_STEP] / lag)
+                lanes[own + at.LAG_FACTOR, i] = share
+                lanes[own + at.TRAVEL, i] = lanes[own + at.RATE_LIMIT, i] * task[at.TIME_STEP]
+
+
+SMALL, TERMS = 0.25, 12
+"""Below it 1 - exp(-x) is a power series of so many terms, the next of which is 1e-17 of it."""
+
+
+@borrowing_kernel
+def part_of_way(x):
+    """Return 1 - exp(-x) for x > 0, to the last digits for small x too."""
+    if x > SMALL:
+        return 1.0 - exponential(-x)
+    value = 1.0
+    for n in range(TERMS, 1, -1):
+        value = 1.0 - x / n * value
+    return x * value
 
 
 @borrowing_kernel

@@ -50,6 +50,17 @@ HYSTERESIS = {
 SCENES = {
     "both actuators, three frames": ("Hybrid", {}),
     "late frames": ("Hybrid", {"sensors.delay": 2}),
+    "frames late and lost, lags, all drawn": (
+        "Hybrid",
+        {
+            "sensors.dropout": 0.3,
+            "randomization": {
+                "sensors.delay": [0, 2],
+                "actuation.force.lag": [0.0, 0.02],
+                "actuation.stretch.lag": [0.0, 0.02],
+            },
+        },
+    ),
     "a slow stretch, and what it is": ("PreStretch", {"actuation.stretch.rate_limit": 40.0}),
     "a lag": ("PreStretchNoise", {"actuation.stretch.lag": 0.02}),
     "rate and lag": (
@@ -94,15 +105,21 @@ class Exact:
     def reset(self, **options):
         observation, info = self.env.reset(**options)
         newest = observation[:, -len(self.zero) :].T.astype(np.float64)
-        self.frames = [newest] * (self.plant.history + self.plant.delay)  # newest first
+        self.measured, self.received = [newest], [newest] * self.plant.history  # oldest first
         return observation, info
 
     def step(self, actions):
         observation, *rest = self.env.step(actions)
         state = self.own.physics.state
         shown = self.own.shown[:, : len(state)] @ state - self.zero
-        self.frames = [shown, *self.frames[:-1]]
-        exact = np.concatenate(self.frames[self.plant.delay :][::-1])
+        self.measured.append(shown)
+        ages, row = np.full(shown.shape[1], self.plant.delay), self.plant.support.age_row
+        if row:
+            ages = self.get_state()["values"][row].astype(int)
+        ages = np.minimum(ages, len(self.measured) - 1)
+        newest = [self.measured[-1 - age][:, lane] for lane, age in enumerate(ages)]
+        self.received = [*self.received[1:], np.stack(newest, axis=1)]
+        exact = np.concatenate(self.received)
         follows = np.tile(self.follows, self.plant.history)
         return np.where(follows, exact.T, observation), *rest
 

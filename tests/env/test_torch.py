@@ -99,6 +99,10 @@ def own_cost(carriage_acceleration, spring_force, sphere_velocity):
 SCENES = {
     "PreStretch": load_scene("mm_gym/PreStretch-v0"),
     "Hybrid, late": load_scene("mm_gym/Hybrid-v0").replace(**{"sensors.delay": 2}),
+    "Hybrid, late and lost": load_scene("mm_gym/Hybrid-v0").replace(
+        randomization={"sensors.delay": [0, 2], "actuation.force.lag": [0.0, 0.02]},
+        **{"sensors.dropout": 0.3},
+    ),
     "Friction": load_scene("mm_gym/CarriageForceFriction-v0"),
     "accelerations": load_scene("mm_gym/CarriageForceDuffing-v0").replace(
         **{

@@ -116,7 +116,7 @@ def at_once(task, model, lanes, frames, ends, streams, actions, rewards, first, 
 def is_simple(task, model, frames):
     """Tell whether only a force acts, as commanded, and the state's channels are observed."""
     pushed = task[at.HAS_FORCE] > 0.0 and not task[at.HAS_STRETCH] > 0.0
-    direct = not task[at.FORCE_IS_RATE] > 0.0 and is_at_once(
+    direct = not (task[at.FORCE_IS_RATE] > 0.0 or task[at.FORCE_ROW] > 0.0) and is_at_once(
         task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
     )
     alone = model[at.HARMONIC_COUNT] == 0.0 and not excited(model)
