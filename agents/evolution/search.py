@@ -139,6 +139,13 @@ class Evolution(Search):
         seeds = training_seeds(settings.seed, settings.episodes, first)
         self._tell(vectors, self.population.costs(self._whole(vectors), seeds))
 
+    def _told(self) -> dict[str, float]:
+        """Return the least and the median cost of the candidates on their training episodes."""
+        costs = np.sqrt(
+            np.maximum(self.costs[self.rounds - 1], 0.0)
+        )  # an own reward's sign is free
+        return {"search/least": float(costs.min()), "search/median": float(np.median(costs))}
+
     def _present(self) -> Arrays:
         (vector,) = self._whole(np.asarray(self.strategy.mean)[None])
         return {"vector": vector}

@@ -62,6 +62,8 @@ class Descent(Search):
     ----------
     network
         With the parameters as they are.
+    size
+        Length of the last gradient.
     """
 
     unit = "iteration"
@@ -83,6 +85,7 @@ class Descent(Search):
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = settings.episodes * scene.control.steps
+        self.size = 0.0
 
     @property
     def total(self) -> int:
@@ -103,6 +106,7 @@ class Descent(Search):
             for name in BIASES:
                 gradient[name][:] = 0.0
         size = np.sqrt(sum(float(np.sum(np.square(slope))) for slope in gradient.values()))
+        self.size = float(size)
         if not (0.0 < size < np.inf):
             return
         own = self.network.parameters
@@ -116,6 +120,10 @@ class Descent(Search):
             hold_stable(own["keep"])
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
+
+    def _told(self) -> dict[str, float]:
+        """Return the length of the gradient."""
+        return {"search/gradient": self.size}
 
     def _present(self) -> Arrays:
         return {name: array.copy() for name, array in self.mean.items()}

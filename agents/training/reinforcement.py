@@ -24,6 +24,8 @@ from agents.training.arrays import damage_named, load_checkpoint, save_checkpoin
 from agents.training.checkpoint import restore, state_of
 from agents.training.ending import Ending, told_part
 from agents.training.lanes import make_lanes
+from agents.training.logs import FOLDER as LOGS
+from agents.training.logs import VALIDATION
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
 from mm_gym.files import write_bytes
@@ -102,7 +104,7 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
     """Train, and write the best policy; the run's lock is held."""
     settings, run = validation.settings, validation.run
     torch.set_num_threads(settings.threads)
-    model = make_model(settings, run.folder / "tensorboard", lanes)
+    model = make_model(settings, run.folder / LOGS, lanes)
     if run.checkpoint.exists():
         arrays = load_checkpoint(run.checkpoint)
         with damage_named(run.checkpoint):
@@ -228,7 +230,7 @@ class Validation(BaseCallback):
         policy = policy_of(self.model)
         agent = self.parts.controller(policy)
         cost = validation_cost(self.parts.scene, agent)
-        self.logger.record("validation/cost", cost)
+        self.logger.record(VALIDATION, cost)
         if cost < self.progress.least_cost:
             self.progress.best = {"policy": np.frombuffer(policy.to_bytes(), np.uint8)}
         self.progress.seconds = time.perf_counter() - self.began

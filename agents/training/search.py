@@ -18,6 +18,7 @@ from agents.training.arrays import (
     save_checkpoint,
 )
 from agents.training.ending import Ending, told_part
+from agents.training.logs import VALIDATION, Log
 from agents.training.progress import Progress
 from agents.training.starts import without_control
 
@@ -82,6 +83,10 @@ class Search(ABC):
     def _restore(self, arrays: Arrays) -> None:
         """Go on from what `_state` returned, and count the rounds."""
 
+    def _told(self) -> dict[str, float]:
+        """Return numbers of the last round for the log, by name."""
+        return {}
+
     def policy(self) -> AnyPolicy:
         """Return the best policy of the validations."""
         return self._policy(self.progress.best)
@@ -123,10 +128,11 @@ class Search(ABC):
         began = time.perf_counter() - progress.seconds
         saved, done = progress.seconds, self.rounds >= total
         budget = math.inf if self.settings.time_budget is None else self.settings.time_budget
-        if not len(progress.rows):
-            self._validate()
-        self._note()
-        with tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar) as shown:
+        shown = tqdm(total=total, initial=self.rounds, unit=self.unit, disable=not bar)
+        with shown, Log(run.folder) as log:
+            if not len(progress.rows):
+                self._validate(log)
+            self._note()
             try:
                 while not done:
                     self._advance()
@@ -134,8 +140,9 @@ class Search(ABC):
                     shown.update()
                     progress.seconds = time.perf_counter() - began
                     done = progress.seconds >= budget or self.rounds == total
+                    log.add(self.rounds * self.frames, self._told())
                     if done or self.rounds % every == 0:
-                        self._validate()
+                        self._validate(log)
                         shown.set_postfix(cost=f"{progress.least_cost:.4f}")
                     self._note()
                     if done or progress.seconds > saved + BETWEEN_SAVES:
@@ -162,12 +169,14 @@ class Search(ABC):
         ending.write(run)
         policy.save(run.policy)
 
-    def _validate(self) -> None:
-        present = self._present()
+    def _validate(self, log: Log) -> None:
+        present, steps = self._present(), self.rounds * self.frames
         cost = self._cost(present)
+        log.add(steps, {VALIDATION: cost})
+        log.show()
         if cost < self.progress.least_cost:
             self.progress.best = present
-        self.progress.add(self.rounds * self.frames, cost)
+        self.progress.add(steps, cost)
 
     def _cost(self, parameters: Arrays) -> float:
         """Return the cost of parameters on the episodes of all validations."""

@@ -115,6 +115,11 @@ class ValueIteration(Search):
         stays = np.float32(1.0 - self.problem.chances.sum())
         return stays * self.values + self.expected
 
+    def _told(self) -> dict[str, float]:
+        """Return the mean cost of a step and the residual, once they are known."""
+        known = np.isfinite(self.residual)
+        return {"search/mean": self.mean, "search/residual": self.residual} if known else {}
+
     def _present(self) -> Arrays:
         return {"after": self._after()}
 

@@ -288,7 +288,7 @@ class TestRuns:
 
     def test_killed_run_ends_as_if_unbroken(self, unbroken, tmp_path):
         run = Run("tiny", tmp_path)
-        process = kills.begin_descent(TINY, tmp_path, touches=14)
+        process = kills.begin_descent(TINY, tmp_path, touches=16)
         process.join()
         assert process.exitcode == -9
         assert not run.finished
