@@ -136,8 +136,11 @@ class ClippedVoltage(Law):
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
         """Return the action towards the regulator's force."""
-        force = -state[:, self.design.states] @ self.design.gain[0]
-        return self.device.towards(force, state, self.device.present(applied)), memory
+        return self.device.towards(self.force(state), state, self.device.present(applied)), memory
+
+    def force(self, state: Values) -> Values:
+        """Return the wanted forces F (lanes,) [N] on the carriage."""
+        return -state[:, self.design.states] @ self.design.gain[0]
 
 
 def regulated(scene: Scene, weight: float) -> Scene:

@@ -26,7 +26,7 @@ class SearchSettings(TimedSettings):
 
     law: LawName = "auto"
     """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
-    the stretch (both with both actuators) or clipped-optimal control of the damping, "lqg" the LQG
+    the stretch (both with both actuators) or clipped-optimal control of the damper, "lqg" the LQG
     of the force, "tracking" an absorber tuned to the frequency it finds, "none" no control; "auto"
     takes the one for the actuators, unless the LQG or no control clearly costs less on the
     validation episodes"""

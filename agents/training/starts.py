@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.controllers.actuators import Command
 from agents.controllers.clipped_lqr import ClippedLQR
-from agents.controllers.clipped_optimal import ClippedOptimal
+from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.controller import columns
 from agents.controllers.learned import Learned
@@ -39,6 +39,9 @@ STRETCH, WEIGHT = 0.125, 1.0
 
 WEIGHTS = 1e-3, 1e-2, 0.1, 1.0
 """Of the force of clipped-optimal controls that are tried."""
+
+DAMPERS = ("damping",), ("voltage",)
+"""Names of the actuators of a scene that a network begins to switch by itself."""
 
 GAIN = 2.0
 """Of a switching function: the action is full as soon as it is beyond a half."""
@@ -70,7 +73,7 @@ they are of order one, and a hundredth changes the frequency by as much as the s
 IN_WORDS: dict[str, str] = {
     "regulator": "the LQR of the force",
     "lqg": "the LQG of the force",
-    "switching": "the clipped LQR of the stretch, or of the damping",
+    "switching": "the clipped LQR of the stretch, or of the damper",
     "tracking": "the absorber tuned to the frequency that it finds",
     "none": "no control",
 }
@@ -176,7 +179,7 @@ def _best_start(scene: Scene, shown: Shown) -> Start:
 
 def natural_law(scene: Scene) -> LawName:
     """Return the law for a scene's actuators and excitation."""
-    if scene.actuation.names == ("damping",):
+    if scene.actuation.names in DAMPERS:
         return "switching"
     if scene.actuation.stretch is None:
         return "regulator"
@@ -274,11 +277,12 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     if law == "none":
         return _none(scene, shown)
     if actuation.device is not None:
-        if law == "switching" and actuation.names == ("damping",):
+        if law == "switching" and actuation.names in DAMPERS:
             return _clipped_optimal(scene, shown)
+        device = device_of(scene)
         msg = (
-            f"law: got {law!r}; allowed where actuation.{device_of(scene)} is: 'none', and where "
-            "actuation.damping is alone 'switching'"
+            f"law: got {law!r}; allowed where actuation.{device} is: 'none', and where "
+            f"actuation.{device} is alone 'switching'"
         )
         raise DesignError(msg)
     if law == "lqg":
@@ -378,20 +382,40 @@ def _switched_by(pair: Values, shown: Shown) -> Start:
 def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     """Return clipped-optimal control on or off, as one switching function, at the best weight.
 
-    The damping is the greatest where the wanted force and the device's velocity have like signs.
+    The damping or voltage is the greatest where the wanted force and the device's velocity have
+    like signs.
     """
     state = shown.moving(scene.control.time_step)
+    of = _clipped_voltage if scene.actuation.voltage is not None else _clipped_damping
     found: list[Start] = []
     for weight in WEIGHTS:
-        law = ClippedOptimal(scene, "on-off", weight)
-        ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
-        pair = np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
+        pair = of(scene, weight, state)
         if not pair.any(axis=1).all():
             msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
             msg += ": channels that show it, or displacements with sensors.history of at least 2"
             raise DesignError(msg)
         found.append(_switched_by(pair, shown))
     return min(found, key=lambda start: _cost(scene, start))
+
+
+def _clipped_damping(scene: Scene, weight: float, state: Values) -> Values:
+    """Return (2, n) the wanted force and the device's velocity, a moment ahead, of an observation.
+
+    The state is `state` (4, n) @ observation.
+    """
+    law = ClippedOptimal(scene, "on-off", weight)
+    ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ state
+    return np.stack([law.force({}, ahead.T), law.device.velocity(ahead.T)])
+
+
+def _clipped_voltage(scene: Scene, weight: float, state: Values) -> Values:
+    """Return the same of a voltage.
+
+    The damper's force is taken to have the sign of the slip velocity, and to be the smaller one:
+    no linear function of an observation says when it is not.
+    """
+    law = ClippedVoltage(scene, weight)
+    return np.stack([law.force(state.T), state[3] - state[2]])
 
 
 def _tracking(scene: Scene, shown: Shown) -> Start:

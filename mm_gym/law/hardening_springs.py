@@ -60,6 +60,7 @@ def with_hardening_springs(interface: Interface) -> Interface:
         energy,
         springs=springs,
         resolves=interface.resolves,
+        is_bent=interface.is_bent,
         damping=lambda p: interface.damping(p[:first]),
         stiffness=lambda p: interface.stiffness(p[:first]) + p[first],
         rising=interface.rising | {PARAMETERS[0]},

@@ -77,6 +77,9 @@ class Interface:
         Kernel (p, slip before, slip after, way) -> whether a step between these sees all that the
         force does in between: error estimates miss what happens between two stages. It may be as
         long as `way`, in units of the slip over which the force bends.
+    is_bent
+        Whether the force bends sharply at every change of the slip's direction, where a method of
+        high order does not pay.
     damping, stiffness
         Of parameters p -> bound of the force's slope over the slip velocity [N s/m], and over
         offsets near 0, the own states' share included [N/m]. Both rise with each parameter in
@@ -93,6 +96,7 @@ class Interface:
     energy: Callable[..., Any] = zero
     springs: Callable[..., Any] = zero
     resolves: Callable[..., Any] | None = None
+    is_bent: bool = False
     damping: Bound = _none
     stiffness: Bound = _none
     rising: frozenset[str] = frozenset()

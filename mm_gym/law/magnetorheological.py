@@ -81,6 +81,7 @@ MAGNETORHEOLOGICAL = Interface(
     ("y", "z"),
     rates,
     energy,
+    is_bent=True,
     damping=damping,
     stiffness=stiffness,
     rising=frozenset(PARAMETERS),

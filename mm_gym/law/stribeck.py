@@ -56,6 +56,7 @@ STRIBECK = Interface(
     PARAMETERS,
     force,
     resolves=resolves,
+    is_bent=True,
     damping=damping,
     rising=frozenset(PARAMETERS) - {"kinetic_coefficient", *PARAMETERS[2:4]},
 )

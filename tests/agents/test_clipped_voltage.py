@@ -18,6 +18,7 @@ from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.runs import Run
+from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, load_scene
 from mm_gym.compiler.jit import plain
 from mm_gym.law import magnetorheological
@@ -149,6 +150,38 @@ def test_it_is_tuned_named_and_refused_elsewhere():
         ClippedVoltage(pushed, WEIGHT)
     with pytest.raises(DesignError, match=r"weight: got -1.0"):
         ClippedVoltage(SCENE, -1.0)
+
+
+SHOWN = {
+    "sensors.channels": [
+        *("carriage_displacement", "sphere_offset", "carriage_velocity", "slip_velocity"),
+    ],
+    "sensors.noise": {},
+    "control.steps": 150,
+}
+
+
+def test_network_begins_as_clipped_optimal_control():
+    scene = scene_of(**SHOWN)
+    start = start_of(scene, EvolveSettings(law="switching"), np.random.default_rng(0))
+    assert start.law == "switching"
+    assert start_of(scene, EvolveSettings(), np.random.default_rng(0)).law == "switching"
+    network = Learned(start.policy())
+    best = min(
+        evaluate(
+            scene, Feedback(scene, ClippedVoltage(scene, weight), TrueState()), episodes=30
+        ).cost
+        for weight in (1e-3, 1e-2, 0.1, 1.0)
+    )
+    still = evaluate(scene, uncontrolled(scene), episodes=30).cost
+    cost = evaluate(scene, network, episodes=30).cost
+    # It goes by the sign of the damper's force and not by its size, and switches over a range.
+    assert best < cost < still - 0.5 * (still - best)
+    blind = scene.replace(**{"sensors.channels": ["carriage_displacement"]})
+    with pytest.raises(DesignError, match="switching needs the velocity of the damper's ends"):
+        start_of(blind, EvolveSettings(law="switching"), np.random.default_rng(0))
+    with pytest.raises(DesignError, match=r"actuation.voltage is alone 'switching'"):
+        start_of(scene, EvolveSettings(law="regulator"), np.random.default_rng(0))
 
 
 TASK = """

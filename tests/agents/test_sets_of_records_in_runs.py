@@ -5,6 +5,7 @@ One folder has a scene, its records and its runs; the commands are called as a u
 
 import json
 import shutil
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from agents.training.parts import base_controller
 from agents.training.runs import Run
-from mm_gym import MovingMassVectorEnv, load_scene
+from mm_gym import MovingMassEnv, MovingMassVectorEnv, load_scene
 
 SCENE = """
 [interface]
@@ -49,6 +50,14 @@ FLAGS = {
     "evolve": f"--generations 2 {SMALL}",
     "descend": "--iterations 2 --evaluations 1 --episodes 4 --hidden 4",
     "train": "--lanes 8 --steps 160 --evaluations 2 --ppo.rollout 10 --ppo.batch-size 40",
+}
+SWEPT = {
+    "scene": "scene.toml",
+    "evolution.generations": 2,
+    "evolution.evaluations": 1,
+    "evolution.candidates": 4,
+    "evolution.episodes": 4,
+    "evolution.threads": 1,
 }
 
 
@@ -147,3 +156,57 @@ def test_scene_of_a_file_is_the_same_in_another_folder(folder, monkeypatch, tmp_
     assert load_scene("other/scene.toml").digest == scene.digest
     (tmp_path / "other" / "motions" / "m0.csv").write_bytes(content + b"9,1\n")
     assert load_scene("other/scene.toml").digest != scene.digest
+
+
+@pytest.mark.slow  # trainings of two kinds, in processes of their own
+@pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
+def test_sweep_and_search_of_settings_draw_from_a_set(folder, call):
+    pytest.importorskip("optuna")
+    write(folder, PATTERN)
+    flags = ["--name", "all", "--algorithms", "evolution", "--processes", "1", "--settings"]
+    assert call("sweep", *flags, json.dumps(SWEPT)) in {None, 0}
+    searched = ["--scene", "scene.toml", "--name", "best", "--trials", "1", "--lanes", "8"]
+    assert call("tune", *searched, "--steps", "160", "--evaluations", "1") in {None, 0}
+    for name in ("all/PreStretch-evolution-plain-0", "best/trial-0"):
+        run = Run(name)
+        assert run.finished, name
+        assert run.read()["scene_digest"] == load_scene("scene.toml").digest
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
+def test_recorded_episodes_are_played_again_in_another_folder(call, monkeypatch, tmp_path):
+    minari = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    few = ["--controller", "no-control", "--episodes", "5", "--lanes", "2", "--seed", "7"]
+    assert call("record", "scene.toml", *few, "--out", "own/motions-v0") in {None, 0}
+    monkeypatch.chdir(tmp_path)
+    data = minari.load_dataset("own/motions-v0")
+    env = data.recover_environment()
+    for k, episode in enumerate(data):
+        seen = [env.reset(seed=7 + k)[0]]
+        seen += [env.step(action)[0] for action in episode.actions]
+        assert np.array_equal(seen, episode.observations)
+
+
+@pytest.mark.slow  # each process imports all anew
+@pytest.mark.usefixtures("folder")
+@pytest.mark.filterwarnings("ignore:.*records? lasts?.*")
+@pytest.mark.parametrize("method", ["spawn", "forkserver"])
+def test_processes_in_another_folder_draw_the_same_records(monkeypatch, tmp_path, method):
+    vectors = pytest.importorskip("stable_baselines3.common.vec_env")
+    scene = load_scene("scene.toml")
+    monkeypatch.chdir(tmp_path)
+    makers = [partial(MovingMassEnv, scene)] * 2
+    found = []
+    for vector in (
+        vectors.SubprocVecEnv(makers, start_method=method),
+        vectors.DummyVecEnv(makers),
+    ):
+        vector.seed(3)
+        seen = [vector.reset()]
+        seen += [vector.step(np.full((2, 1), 0.3, np.float32))[0] for _ in range(130)]
+        found.append(np.array(seen))
+        vector.close()
+    assert np.array_equal(*found)
+    assert not np.array_equal(found[0][:, 0], found[0][:, 1])

@@ -18,6 +18,8 @@ from mm_gym import (
 )
 from mm_gym.compiler.jit import plain
 from mm_gym.law import magnetorheological
+from mm_gym.methods.base import Settings
+from mm_gym.methods.runge_kutta.method import plan_of
 from mm_gym.metrics import response
 from mm_gym.simulation.lanes import Lanes
 
@@ -158,6 +160,15 @@ def test_control_steps_keep_the_tolerance(tolerance: float) -> None:
         assert coarse.advance(actions) == fine.advance(actions) == 0
         scale = np.abs(fine.values[:4]).reshape(2, 2, -1).max(axis=1).repeat(2, axis=0)
         assert (np.abs(coarse.values[:4] - fine.values[:4]) <= tolerance * scale).all()
+
+
+def test_loose_steps_are_of_low_order() -> None:
+    """Its shear turns round within micrometres: a pair of high order takes longer there."""
+    support = compile_scene(scene_of()).support
+    for tolerance, is_high in ((1e-2, False), (1e-3, False), (1e-9, True)):
+        plan = plan_of(support, Settings(tolerance, substeps=1))
+        assert plan is not None
+        assert plan.tableau.is_combined is is_high
 
 
 @pytest.mark.parametrize("seed", [6, 20, 24, 31, 34])

@@ -216,7 +216,7 @@ def plan_of(support: Support, settings: Settings) -> Plan | None:
     The error is that on an undamped oscillation at the fastest rate of the scene.
     """
     phase = max(_rate(support) * support.sample_interval, SHORTEST)
-    turns = TURNS if support.interface.resolves else 1.0
+    turns = TURNS if support.interface.is_bent else 1.0
     return _plan(phase, _limit(support, settings), turns, alone=support.is_general)
 
 
