@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast, get_args, get_origin
 from mm_gym.scene.part import Part, parts_of
 from mm_gym.scene.scene import DELAY, ERRORS, Scene
 from mm_gym.step.channels import CHANNELS
+from mm_gym.tasks import ids
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,6 +24,8 @@ Object: TypeAlias = "dict[str, Node]"
 DRAFT = "http://json-schema.org/draft-07/schema#"
 """All editors of TOML read this draft; what is used of it means the same in later ones."""
 
+BEGINS = "task with which the scene begins; the file states what differs"
+
 
 def scene_schema() -> str:
     """Return the JSON schema of a scene file, generated from the models of `Scene`."""
@@ -30,6 +33,8 @@ def scene_schema() -> str:
     _require_kinds(schema, cast("dict[str, Object]", schema["$defs"]))
     schema = cast("Object", _plain(schema))
     _name_drawn(cast("dict[str, Object]", schema["properties"])["randomization"])
+    base: Object = {"description": BEGINS, "enum": [*ids()]}
+    schema["properties"] = {"base": base, **cast("Object", schema["properties"])}
     schema = {"$schema": DRAFT, "title": "Scene of mm_gym", **schema}
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 

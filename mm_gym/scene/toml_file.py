@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mm_gym.errors import SceneError
 from mm_gym.files import parse_toml, read_text
+from mm_gym.scene.base import with_base
 from mm_gym.scene.draft import draft_of
 from mm_gym.scene.record_files import with_absolute_records
 from mm_gym.scene.scene import Scene
@@ -54,9 +55,15 @@ def check_scene(
         Returns findings, each as "field: text", of a scene, and of a draft of one together with the
         dotted names of what is wrong in it.
     """
-    file = path_of(path) if isinstance(path, str) and is_id(path) else Path(path)
+    task = path_of(path) if isinstance(path, str) and is_id(path) else None
+    file = Path(path) if task is None else task
     text = read_text(file)
     data = with_absolute_records(parse_toml(file, text), file.parent)
+    if task is None:
+        try:
+            data = with_base(data, load_scene)
+        except SceneError as error:
+            raise SceneError(_with_lines(file, text, str(error).splitlines())) from None
     try:
         scene, wrong, lines = Scene.of(data), frozenset[str](), list[str]()
     except SceneError as error:
