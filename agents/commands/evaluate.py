@@ -30,7 +30,8 @@ from agents.evaluation.studies import Records, check_records
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.comparison import report_comparison
 from agents.report.figures import draw_costs, draw_response
-from agents.report.tables import print_ranking, write_episodes, write_scores
+from agents.report.published import printed, read_published, scored_again
+from agents.report.tables import print_ranking, print_table, write_episodes, write_scores
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run, RunError
@@ -52,7 +53,7 @@ SINGLE = 200
 class Arguments:
     """What to evaluate."""
 
-    subjects: Annotated[tuple[str, ...], tyro.conf.Positional]
+    subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
     file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
     "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
@@ -87,6 +88,8 @@ class Arguments:
     """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
     reward: str | None = None
     """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
+    published: bool = False
+    """score the published policies again, and compare with docs/published.md"""
     out: Path | None = None
     """folder for tables and figures of --controller, and of what is compared; without it they are
     only printed"""
@@ -222,10 +225,24 @@ def compare_several(arguments: Arguments) -> None:
     report_comparison(conclude(results, compared.scenes, episodes), arguments.out)
 
 
+def score_published() -> str | None:
+    """Score the published policies again; return which of them have another cost, or None."""
+    found = list(scored_again(read_published()))
+    rows = [(row.name, printed(row.cost), printed(cost)) for row, cost in found]
+    print_table("published policies", ("policy", "cost published", "cost now"), rows)
+    other = [f"{name}: published {was}, now {now}" for name, was, now in rows if was != now]
+    return "\n".join(["error: published policies have other costs", *other]) if other else None
+
+
 @command
 def main() -> str | None:
     """Evaluate from the command line."""
     arguments = tyro.cli(Arguments, description=__doc__)
+    if arguments.published and arguments.subjects:
+        got = " ".join(arguments.subjects)
+        return f"error: --published: got {got} too; allowed: nothing else to evaluate"
+    if arguments.published:
+        return score_published()
     if not arguments.subjects:
         return f"error: got nothing to evaluate; allowed: the folder of a run, or {BASELINES}"
     episodes = arguments.episodes or SINGLE

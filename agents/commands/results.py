@@ -2,7 +2,8 @@
 
 For example ``python -m agents results configs/results.toml``. The file is that of a sweep, see
 ``python -m agents sweep``. What is trained already is not trained again, and ``--no-train`` writes
-the page of what there is.
+the page of what there is. The policy of the median seed of every row is published with it:
+``python -m agents evaluate --published`` scores them again.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from pathlib import Path
 
 from agents.commands.sweep import sweep
 from agents.errors import command, leave
+from agents.report import published
 from agents.report.results_figures import draw_results
 from agents.report.results_page import page
-from agents.sweeps.on_task import on_task
+from agents.sweeps.on_task import on_task, trainings_of
 from agents.sweeps.trials import SweepSettings, result_file
 from agents.training.config import settings_from_command_line
 from agents.training.runs import Run
@@ -28,7 +30,10 @@ class ResultsSettings(SweepSettings):
     train: bool = True
     """train what is not trained yet"""
     out: str = "docs/results.md"
-    """the page; its figures are written to a folder of its name"""
+    """the page; its figures are written to a folder of its name, and next to it the folder
+    ``policies`` with the policy of the median seed of every row, and the page ``published.md``"""
+    page: bool = True
+    """write the page; without it the policies alone are published"""
 
 
 @command
@@ -45,11 +50,19 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     done = [trial for trial in settings.trials() if result_file(Run(trial.name, folder)).exists()]
     if not done:
         return f"error: {folder}: no finished training here; leave --no-train out"
-    tasks = dict.fromkeys(trial.task for trial in done)
-    known = [on_task(task, [t for t in done if t.task == task], folder) for task in tasks]
-    figures = draw_results(known, out.with_suffix(""))
-    write_text(out, page(known, figures))
-    print(f"written: {out}")
+    tasks = {task: [t for t in done if t.task == task] for task in (trial.task for trial in done)}
+    if settings.page:
+        known = [on_task(task, trials, folder) for task, trials in tasks.items()]
+        figures = draw_results(known, out.with_suffix(""))
+        write_text(out, page(known, figures))
+        print(f"written: {out}")
+        trainings = {one.task: one.trainings for one in known}
+    else:
+        trainings = {task: trainings_of(trials, folder)[0] for task, trials in tasks.items()}
+    policies, told = out.with_name(published.FOLDER.name), out.with_name(published.PAGE.name)
+    found = published.publish(trainings, folder, policies, with_results=settings.page)
+    write_text(told, published.page(found))
+    print(f"written: {told}, {policies}/")
     return None
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -56,3 +58,13 @@ WEB = TEMPLATES.overlay(autoescape=True)
 def web_page(name: str, **data: object) -> str:
     """Return a page in HTML: the template of a name with data."""
     return WEB.get_template(f"{name}.html.jinja").render(data)
+
+
+def commit() -> str:
+    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
+    git, root = which("git"), Path(__file__).parents[2]
+    if git is None or not (root / ".git").exists():
+        return "unknown: not a checkout"
+    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
+    return done.stdout.strip() or "unknown"

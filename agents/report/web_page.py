@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import platform
-import subprocess
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from shutil import which
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from agents.controllers.controller import columns
 from agents.evaluation.measure import Studies
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL
 from agents.report.comparison import against, episodes_in_words, paired_cells
-from agents.report.pages import FOLDER, not_scored_cells, web_page
+from agents.report.pages import FOLDER, commit, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, versions
 from mm_gym.drawing import ACTUATORS, COLOURS
@@ -170,16 +168,6 @@ def report_page(compared: Field, comparison: Comparison) -> str:
         made_with={"commit": commit(), "Python": platform.python_version(), **versions()},
         machine=f"{platform.machine()}, {platform.system()}",
     )
-
-
-def commit() -> str:
-    """Return the commit of this checkout, "-dirty" behind it where files differ from it."""
-    git, root = which("git"), Path(__file__).parents[2]
-    if git is None or not (root / ".git").exists():
-        return "unknown: not a checkout"
-    words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
-    return done.stdout.strip() or "unknown"
 
 
 def _place(value: float, span: tuple[float, float]) -> str:

@@ -229,15 +229,7 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     plans = next(row for row in scores["rows"] if row["role"] == "planner")["plans"]
     results = [(evaluate(scene, law, episodes=EPISODES), law) for law in classical_laws(scene)]
     result, law = min(results, key=lambda pair: pair[0].cost)
-    agents: dict[str, list[Controller]] = {}
-    curves: dict[str, list[Curve]] = {}
-    for trial, agent in zip(trials, _trained(trials, folder), strict=True):
-        agents.setdefault(algorithm_of(trial), []).append(agent)
-        curves.setdefault(algorithm_of(trial), []).append(_curve(Run(trial.name, folder)))
-    trainings = [
-        Trainings(name, [evaluate(scene, one, episodes=EPISODES) for one in own], curves[name])
-        for name, own in agents.items()
-    ]
+    trainings, agents = trainings_of(trials, folder)
     middle = {of.algorithm: agents[of.algorithm][of.median] for of in trainings}
     rows = [Entry("best law", [law]), *(Entry(name, [one]) for name, one in middle.items())]
     best = middle[best_of(trainings).algorithm]
@@ -252,6 +244,23 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
         _slopes(scene, best),
         _examples(scene, law, best),
     )
+
+
+def trainings_of(
+    trials: Sequence[RunSettings], folder: Path
+) -> tuple[list[Trainings], dict[str, list[Controller]]]:
+    """Return the finished trainings of a task, scored, and the agents of each algorithm."""
+    scene = trials[0].load_scene()
+    agents: dict[str, list[Controller]] = {}
+    curves: dict[str, list[Curve]] = {}
+    for trial, agent in zip(trials, _trained(trials, folder), strict=True):
+        agents.setdefault(algorithm_of(trial), []).append(agent)
+        curves.setdefault(algorithm_of(trial), []).append(_curve(Run(trial.name, folder)))
+    trainings = [
+        Trainings(name, [evaluate(scene, one, episodes=EPISODES) for one in own], curves[name])
+        for name, own in agents.items()
+    ]
+    return trainings, agents
 
 
 def _trained(trials: Sequence[RunSettings], folder: Path) -> list[Controller]:

@@ -11,6 +11,8 @@ from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.aggregates import proportion
 from agents.evolution.settings import EvolveSettings
+from agents.report.published import page as published_page
+from agents.report.published import read_published, scored_again
 from agents.scoring import Evaluation
 from agents.sweeps.on_task import (
     Curve,
@@ -128,12 +130,26 @@ class TestCommand:
         assert names == ["page/curves.png", "page/profile.png", "page/robustness.png"]
         assert all((tmp_path / name).exists() for name in names)
 
+        record = read_published(tmp_path / "policies")
+        (row,) = record.rows
+        assert record.with_results
+        assert (row.seeds, row.cost) == (2, min(costs))  # of two, the better is the median
+        assert (row.least, row.most) == (min(costs), max(costs))
+        ((again, cost),) = scored_again(record, tmp_path / "policies")
+        assert (again.file, cost) == ("CarriageForce-evolution.safetensors", row.cost)
+        assert (tmp_path / "published.md").read_text() == published_page(record)
+
         def refuse(*_):
             pytest.fail("trained again")
 
         monkeypatch.setattr("agents.commands.sweep.work_here", refuse)
         assert call("--no-train") is None
         assert (tmp_path / "page.md").read_text() == text
+        monkeypatch.setattr("agents.report.published.LARGEST", 10)
+        assert call("--no-train", "--no-page") is None
+        assert (tmp_path / "page.md").read_text() == text
+        assert "left out: too large" in (tmp_path / "published.md").read_text()
+        assert not list((tmp_path / "policies").glob("*.safetensors"))
 
     def test_nothing_trained_is_named(self, call, tmp_path):
         assert "no finished training here" in call("--no-train")

@@ -1,0 +1,215 @@
+"""Published policies: that of the median seed of each row of results, and what it scores."""
+
+from __future__ import annotations
+
+import json
+import platform
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import BaseModel, Field, ValidationError
+
+from agents.policies import PolicyError, load_policy
+from agents.report.pages import commit, render
+from agents.scoring import evaluate
+from agents.sweeps.trials import EPISODES
+from agents.training.parts import recorded_parts
+from agents.training.runs import Run
+from mm_gym import SceneError, load_scene
+from mm_gym.files import read_bytes, read_json, write_bytes, write_text
+from mm_gym.tasks import short_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from agents.sweeps.on_task import Trainings
+
+DOCS = Path(__file__).parents[2] / "docs"
+FOLDER = DOCS / "policies"
+PAGE = DOCS / "published.md"
+
+RECORD = "published.json"
+"""The file in the folder that says what each policy is."""
+
+LARGEST = 60_000
+"""Size of a policy that is published [bytes]; a table of value iteration is larger."""
+
+MOST_BYTES = 2**20
+"""Largest record."""
+
+Cost = Annotated[float, Field(ge=0)]
+
+
+class Row(BaseModel, strict=True, allow_inf_nan=False):
+    """A published policy, or one that is too large.
+
+    Attributes
+    ----------
+    task, scene_digest
+        What it was trained and scored on.
+    algorithm, seed, seeds
+        What it was trained by; its seed is that of the median cost among so many.
+    cost, least, most
+        Its cost on the held-out episodes, and those of the best and the worst seed [-].
+    size
+        Of its file [bytes].
+    file
+        Its name in the folder, or None for a policy that is too large.
+    base, authority
+        The controller that it is added to, if any, and how much it may change.
+    """
+
+    task: str
+    scene_digest: str
+    algorithm: str
+    seed: int
+    seeds: int
+    cost: Cost
+    least: Cost
+    most: Cost
+    size: int
+    file: Annotated[str, Field(pattern=r"^[\w-]+\.(safetensors|npz)$")] | None = None
+    base: str | None = None
+    authority: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Its task and algorithm, in words."""
+        return f"{short_name(self.task)}, {self.algorithm}"
+
+
+class Published(BaseModel, strict=True):
+    """What ``published.json`` holds: the policies, and what scored them.
+
+    Attributes
+    ----------
+    with_results
+        Whether they are of the trainings of the page of results.
+    commit, python, machine
+        What scored them.
+    rows
+        The policies.
+    """
+
+    with_results: bool
+    commit: str
+    python: str
+    machine: str
+    rows: list[Row]
+
+
+def publish(
+    known: Mapping[str, Sequence[Trainings]], runs: Path, folder: Path, *, with_results: bool
+) -> Published:
+    """Write the policy of the median seed of every task and algorithm, and the record of them.
+
+    Parameters
+    ----------
+    known
+        Task -> its trainings; the runs are in a folder, under the names of the results.
+    runs, folder
+        Where the runs are, and where the policies go. Other policies there are deleted.
+    with_results
+        Whether the page of results is written of the same trainings.
+    """
+    rows: list[Row] = []
+    for task, of_task in known.items():
+        for trainings in of_task:
+            chosen = trainings.results[trainings.median]
+            run = Run(chosen.name, runs)
+            content, record = read_bytes(run.policy, most=MOST_BYTES), run.read()
+            name = f"{short_name(task)}-{trainings.algorithm}{run.policy.suffix}"
+            fits = len(content) <= LARGEST
+            if fits:
+                write_bytes(folder / name, content)
+            row = Row(
+                task=task,
+                scene_digest=record["scene_digest"],
+                algorithm=trainings.algorithm,
+                seed=record["settings"]["seed"],
+                seeds=len(trainings.results),
+                cost=chosen.cost,
+                least=float(trainings.costs.min()),
+                most=float(trainings.costs.max()),
+                size=len(content),
+                file=name if fits else None,
+                base=record["settings"].get("base"),
+                authority=record["settings"].get("authority", 0.0),
+            )
+            rows.append(row)
+    kept = {row.file for row in rows}
+    for other in folder.glob("*.*"):
+        if other.suffix in {".safetensors", ".npz"} and other.name not in kept:
+            other.unlink()
+    machine = f"{platform.machine()}, {platform.system()}"
+    found = Published(
+        with_results=with_results,
+        commit=commit(),
+        python=platform.python_version(),
+        machine=machine,
+        rows=rows,
+    )
+    write_text(folder / RECORD, json.dumps(found.model_dump(), indent=1) + "\n")
+    return found
+
+
+def read_published(folder: Path = FOLDER) -> Published:
+    """Return the record of a folder of policies; raise `SceneError` if it is damaged."""
+    file = folder / RECORD
+    try:
+        return Published.model_validate(read_json(file, most=MOST_BYTES))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "its content"
+        msg = f"{file}: not a record of published policies: {where}: {first['msg']}"
+        raise SceneError(msg) from None
+
+
+def printed(cost: float) -> str:
+    """Return a cost as the page has it."""
+    return f"{cost:.4f}"
+
+
+def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[Row, float]]:
+    """Yield every policy that is published with its cost on the held-out episodes today.
+
+    Raises
+    ------
+    PolicyError
+        If a policy is missing or damaged, or its task has another scene now.
+    """
+    for row in published.rows:
+        if row.file is None:
+            continue
+        scene = load_scene(row.task)
+        if scene.digest != row.scene_digest:
+            msg = f"{folder / row.file}: made for another scene than {row.task} has now"
+            raise PolicyError(msg)
+        acts = {"base": row.base, "authority": row.authority}
+        agent = recorded_parts(scene, acts, trust=False).controller(load_policy(folder / row.file))
+        yield row, evaluate(scene, agent, episodes=EPISODES).cost
+
+
+def page(published: Published) -> str:
+    """Return the page of the published policies, ``docs/published.md``."""
+    rows = [
+        [
+            short_name(row.task),
+            row.algorithm,
+            printed(row.cost),
+            f"{printed(row.least)} to {printed(row.most)}",
+            str(row.seeds),
+            str(row.seed),
+            f"{row.size / 1000.0:.1f}",
+            f"`{row.file}`" if row.file else "left out: too large",
+        ]
+        for row in published.rows
+    ]
+    return render(
+        "published",
+        rows=rows,
+        largest=LARGEST // 1000,
+        episodes=EPISODES,
+        published=published,
+        left_out=any(row.file is None for row in published.rows),
+    )
