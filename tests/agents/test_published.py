@@ -1,0 +1,94 @@
+"""Do published policies score what their page says, to the last printed digit?"""
+
+import json
+import shutil
+import sys
+
+import pytest
+
+from agents.commands import evaluate as command
+from agents.policies import PolicyError
+from agents.report.published import (
+    FOLDER,
+    LARGEST,
+    PAGE,
+    RECORD,
+    page,
+    printed,
+    read_published,
+    scored_again,
+)
+from mm_gym import SceneError
+
+RECORDED = read_published()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of the folder with the record of one policy."""
+    first = RECORDED.rows[0]
+    shutil.copy(FOLDER / first.file, tmp_path)
+    one = RECORDED.model_copy(update={"rows": [first]})
+    (tmp_path / RECORD).write_text(one.model_dump_json())
+    return tmp_path
+
+
+def change(folder, **fields):
+    record = json.loads((folder / RECORD).read_text())
+    record["rows"][0] |= fields
+    (folder / RECORD).write_text(json.dumps(record))
+
+
+def test_page_is_made_of_the_record():
+    assert PAGE.read_text(encoding="utf-8") == page(RECORDED)
+
+
+def test_folder_holds_the_policies_of_the_record_and_each_is_small():
+    files = {row.file for row in RECORDED.rows if row.file is not None}
+    assert {file.name for file in FOLDER.iterdir()} == {RECORD, *files}
+    for row in RECORDED.rows:
+        assert (row.size <= LARGEST) is (row.file is not None)
+        assert row.least <= row.cost <= row.most
+        assert row.file is None or (FOLDER / row.file).stat().st_size == row.size
+
+
+def test_every_policy_scores_again_what_its_page_says():
+    found = [(row.name, printed(row.cost), printed(cost)) for row, cost in scored_again(RECORDED)]
+    assert len(found) == sum(row.file is not None for row in RECORDED.rows)
+    assert [(name, now) for name, _, now in found] == [(name, was) for name, was, _ in found]
+
+
+def test_command_names_what_differs_in_the_last_printed_digit(folder, monkeypatch, capsys):
+    monkeypatch.setattr(command, "read_published", lambda: read_published(folder))
+    monkeypatch.setattr(command, "scored_again", lambda record: scored_again(record, folder))
+    monkeypatch.setattr(sys, "argv", ["evaluate", "--published"])
+    assert command.main() is None
+    first = RECORDED.rows[0]
+    assert first.name in capsys.readouterr().out
+    change(folder, cost=first.cost + 1e-4)
+    name = f"{first.name}: published {printed(first.cost + 1e-4)}, now {printed(first.cost)}"
+    assert command.main() == f"error: published policies have other costs\n{name}"
+
+
+def test_policy_of_another_scene_or_without_a_file_is_named(folder):
+    change(folder, scene_digest="0" * 16)
+    with pytest.raises(PolicyError, match="made for another scene than mm_gym/"):
+        list(scored_again(read_published(folder), folder))
+    change(folder, scene_digest=RECORDED.rows[0].scene_digest, file="none.safetensors")
+    with pytest.raises(PolicyError, match=r"none\.safetensors: no such file"):
+        list(scored_again(read_published(folder), folder))
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [({"cost": -1.0}, r"rows\.0\.cost"), ({"file": "../a.safetensors"}, r"rows\.0\.file")],
+)
+def test_damaged_record_is_named(folder, fields, words):
+    change(folder, **fields)
+    with pytest.raises(SceneError, match=f"not a record of published policies: {words}"):
+        read_published(folder)
+
+
+def test_flags_that_have_no_effect_are_refused(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["evaluate", "lqr", "--published"])
+    assert command.main() == "error: --published: got lqr too; allowed: nothing else to evaluate"
