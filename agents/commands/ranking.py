@@ -1,25 +1,35 @@
 """Rank all that is known on each task.
 
 Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them to it, and writes
-``docs/ranking.md`` from it. A run that is scored again takes the place of its earlier score.
+``docs/ranking.md`` from it. What is scored again takes the place of its earlier score.
+``--controllers`` scores classical controllers too, by name, and no other: on all tasks that they
+apply to, or on those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page``.
 """
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from agents.controllers.registry import entries, every_entry
 from agents.errors import command, leave
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
 from agents.evaluation.scores import SCORES, read_scores
 from agents.report.ranking_page import PAGE, page
 from agents.training.runs import RunError
-from mm_gym import load_scene
+from mm_gym import SceneError, load_scene
+from mm_gym.errors import suggest
 from mm_gym.files import write_text
+from mm_gym.tasks import ids, task_called
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from agents.controllers.registry import Entry
 
 
 @dataclass(frozen=True)
@@ -28,6 +38,49 @@ class Arguments:
 
     runs: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """folders of finished runs, or patterns of folders in quotes"""
+    controllers: tuple[str, ...] = ()
+    """names of classical controllers to score again, as inertial-drive"""
+    tasks: tuple[str, ...] = ()
+    """names as Hybrid, on which these are scored; by default all of mm_gym"""
+
+
+def add_controllers(
+    scores: dict[str, dict[str, list[dict[str, str | float]]]],
+    names: Sequence[str],
+    tasks: Sequence[str],
+) -> None:
+    """Score classical controllers, and put them among the scores of their tasks."""
+    known = sorted({entry.name for entry in every_entry()})
+    for name in names:
+        if name not in known:
+            msg = f"--controllers: got {name!r}{suggest(name, known)}; allowed: {', '.join(known)}"
+            raise SceneError(msg)
+    for task in map(task_called, tasks or ids()):
+        scene = load_scene(task)
+        for entry in entries(scene):
+            if entry.name not in names or entry.refuses(scene) is not None:
+                continue
+            rows = scores[task]["rows"]
+            role = _role(entry)
+            row = scored(role, scene, entry.make(scene))
+            names_of = {row["controller"]}
+            if role == "predictive":  # its name tells its horizon
+                names_of |= {one["controller"] for one in rows if one["role"] == role}
+            rows[:] = [one for one in rows if one["controller"] not in names_of]
+            before = {"constant", "passive", "law", role}
+            after = [k for k, one in enumerate(rows) if one["role"] in before]
+            rows.insert(after[-1] + 1, row)
+            print(f"{task}: {row['controller']}: {row['cost']:.4f}", flush=True)
+
+
+def _role(entry: Entry) -> str:
+    """Return the role of an entry in `agents.evaluation.headroom.Headroom`."""
+    if entry.name == "predictive-control":
+        return "predictive"
+    if entry.role == "any":
+        msg = f"--controllers: got {entry.name!r}; allowed: a controller of some actuators"
+        raise SceneError(msg)
+    return "informed" if entry.role == "informed" else "law"
 
 
 def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: str) -> None:
@@ -50,6 +103,7 @@ def main() -> None:
     scores = read_scores(SCORES)
     for text in arguments.runs:
         add_runs(scores, text)
+    add_controllers(scores, arguments.controllers, arguments.tasks)
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
     write_text(PAGE, page(scores))
     print(f"written: {PAGE}")

@@ -9,16 +9,18 @@ import numpy as np
 
 from agents.controllers.actuators import Command, require_stable_rest
 from agents.controllers.controller import Law, plant_of, require_number
-from agents.controllers.feedback import Both
+from agents.controllers.feedback import Both, Feedback
 from agents.controllers.lead import Lead
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import searched_pair
+from agents.controllers.tunable import Free, Tunable
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
     from mm_gym import Scene
 
 
@@ -37,6 +39,10 @@ class ClippedLQR(Law):
         About which the regulator is designed [-].
     weight
         Of the internal force over carriage.stiffness * objective.displacement_scale, squared [-].
+    further
+        (4, 4): added to the weight of the state in the reward.
+    lead
+        Factor of the time by which the state is moved ahead [-].
 
     Raises
     ------
@@ -44,19 +50,25 @@ class ClippedLQR(Law):
         If the carriage is unstable at rest.
     """
 
-    def __init__(self, scene: Scene, stretch: float, weight: float) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        stretch: float,
+        weight: float,
+        further: Values | None = None,
+        lead: float = 1.0,
+    ) -> None:
         require_stable_rest(scene, "clipped LQR")
         require_number("weight", weight, np.finfo(np.float64).tiny)
         self.name = f"clipped LQR about {stretch:.2f}, weight {weight:.2g}"
-        self.command, self.lead = Command(scene, "stretch"), Lead(scene)
+        self.command, self.lead = Command(scene, "stretch"), Lead(scene, factor=lead)
         self.about, self.stiffness = stretch, scene.springs.stiffness
         self.k2 = spring_stiffness(stretch, self.stiffness)
         unit = scene.carriage.stiffness * scene.objective.displacement_scale
         internal = np.array([[0.0], [0.0], [1.0 / scene.carriage.mass], [-1.0 / scene.sphere.mass]])
         a, _ = plant_of(scene).linear(stretch)
-        gain, _, _ = control.lqr(
-            a, internal, state_weight(scene), [[weight / unit**2]], method="scipy"
-        )
+        state = state_weight(scene) + (0.0 if further is None else further)
+        gain, _, _ = control.lqr(a, internal, state, [[weight / unit**2]], method="scipy")
         self.gain = np.asarray(gain)[0]
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
@@ -88,11 +100,67 @@ def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
     return _FOUND[0][1]
 
 
+def free_numbers(scene: Scene) -> dict[str, Free]:
+    """Return the stretch about which the regulator is designed, its weights, and two factors.
+
+    They are of the lead, and of the stiffness that the springs have where no force is wanted.
+    Weights are of squares over those of objective.displacement_scale, and of the velocity that the
+    carriage's natural frequency makes of it.
+    """
+    command = Command(scene, "stretch")
+    span = command.high - command.low
+    return {
+        "stretch": Free(
+            command.low + 0.2 * span, 0.15 * span, ratio=False, low=command.low, high=command.high
+        ),
+        "force": Free(1.0, 1.0),
+        "velocity": Free(0.1, 1.0),
+        "stroke": Free(0.01, 1.5),
+        "slip": Free(0.01, 1.5),
+        "lead": Free(1.0, 0.3, ratio=False, low=0.0),
+        "centre": Free(1.0, 0.15),
+    }
+
+
+def weighted_clipped_lqr(scene: Scene, numbers: Mapping[str, float]) -> ClippedLQR:
+    """Return the clipped LQR of free numbers."""
+    law = ClippedLQR(
+        scene, numbers["stretch"], numbers["force"], free_weights(scene, numbers), numbers["lead"]
+    )
+    law.name = "clipped LQR, free weights"
+    law.k2 *= numbers["centre"]
+    return law
+
+
+def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Values:
+    """Return the weights (4, 4) of the carriage's velocity, the stroke and the slip velocity."""
+    length = scene.objective.displacement_scale
+    speed = length * np.sqrt(scene.carriage.stiffness / scene.carriage.mass)
+    rows = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 1.0]])
+    scales = np.array([speed, length, speed])
+    each = np.array([numbers["velocity"], numbers["stroke"], numbers["slip"]])
+    return np.einsum("k,ki,kj->ij", each / scales**2, rows, rows)
+
+
+WEIGHTED = Tunable(
+    "weighted-clipped-lqr",
+    free_numbers,
+    lambda scene, numbers: Feedback(scene, weighted_clipped_lqr(scene, numbers)),
+)
+
 _FOUND: list[tuple[Scene, Feedback]] = []
 
 
 ENTRIES = (
     Entry("clipped-lqr", ("stretch",), best_clipped_lqr, 21, label="clipped LQR"),
+    Entry(
+        WEIGHTED.name,
+        ("stretch",),
+        WEIGHTED.best,
+        28,
+        label="clipped LQR, free weights",
+        tunable=WEIGHTED,
+    ),
     Entry(
         "lqr-and-clipped-lqr",
         ("force", "stretch"),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mm_gym import LinearSystem, Scene
 
 UNMODELLED = 1e-3
-"""Standard deviation of what else disturbs the motion in a step over the objective's scales [-]."""
+"""Of what else disturbs the motion, by default."""
 
 LONGEST = 1000
 """Steps after which the filter's gain is taken to have settled."""
@@ -33,6 +33,8 @@ class ExcitationFilter:
         The scene whose motion is observed, by sensors whose errors are not taken for excitation.
     system
         Its sampled plant; the first states are the motion.
+    unmodelled
+        Standard deviation of what else disturbs the motion in a step over the objective's scales.
 
     Attributes
     ----------
@@ -48,7 +50,7 @@ class ExcitationFilter:
         If no random noise excites the scene.
     """
 
-    def __init__(self, scene: Scene, system: LinearSystem) -> None:
+    def __init__(self, scene: Scene, system: LinearSystem, unmodelled: float = UNMODELLED) -> None:
         names = [signal.name for signal in system.states]
         self.rows = rows = [k for k, name in enumerate(names) if ".filter" in name]
         if not rows:
@@ -57,8 +59,8 @@ class ExcitationFilter:
         self.innovation = Innovation(scene)
         self.turn, self.shown = system.A[np.ix_(rows, rows)], system.A[:4, rows]
         own, both = system.process_noise[np.ix_(rows, rows)], system.process_noise[rows, :4]
-        unmodelled = np.diag((UNMODELLED * state_scales(scene)) ** 2)
-        missed = system.process_noise[:4, :4] + unmodelled + missed_covariance(scene)
+        further = np.diag((unmodelled * state_scales(scene)) ** 2)
+        missed = system.process_noise[:4, :4] + further + missed_covariance(scene)
         noise = np.block([[own, both], [both.T, missed]])  # the same drives both
         self.kept, self.gains = self._gains(noise, own, min(LONGEST, scene.control.steps))
 

@@ -74,9 +74,10 @@ def best_feedforward_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
     return Feedback(scene, Both(FeedforwardLQR(scene, clipped.about), clipped))
 
 
-def _refused(scene: Scene) -> str | None:
+def without_shaped_noise(scene: Scene) -> str | None:
+    """Return that nothing in a scene can be fed forward, or None."""
     if {part.kind for part in scene.excitation}.intersection(SHAPED):
-        return without_weight(scene)
+        return None
     return f"which expects the next values of {', '.join(SHAPED)}, and the excitation has none"
 
 
@@ -87,7 +88,7 @@ ENTRIES = (
         best_feedforward_lqr_with_clipped_lqr,
         32,
         label="LQR with feed-forward + clipped LQR",
-        refuses=_refused,
+        refuses=lambda scene: without_shaped_noise(scene) or without_weight(scene),
         told=True,
     ),
 )

@@ -15,10 +15,11 @@ from agents.controllers.frequency_estimators import (
     ShortTimeFourier,
 )
 from agents.controllers.registry import Entry
+from agents.controllers.tunable import Free, Tunable
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from agents.controllers.controller import Acted, Memory, Values
     from agents.controllers.frequency_estimators import FrequencyEstimator
@@ -37,13 +38,20 @@ class FrequencyTracking(Law):
     """Hold the stretch at which the sphere resonates with the frequency that is estimated.
 
     As `MatchingStretch`, from measured signals alone. Until the estimate begins the stretch stays.
+
+    Parameters
+    ----------
+    estimator
+        Of the frequency.
+    ratio
+        Of the sphere's own frequency to the one that is estimated [-].
     """
 
-    def __init__(self, scene: Scene, estimator: FrequencyEstimator) -> None:
+    def __init__(self, scene: Scene, estimator: FrequencyEstimator, ratio: float = 1.0) -> None:
         require_stable_rest(scene, "frequency tracking")
         self.name = f"frequency tracking, {estimator.name}"
         self.estimator, self.command = estimator, Command(scene, "stretch")
-        self.mass, self.stiffness = scene.sphere.mass, scene.springs.stiffness
+        self.mass, self.stiffness = scene.sphere.mass * ratio**2, scene.springs.stiffness
         self.begin = estimator.begin
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
@@ -71,7 +79,36 @@ def _not_harmonic(scene: Scene) -> str | None:
     return "which looks for the frequency of a harmonic, and the excitation is another one"
 
 
+def free_numbers(scene: Scene) -> dict[str, Free]:
+    """Return start [rad/s], damping and gain [1/s] of a frequency-locked loop, and the ratio."""
+    low, high = reachable_band(scene)
+    return {
+        "start": Free(0.5 * (low + high), 0.2 * (high - low), ratio=False, low=low, high=high),
+        "damping": Free(1.0, 0.3),
+        "gain": Free(15.0, 0.5),
+        "ratio": Free(1.0, 0.03),
+    }
+
+
+def _tuned_loop(scene: Scene, numbers: Mapping[str, float]) -> Feedback:
+    loop = FrequencyLockedLoop(scene, numbers["start"], numbers["damping"], numbers["gain"])
+    law = FrequencyTracking(scene, loop, numbers["ratio"])
+    law.name += ", tuned"
+    return Feedback(scene, law)
+
+
+TUNED_LOOP = Tunable("tuned-frequency-locked-loop", free_numbers, _tuned_loop)
+
 ENTRIES = (
+    Entry(
+        TUNED_LOOP.name,
+        ("stretch",),
+        TUNED_LOOP.best,
+        27,
+        label="frequency tracking, tuned loop",
+        refuses=_not_harmonic,
+        tunable=TUNED_LOOP,
+    ),
     _tracker("linear-prediction", 25, LinearPrediction),
     _tracker(
         "frequency-locked-loop",

@@ -34,9 +34,11 @@ class Lead:
         The scene that is controlled.
     name
         What is switched: "stretch" or "damping".
+    factor
+        Of that time [-].
     """
 
-    def __init__(self, scene: Scene, name: str = "stretch") -> None:
+    def __init__(self, scene: Scene, name: str = "stretch", factor: float = 1.0) -> None:
         command = Command(scene, name)
         self.low, self.range = command.low, command.high - command.low
         crossing = self.range / command.travel * scene.control.time_step
@@ -52,8 +54,9 @@ class Lead:
             fastest = np.abs(np.linalg.eigvals(first).imag).max()
             longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
             share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
-        self.time = nominal(scene, f"actuation.{name}.lag") + (
-            0.5 * crossing if crossing < longest else 0.0
+        self.time = factor * (
+            nominal(scene, f"actuation.{name}.lag")
+            + (0.5 * crossing if crossing < longest else 0.0)
         )
         self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)
 

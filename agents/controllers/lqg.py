@@ -21,15 +21,21 @@ from agents.controllers.lqr import (
 )
 from agents.controllers.observation import Frame
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.tunable import Free, Tunable
 from mm_gym import DesignError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Acted, Info, Memory, Observation
     from mm_gym import LinearSystem, MovingMassVectorEnv, Plant, Scene
 
     Array = NDArray[np.float64]
+
+UNMODELLED = 1e-3
+"""Of what else disturbs the motion in a step over the objective's scales [-], by default."""
 
 FLOOR = 1e-4
 """Standard deviation that is added to every scaled observation: an equation for sensors without
@@ -79,7 +85,7 @@ class LQGDesign:
 def design_lqg(
     scene: Scene,
     stretch: float | None = None,
-    unmodelled: float = 1e-3,
+    unmodelled: float = UNMODELLED,
     *,
     wandering: bool = False,
 ) -> LQGDesign:
@@ -346,7 +352,7 @@ class LQG(Controller):
     name = "LQG"
 
     def __init__(
-        self, scene: Scene, stretch: float | None = None, unmodelled: float = 1e-3
+        self, scene: Scene, stretch: float | None = None, unmodelled: float = UNMODELLED
     ) -> None:
         self.design = design_lqg(scene, stretch, unmodelled)
         self.limit = Command(scene, "force").high
@@ -363,8 +369,13 @@ class LQG(Controller):
         gain = design.filters[np.minimum(step, len(design.filters) - 1)]
         missed = self.frame.values(observation) - estimate @ design.system.C.T
         estimate = estimate + np.einsum("lnp,lp->ln", gain, missed)
-        force = np.clip(-estimate @ design.gain, -self.limit, self.limit)
+        force = self.further_force(estimate) - estimate @ design.gain
+        force = np.clip(force, -self.limit, self.limit)
         return force[:, None] / self.limit, {"step": step + 1, "estimate": estimate}
+
+    def further_force(self, estimate: Array) -> Array | float:
+        """Return what is added to the regulator's force [N]."""
+        return 0.0
 
     def note(self, memory: Memory, action: Array) -> Memory:
         """Move the estimate on by the action (lanes, 1) that is applied."""
@@ -373,4 +384,73 @@ class LQG(Controller):
         return {**memory, "estimate": estimate}
 
 
-ENTRIES = (Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),)
+class WeightedLQG(LQG):
+    """The LQG of other weights than the reward's, with a spring where the rail ends.
+
+    Weights that fit the reward are best only as long as nothing is clipped and no episode ends.
+    Close to the end of a rail a further force pushes the masses together, in proportion to how far
+    x2 - x1 will soon be beyond a distance.
+
+    Parameters
+    ----------
+    numbers
+        As of `free_numbers`.
+    """
+
+    name = "LQG, free weights"
+
+    def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
+        objective = {
+            f"objective.{name}_weight": numbers[name]
+            for name in ("effort", "velocity", "stroke")
+            if name in numbers
+        }
+        super().__init__(scene.replace(**objective), unmodelled=numbers["unmodelled"])
+        names = [signal.name for signal in self.design.system.states]
+        self.motion = [names.index(name) for name in STATES]
+        self.numbers, self.rail = dict(numbers), scene.objective.rail_half_length
+
+    def further_force(self, estimate: Array) -> Array:
+        """Return the force (lanes,) that keeps off the ends of the rail [N]."""
+        if self.rail is None:
+            return np.zeros(len(estimate))
+        x1, x2, v1, v2 = estimate[:, self.motion].T
+        soon, numbers = x2 - x1 + self.numbers["ahead"] * (v2 - v1), self.numbers
+        free = numbers["free"] * self.rail
+        beyond = soon - np.clip(soon, -free, free)
+        return numbers["bumper"] * self.limit / self.rail * beyond
+
+
+def free_numbers(scene: Scene) -> dict[str, Free]:
+    """Return the weights of `Objective`, what is unmodelled, and the spring at the rail's ends.
+
+    The spring begins at "free" of the rail, acts on the stroke "ahead" [s] later, and "bumper" is
+    its stiffness over the force limit per rail.
+    """
+    objective, numbers = scene.objective, {"effort": Free(scene.objective.effort_weight, 1.0)}
+    numbers["velocity"] = Free(objective.velocity_weight or 0.1, 1.0)
+    if scene.springs.kind != "none":
+        numbers["stroke"] = Free(objective.stroke_weight or 0.1, 1.0)
+    numbers["unmodelled"] = Free(UNMODELLED, 1.5)
+    if objective.rail_half_length is not None:
+        numbers["free"] = Free(0.6, 0.2, ratio=False, low=0.0, high=1.0)
+        numbers["ahead"] = Free(2.0 * scene.control.time_step, 0.7)
+        numbers["bumper"] = Free(3.0, 1.0)
+    return numbers
+
+
+WEIGHTED = Tunable("weighted-lqg", free_numbers, WeightedLQG)
+
+ENTRIES = (
+    Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),
+    Entry(
+        WEIGHTED.name,
+        ("force",),
+        WEIGHTED.best,
+        53,
+        "filter",
+        WeightedLQG.name,
+        refuses=without_weight,
+        tunable=WEIGHTED,
+    ),
+)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from agents.controllers.controller import Controller
+    from agents.controllers.tunable import Tunable
     from mm_gym import Scene
 
 Role: TypeAlias = Literal["any", "law", "filter", "further", "informed"]
@@ -48,6 +49,8 @@ class Entry:
         Returns why it does not apply to a scene that has its actuators, or None.
     told
         Whether tables tell that it is not scored where it is refused.
+    tunable
+        Its free numbers, which `python -m agents tune-controllers` searches.
     """
 
     name: str
@@ -58,6 +61,7 @@ class Entry:
     label: str = ""
     refuses: Callable[[Scene], str | None] = lambda _: None
     told: bool = False
+    tunable: Tunable | None = None
 
 
 def without_weight(scene: Scene) -> str | None:

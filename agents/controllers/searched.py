@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from scipy.optimize import minimize_scalar
 
 from agents.controllers.feedback import Feedback
 from agents.controllers.observed_state import ObservedState
-from agents.scoring import VALIDATION_SEED, evaluate
+from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate, validation_cost
+from mm_gym import DesignError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from agents.controllers.controller import Law, StateSource, Values
+    from agents.controllers.tunable import Tunable
     from mm_gym import Scene
 
 DECADES = np.linspace(-2.0, 2.0, 17)
 """Exponents of the gains and weights that are tried."""
+
+FINALISTS, FURTHER = 10, 1000
+"""Designs that a search of free numbers ends with, and validation episodes that decide.
+
+They follow those of the search. The best of all on a hundred episodes is also lucky with them.
+"""
+
+REFUSED = 1e6
+"""Cost of a design that cannot be made, above all others."""
 
 
 def grid(scene: Scene, actuator: str) -> Values:
@@ -64,6 +77,86 @@ def searched_pair(
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
 
 
+def trials(
+    scene: Scene, tunable: Tunable, count: int, seed: int, known: Sequence[float] = ()
+) -> Iterator[tuple[Values, float]]:
+    """Search a controller's free numbers by CMA-ES; yield coordinates and cost of each trial.
+
+    The first trial is the design with the first numbers. Hansen and Ostermeier, *Completely
+    derandomized self-adaptation in evolution strategies*, Evol. Comput. 9 (2001).
+
+    Parameters
+    ----------
+    scene, tunable
+        What is controlled, and by what.
+    count
+        Number of trials, each of the validation episodes.
+    seed
+        Of the search.
+    known
+        Costs of the first trials, from an earlier search of the same seed: it goes on from there.
+
+    Raises
+    ------
+    gymnasium.error.DependencyNotInstalled
+        Without pycma (extra: evolve).
+    """
+    try:
+        import cma  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        msg = "pycma is missing: install the extra `evolve`"
+        raise DependencyNotInstalled(msg) from error
+    generator, first = np.random.default_rng(seed), np.zeros(len(tunable.free(scene)))
+    options = {
+        "randn": lambda *shape: generator.standard_normal(shape),
+        "seed": np.nan,  # NumPy's global generator is left alone
+        "verbose": -9,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a single number
+        strategy = cma.CMAEvolutionStrategy(first, 1.0, options)
+    costs = iter(known)
+
+    def cost(coordinates: Values) -> float:
+        found = next(costs, None)
+        if found is not None:
+            return found
+        try:
+            found = validation_cost(scene, tunable.design(scene, tunable.at(scene, coordinates)))
+        except DesignError:
+            return REFUSED
+        return min(found, REFUSED) if np.isfinite(found) else REFUSED
+
+    yield first, cost(first)
+    done = 1
+    while done < count:
+        generation = strategy.ask()
+        results: list[float] = []
+        for coordinates in generation[: count - done]:
+            results.append(cost(coordinates))
+            yield coordinates, results[-1]
+        done += len(results)
+        if len(results) == len(generation):
+            strategy.tell(generation, results)
+
+
+def finalists(costs: Sequence[float]) -> list[int]:
+    """Return the trials that stand for a search: the best of each of `FINALISTS` parts of it."""
+    parts = np.array_split(np.arange(len(costs)), min(FINALISTS, len(costs)))
+    return [int(part[np.argmin(np.take(costs, part))]) for part in parts]
+
+
+def further_cost(scene: Scene, tunable: Tunable, numbers: Mapping[str, float]) -> float:
+    """Return the cost of a design on the further validation episodes [-]."""
+    try:
+        controller = tunable.design(scene, numbers)
+    except DesignError:
+        return REFUSED
+    seed = VALIDATION_SEED + VALIDATION_EPISODES
+    found = evaluate(scene, controller, seed=seed, episodes=FURTHER).cost
+    return found if np.isfinite(found) else REFUSED
+
+
 def tried(scene: Scene, controller: Feedback, seed: int = VALIDATION_SEED) -> float:
     """Return the cost on the validation episodes."""
-    return evaluate(scene, controller, seed=seed, episodes=100).cost
+    return evaluate(scene, controller, seed=seed, episodes=VALIDATION_EPISODES).cost

@@ -37,6 +37,12 @@ EPISODES = 100
 RESAMPLES = 10_000
 """Draws of the bootstrap."""
 
+CLASSICAL = ("law", "predictive")
+"""Roles of what is designed, not learned, and reads no more than an agent does.
+
+The best controller of a task is the best of these, predictive control included.
+"""
+
 LEARNED = "learned"
 """Role of a trained agent, which `python -m agents ranking` adds."""
 
@@ -154,6 +160,11 @@ def passive_rows(scene: Scene) -> list[Row]:
     if passive.springs.kind == "linear":
         law.name += f", springs {passive.springs.stiffness:.3g} N/m"
     return [scored("passive", passive, Feedback(passive, law))]
+
+
+def best_controller(rows: Iterable[Mapping[str, Any]]) -> float:
+    """Return the cost of the best controller of a task: see `CLASSICAL`."""
+    return min(float(row["cost"]) for row in rows if row["role"] in CLASSICAL)
 
 
 def least_cost(rows: Sequence[Mapping[str, str | float]]) -> float:

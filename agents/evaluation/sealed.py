@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.controllers.constant import best_constant
 from agents.evaluation.aggregates import shared_episodes
-from agents.evaluation.headroom import controllers_of, interval
+from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import DesignError, SceneError
@@ -37,9 +37,6 @@ SEALED = 1 << 62
 
 AGENT = "agent"
 """Role of what was trained."""
-
-CLASSICAL = ("law", "predictive")
-"""Roles of controllers that an agent is compared with."""
 
 LARGEST = 2**28
 """Size of a file of penalties [bytes]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from agents.evaluation.headroom import least_cost
+from agents.evaluation.headroom import CLASSICAL, least_cost
 from agents.evaluation.scores import SCORES
 from agents.report.pages import render
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 PAGE = SCORES.with_name("ranking.md")
 
 COLUMNS = {
-    "zero": "zero",
-    "best constant": "constant",
-    "passive optimum": "passive",
-    "best controller": "law",
-    "predictive": "predictive",
-    "learned": "learned",
+    "zero": ("zero",),
+    "best constant": ("constant",),
+    "passive optimum": ("passive",),
+    "best controller": CLASSICAL,
+    "predictive": ("predictive",),
+    "learned": ("learned",),
 }
-"""Heading -> role."""
+"""Heading -> roles."""
 
 
 MARGIN = 1e-3
@@ -45,8 +45,8 @@ def page(scores: Mapping[str, Mapping[str, Sequence[Row]]]) -> str:
 
 def _summary(task: str, rows: Sequence[Row]) -> list[str]:
     cells = [f"`{task}`"]
-    for role in COLUMNS.values():
-        costs = [float(row["cost"]) for row in rows if row["role"] == role]
+    for roles in COLUMNS.values():
+        costs = [float(row["cost"]) for row in rows if row["role"] in roles]
         cells.append(f"{min(costs):.3g}" if costs else "-")
     return [*cells, f"{least_cost(rows):.3g}"]
 

@@ -87,7 +87,7 @@ def test_the_summary_has_a_column_for_every_kind():
     head = next(line for line in PAGE.read_text("utf-8").splitlines() if line.startswith("| task"))
     assert head == f"| task | {' | '.join(COLUMNS)} | best found |"
     text = page({FORCE: {"rows": ORDERED}})
-    assert f"| `{FORCE}` | 1 | 1 | 0.95 | 0.5 | 0.4 | - | 0.3 |" in text
+    assert f"| `{FORCE}` | 1 | 1 | 0.95 | 0.4 | 0.4 | - | 0.3 |" in text
 
 
 def test_the_passive_damper_is_that_of_the_tuning():
@@ -125,6 +125,31 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     assert f"trained on {FORCE}, as it was; allowed: a run of the scene of a task" in str(
         ranking.main()
     )
+
+
+def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, capsys):
+    scores = tmp_path / "scores.json"
+    before = json.loads(SCORES.read_text("utf-8"))
+    rows = before[FORCE]["rows"]
+    rows[:] = [one | {"cost": 9.0} if one["controller"] == "LQR" else one for one in rows]
+    scores.write_text(json.dumps(before))
+    monkeypatch.setattr(ranking, "SCORES", scores)
+    monkeypatch.setattr(ranking, "PAGE", tmp_path / "ranking.md")
+    words = ["ranking", "--controllers", "lqr", "--tasks", "CarriageForce"]
+    monkeypatch.setattr(sys, "argv", words)
+    assert ranking.main() is None
+    after = json.loads(scores.read_text())
+    (found,) = [one for one in after[FORCE]["rows"] if one["controller"] == "LQR"]
+    (known,) = [one for one in COMMITTED[FORCE]["rows"] if one["controller"] == "LQR"]
+    assert found["cost"] == pytest.approx(known["cost"], rel=1e-5)
+    assert len(after[FORCE]["rows"]) == len(rows)
+    assert {task: of for task, of in after.items() if task != FORCE} == {
+        task: of for task, of in before.items() if task != FORCE
+    }
+    for name, told in (("lqrr", "did you mean 'lqr'"), ("no-control", "a controller of some")):
+        monkeypatch.setattr(sys, "argv", [*words[:2], name])
+        assert told in str(ranking.main())
+    assert "LQR: 0.0483" in capsys.readouterr().out
 
 
 def policy_of(gain):

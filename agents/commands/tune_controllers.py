@@ -1,0 +1,174 @@
+"""Search the free numbers of classical controllers.
+
+For example ``python -m agents tune-controllers CarriageForceFriction``. Every controller has the
+same budget: ``--trials`` designs, each scored on the 100 validation episodes, and the best of each
+tenth of them on 1,000 further ones, which decide; no other episode is used. The numbers are written
+to ``configs/controllers.json``, from which all commands take them; those of other scenes and
+controllers in it are kept. The same command goes on after a kill or Ctrl-C, from
+``runs/controllers``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import tyro
+
+from agents.controllers.registry import entries
+from agents.controllers.searched import REFUSED, finalists, further_cost, trials
+from agents.controllers.tunable import MOST_BYTES, NUMBERS, Tunable, read_found
+from agents.errors import command, leave
+from mm_gym import DesignError, SceneError, load_scene
+from mm_gym.errors import suggest
+from mm_gym.files import check_outputs, read_json, write_text
+from mm_gym.tasks import ids, task_or_scene
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mm_gym import Scene
+
+RUNS = Path("runs") / "controllers"
+"""Where the costs of a search are kept until it ends."""
+
+EVERY = 50
+"""Trials after which they are written."""
+
+DIGITS = 6
+"""With which numbers are written."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to tune."""
+
+    tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """names as Hybrid, or scene files; by default all tasks of mm_gym"""
+    controllers: tuple[str, ...] = ()
+    """names as inertial-drive; by default all that have free numbers and apply to the scene"""
+    trials: int = 1000
+    """designs that are tried of each controller and scene"""
+    seed: int = 0
+    """of the search"""
+    out: Path = NUMBERS
+    """file that the numbers are written to"""
+
+
+def tunables(scene: Scene) -> dict[str, Tunable]:
+    """Return the controllers with free numbers that apply to a scene, by name."""
+    return {
+        one.name: one.tunable
+        for one in entries(scene)
+        if one.tunable is not None and one.refuses(scene) is None
+    }
+
+
+def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> dict[str, Any]:
+    """Return what a search finds, as of `agents.controllers.tunable.Found`; go on from a file."""
+    head = {"scene_digest": scene.digest, "controller": tunable.name, "seed": seed}
+    known = _costs_so_far(file, head)[:count]
+    costs: list[float] = []
+    numbers: list[dict[str, float]] = []
+    try:
+        for coordinates, cost in trials(scene, tunable, count, seed, known):
+            costs.append(cost)
+            numbers.append(_rounded(tunable.at(scene, coordinates)))
+            if len(costs) % EVERY == 0 and len(costs) > len(known):
+                _keep(file, head, costs)
+    except KeyboardInterrupt:
+        _keep(file, head, max(costs, known, key=len))
+        msg = f"after {len(costs)} trials of {tunable.name}"
+        raise KeyboardInterrupt(msg) from None
+    _keep(file, head, costs)
+    last = {k: further_cost(scene, tunable, numbers[k]) for k in finalists(costs)}
+    best = min(last, key=lambda k: last[k])
+    return {
+        "numbers": numbers[best],
+        **_rounded({"cost": costs[best], "further_cost": last[best]}),
+        "first_cost": None if costs[0] >= REFUSED else _rounded({"": costs[0]})[""],
+        "trials": count,
+        "seed": seed,
+    }
+
+
+def _rounded(numbers: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(f"{value:.{DIGITS}g}") for name, value in numbers.items()}
+
+
+def _costs_so_far(file: Path, head: dict[str, Any]) -> list[float]:
+    """Return the costs that an interrupted search kept; raise `SceneError` for another's file."""
+    if not os.path.lexists(file):
+        return []
+    content = read_json(file, most=MOST_BYTES)
+    if not isinstance(content, dict):
+        content = {}
+    content = cast("dict[str, Any]", content)
+    costs = content.get("costs")
+    same = {name: content.get(name) for name in head} == head
+    if not same or not isinstance(costs, list) or not all(isinstance(one, float) for one in costs):
+        msg = f"{file}: of another search, or damaged; delete it to begin again"
+        raise SceneError(msg)
+    return costs
+
+
+def _keep(file: Path, head: dict[str, Any], costs: list[float]) -> None:
+    write_text(file, json.dumps({**head, "costs": costs}) + "\n")
+
+
+def _with(
+    file: Path, task: str, scene: Scene, name: str, found: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Return what a file has, if it is there, and what was found; sorted by task and name."""
+    content = read_found(file) if os.path.lexists(file) else {}
+    known = {key: one.model_dump() for key, one in content.items()}
+    own = known.get(task, {})
+    kept = own["controllers"] if own.get("scene_digest") == scene.digest else {}
+    controllers = dict(sorted({**kept, name: found}.items()))
+    known[task] = {"scene_digest": scene.digest, "controllers": controllers}
+    return dict(sorted(known.items()))
+
+
+@command
+def main() -> None:
+    """Tune from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out
+    if arguments.trials < 1:
+        msg = f"--trials: got {arguments.trials}; allowed: at least 1"
+        raise SceneError(msg)
+    check_outputs([out])
+    if os.path.lexists(out):
+        read_found(out)  # what is wrong with it is told before the search
+    scenes = {task: load_scene(task) for task in map(task_or_scene, arguments.tasks or ids())}
+    applicable = {task: tunables(scene) for task, scene in scenes.items()}
+    every = sorted({name for names in applicable.values() for name in names})
+    for name in arguments.controllers:
+        if name not in every:
+            msg = (
+                f"--controllers: got {name!r}{suggest(name, every)}; allowed for these tasks: "
+                f"{', '.join(every) or 'none has free numbers here'}"
+            )
+            raise SceneError(msg)
+    for task, scene in scenes.items():
+        for name, tunable in applicable[task].items():
+            if arguments.controllers and name not in arguments.controllers:
+                continue
+            try:
+                tunable.first(scene)
+            except DesignError as error:
+                print(f"{task}: {name}: not tuned: {error}")
+                continue
+            file = RUNS / f"{scene.digest[:16]}-{name}-{arguments.seed}.json"
+            found = tune(scene, tunable, arguments.trials, arguments.seed, file)
+            known = _with(out, str(task), scene, name, found)
+            write_text(out, json.dumps(known, indent=1) + "\n")
+            file.unlink(missing_ok=True)
+            print(f"{task}: {name}: {found['first_cost']} -> {found['cost']}", flush=True)
+
+
+if __name__ == "__main__":
+    leave(main())

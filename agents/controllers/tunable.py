@@ -1,0 +1,137 @@
+"""Controllers with free numbers, and the numbers that a search found for each scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, inf, log
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from mm_gym import SceneError
+from mm_gym.files import read_json
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from agents.controllers.controller import Controller
+    from mm_gym import Scene
+
+NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"
+"""What `python -m agents tune-controllers` found for the tasks."""
+
+MOST_BYTES = 2**20
+"""Largest file of numbers."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free number of a controller, in units of its own.
+
+    Attributes
+    ----------
+    first
+        Where a search begins; without one it is used as it is.
+    spread
+        Standard deviation of the first trials; of the number's logarithm if it is a ratio.
+    ratio
+        Whether it is positive, and searched by its logarithm.
+    low, high
+        Limits.
+    """
+
+    first: float
+    spread: float = 1.0
+    ratio: bool = True
+    low: float = -inf
+    high: float = inf
+
+    def value(self, coordinate: float) -> float:
+        """Return the number at a coordinate of the search, which is 0 at the first."""
+        moved = self.spread * coordinate
+        value = self.first * exp(min(moved, log(1e6))) if self.ratio else self.first + moved
+        return min(max(value, self.low), self.high)
+
+
+class Found(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+    """What a search found for a controller of a scene.
+
+    Attributes
+    ----------
+    numbers
+        By name.
+    cost, first_cost
+        On the validation episodes, with these numbers and with the first ones [-].
+    further_cost
+        On the further validation episodes that decided between the finalists [-].
+    trials, seed
+        Number of designs tried, and the search's seed.
+    """
+
+    numbers: dict[str, float]
+    cost: float = Field(ge=0)
+    first_cost: float | None = Field(ge=0)
+    further_cost: float = Field(ge=0)
+    trials: int = Field(gt=0)
+    seed: int = Field(ge=0)
+
+
+class OfScene(BaseModel, extra="forbid", strict=True):
+    """What was found for a scene: the controllers by name."""
+
+    scene_digest: str
+    controllers: dict[str, Found]
+
+
+def read_found(path: Path = NUMBERS) -> dict[str, OfScene]:
+    """Return what was found, by task; raise `SceneError` for a file that is not of this kind."""
+    content = read_json(path, most=MOST_BYTES)
+    try:
+        return TypeAdapter(dict[str, OfScene]).validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        msg = f"{path}: {where}: {first['msg']}; write it: python -m agents tune-controllers"
+        raise SceneError(msg) from None
+
+
+@dataclass(frozen=True)
+class Tunable:
+    """A controller whose design has free numbers.
+
+    Attributes
+    ----------
+    name
+        For commands, as of its entry.
+    free
+        Returns the free numbers of a scene's design by name.
+    design
+        Makes the controller of such numbers.
+    """
+
+    name: str
+    free: Callable[[Scene], Mapping[str, Free]]
+    design: Callable[[Scene, Mapping[str, float]], Controller]
+
+    def first(self, scene: Scene) -> Controller:
+        """Return the controller with the numbers that it is designed with before any search."""
+        return self.design(scene, {name: one.first for name, one in self.free(scene).items()})
+
+    def at(self, scene: Scene, coordinates: Sequence[float]) -> dict[str, float]:
+        """Return the numbers at coordinates of a search."""
+        pairs = zip(self.free(scene).items(), coordinates, strict=True)
+        return {name: one.value(float(coordinate)) for (name, one), coordinate in pairs}
+
+    def best(self, scene: Scene) -> Controller:
+        """Return the controller with the numbers found for the scene, else with the first ones.
+
+        Numbers of another design, with other names, are not used.
+        """
+        for known in read_found().values():
+            found = known.controllers.get(self.name)
+            if found is None or known.scene_digest != scene.digest:
+                continue
+            if set(found.numbers) == set(self.free(scene)):
+                return self.design(scene, found.numbers)
+        return self.first(scene)
