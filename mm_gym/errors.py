@@ -18,11 +18,11 @@ class SceneError(ValueError):
 
 
 class StructureError(SceneError):
-    """A structure has a matrix, a mode or a place of its device that is not allowed."""
+    """A structure has a matrix, a mode or a device location that is not allowed."""
 
 
 class CompileError(ValueError):
-    """No method covers the scene within its bound, or the chosen one does not apply to it."""
+    """No method covers the scene within its error bound, or the selected one does not apply."""
 
 
 class DesignError(ValueError):
@@ -30,7 +30,7 @@ class DesignError(ValueError):
 
 
 class OutOfReachError(DesignError):
-    """No stretch of the scene's springs gives a stiffness."""
+    """No stretch of the scene's springs gives the required stiffness."""
 
 
 class ActionError(ValueError):

@@ -67,8 +67,8 @@ def make_vec_env(
 ) -> VecEnv:
     """Make a registered environment as a Stable-Baselines3 `VecEnv`.
 
-    It takes most arguments of Stable-Baselines3's function of this name, and reports what that
-    one's `DummyVecEnv` would.
+    It takes most arguments of the function of this name in Stable-Baselines3. Its infos are those
+    of `DummyVecEnv`.
 
     Parameters
     ----------
@@ -77,24 +77,25 @@ def make_vec_env(
     num_envs, n_envs
         Number of lanes, by either name; 1 by default.
     seed
-        Lane i begins with seed + i, and its actions are sampled with the first one's.
+        Lane i gets the seed + i. Sampled actions use the seed of the first lane.
     wrapper_class, wrapper_kwargs
         A vector wrapper of Gymnasium, a function that takes and returns a vector environment, or a
         `VecEnvWrapper` of Stable-Baselines3, and its arguments. As in Stable-Baselines3, episodes
         are monitored without it.
     monitor_dir
         Folder for a file ``monitor.csv``, as `stable_baselines3.common.monitor.load_results` reads
-        it: one file for all lanes. One that is there is overwritten.
+        it: one file for all lanes. An existing file is overwritten.
     every_info
         Whether the info of every step is split among the lanes. By default only that of a step that
-        ends an episode is: a dictionary for each lane and step takes longer than many motions.
+        ends an episode is split, because a dictionary for each lane and step often takes longer
+        than the motion.
     env_kwargs, **kwargs
         Passed to the environment, for example ``scene`` or ``changes``.
 
     Raises
     ------
     ValueError
-        If ``copy`` is false, because Stable-Baselines3 keeps observations over the next step; for
+        If ``copy`` is false, because Stable-Baselines3 uses observations after the next step; for
         another mode of autoreset than same-step; if the two numbers of lanes differ; for a seed
         that is negative or no integer; or if the wrapper is one for single environments.
 
@@ -165,7 +166,7 @@ def _wrapped(lanes: Lanes, wrapper_class: Callable[..., Any], arguments: Mapping
 
 
 class VectorEnvAdapter(VecEnv):
-    """Any Gymnasium `VectorEnv` with same-step autoreset, as a Stable-Baselines3 `VecEnv`.
+    """A Gymnasium `VectorEnv` with same-step autoreset, as a Stable-Baselines3 `VecEnv`.
 
     At an episode's end the lane's info holds what Stable-Baselines3's `DummyVecEnv` and `Monitor`
     would put there: the environment's own info of the last step, ``terminal_observation``,
@@ -272,7 +273,7 @@ class VectorEnvAdapter(VecEnv):
             self._writer.close()
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """Return an attribute of the environment, once per lane asked for."""
+        """Return an attribute of the environment, once for each selected lane."""
         return [getattr(self.env.unwrapped, attr_name)] * len(self._lanes(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:  # noqa: ANN401 - SB3's signature
@@ -289,7 +290,7 @@ class VectorEnvAdapter(VecEnv):
         indices: Indices = None,
         **method_kwargs: Any,  # noqa: ANN401 - SB3's signature
     ) -> list[Any]:
-        """Call a method of the environment once and return its result per lane asked for."""
+        """Call a method of the environment once; return its result for each selected lane."""
         result = getattr(self.env.unwrapped, method_name)(*method_args, **method_kwargs)
         return [result] * len(self._lanes(indices))
 

@@ -1,8 +1,8 @@
 """Control steps that torch differentiates, by the exact Jacobians of the motion.
 
-`step` is one control step as a function of state, action and parameters; `Episodes` are episodes
-side by side, whose observations and costs carry gradients to all actions before them. So any torch
-policy, with or without a memory, is trained by the gradient of what its episodes cost.
+`step` is one control step as a function of state, action and parameters. `Episodes` are parallel
+episodes whose observations and costs carry gradients to all earlier actions. Any torch policy, with
+or without a memory, can therefore be trained by the gradient of the cost of its episodes.
 """
 
 from __future__ import annotations
@@ -49,27 +49,28 @@ def step(
     at: Mapping[str, Any] | ArrayLike | None = None,
     parameters: Mapping[str, Tensor] | None = None,
 ) -> Tensor:
-    """Return the state at a control step's end; see `Plant.jacobian`.
+    """Return the state at the end of a control step; see `Plant.jacobian`.
 
     Parameters
     ----------
     plant
-        Of `compile_scene`.
+        A plant, from `compile_scene`.
     state
         (n,) or (lanes, n) double, as `Plant.jacobian` takes it.
     action
         (k,) or (lanes, k) in [-1, 1].
     at
-        The rest of the start, as `Plant.jacobian` takes it.
+        All other initial values, as `Plant.jacobian` takes them.
     parameters
-        Dotted name -> number, which the step has and is differentiated by. `at` must be values by
-        name then, or None. The plant must be compiled for them (`randomization`).
+        Dotted name -> number: parameters of the step, with respect to which it is differentiated.
+        `at` must then be values by name, or None. The plant must be compiled for these parameters
+        (`randomization`).
 
     Returns
     -------
     Tensor
-        (m,) or (lanes, m) double: all that `Jacobian.names` lists, with which the next step may
-        begin.
+        (m,) or (lanes, m) double: everything that `Jacobian.names` lists. The next step may begin
+        with it.
 
     Raises
     ------
@@ -121,33 +122,35 @@ class _Step(Function):
 
 
 class Episodes:
-    """Episodes of a scene, side by side, that torch follows back.
+    """Parallel episodes of a scene that torch can differentiate.
 
     The numbers are those of `MovingMassVectorEnv`: observations with delay, noise and history, and
-    costs. What they change by with the motion is found by central differences at a step's end, and
-    what the motion changes by with earlier motion and actions by its exact Jacobians.
+    costs. Their derivatives with respect to the motion are central differences at the end of a
+    step. The derivatives of the motion with respect to earlier motion and actions are its exact
+    Jacobians.
 
-    Slopes of parametric springs grow without bound near a switching controller, in few lanes by
-    many orders of magnitude: `fade` and `most` hold them, at the cost of an exact gradient.
+    With springs whose stretch is actuated, slopes grow without bound near a switching controller,
+    in few lanes by many orders of magnitude. `fade` and `most` limit them; the gradient is then not
+    exact.
 
     Parameters
     ----------
     scene, num_envs
         As `MovingMassVectorEnv` takes them.
     fade
-        Factor of the slopes over the motion in each step back; 1 forgets nothing.
+        Factor of the slopes with respect to the motion in each step back; 1 leaves them unchanged.
     most
-        Largest size of a lane's slopes over the median of all lanes; by default without bound.
+        Largest ratio of the slopes of a lane to the median of all lanes; by default unlimited.
 
     Attributes
     ----------
     steps
-        Control steps of an episode.
+        Number of control steps of an episode.
 
     Raises
     ------
     SceneError
-        If an episode may end early: such ends have no slopes.
+        If an episode may end early, because such ends have no slopes.
     """
 
     def __init__(
@@ -188,14 +191,14 @@ class Episodes:
         Parameters
         ----------
         action
-            (num_envs, k); it is clipped to [-1, 1], beyond which it changes nothing.
+            (num_envs, k); it is clipped to [-1, 1], outside of which its slopes are zero.
 
         Returns
         -------
         observation
             (num_envs, n) float32.
         cost
-            (num_envs,) double: what the step costs, which is minus its reward.
+            (num_envs,) double: the cost of the step, which is minus its reward.
         """
         action = action.double().clamp(-1.0, 1.0)
         how = self._physics, self.fade, self.most
@@ -214,7 +217,7 @@ class Episodes:
         )
 
     def detach(self) -> None:
-        """Cut the way back: later costs have no slopes over actions so far (short horizons)."""
+        """Cut the gradient: later costs have no slopes over earlier actions (short horizons)."""
         self._state = self._state.detach()
         self._measured = [frame.detach() for frame in self._measured]
         self._received = [frame.detach() for frame in self._received]

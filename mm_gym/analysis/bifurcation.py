@@ -1,4 +1,4 @@
-"""Asymptotic offset of the sphere in free motion, for one scene or along one parameter."""
+"""Final relative displacement of the sphere, for one scene or along one parameter."""
 
 from __future__ import annotations
 
@@ -42,14 +42,13 @@ FIRST_STEPS, MOST_STEPS = 256, 1 << 20
 
 
 def asymptotic_offset(scene: Scene) -> float:
-    """Return the offset x2 - x1 at which the free motion comes to rest.
+    """Return the relative displacement x2 - x1 at which the free motion comes to rest.
 
-    Without springs, m2 v2 + c (x2 - x1) is constant (eq. 8 of docs/model.md), so that the offset
-    tends to its initial value plus m2 v2(0) / c. With c = 0 a sphere at rest stays where it is,
-    and the carriage returns to its rest position: x1 = 0, or one of its two wells, which a
-    simulation finds. Springs bring the offset to zero. Under dry friction the same holds after the
-    last slip, with c = mu1 F_N / v_r; the motion is followed until its energy is too small for
-    another slip.
+    Without springs, m2 v2 + c (x2 - x1) is constant (eq. 7 of docs/model.md), so x2 - x1 tends to
+    its initial value plus m2 v2(0) / c (eq. 8). With c = 0 a sphere at rest stays where it is, and
+    the carriage returns to equilibrium: x1 = 0, or one of its two wells, which a simulation finds.
+    Springs bring x2 - x1 to zero. Under dry friction the same holds after the last slip, with
+    c = mu1 F_N / v_r. The motion is followed until its energy is too small for another slip.
 
     Parameters
     ----------
@@ -66,7 +65,7 @@ def asymptotic_offset(scene: Scene) -> float:
     SceneError
         If a field is a range, the scene has excitation, or the motion never settles.
     SimulationError
-        If the last slip is too late to be reached, or the carriage escapes.
+        If the last slip comes too late to be computed, or the carriage escapes.
     """
     lane = row_of(scene, "asymptotic_offset")[:, None]
     return float(_offsets(lambda _: scene, lane, lambda _: None)[0])
@@ -75,7 +74,7 @@ def asymptotic_offset(scene: Scene) -> float:
 def bifurcation(
     scene: Scene, parameter: str, values: ArrayLike, *, progress: bool = False
 ) -> NDArray[np.float64]:
-    """Return the asymptotic offset for each value of one parameter, computed on all cores.
+    """Return the final relative displacement for each value of one parameter, on all cores.
 
     Parameters
     ----------
@@ -100,7 +99,7 @@ def bifurcation(
         If the parameter is not a number of this scene, a value is not allowed, or
         `asymptotic_offset` refuses the scene.
     SimulationError
-        If the last slip of a motion is too late to be reached.
+        If the last slip of a motion comes too late to be computed.
     gymnasium.error.DependencyNotInstalled
         If a progress bar is asked for without tqdm.
     """

@@ -35,24 +35,25 @@ WIDEST = 2.0**-20
 
 
 def critical_reference_velocity(scene: Scene) -> float:
-    """Return the reference velocity [m/s] from which on the scene's free motion never slips.
+    """Return the least reference velocity [m/s] for which the scene's free motion never slips.
 
-    Below v_r friction is viscous with mu1 F_N / v_r, so the critical v_r is that for which the
-    linear motion just reaches it: max |w(t)| = v_r, eq. 21 of docs/model.md. It depends on neither
-    the kinetic coefficient nor the slip damping, nor on the scene's own reference velocity. It is
-    found by bisection: whether a motion slips at all is known for certain, see `sticks_throughout`.
+    Below v_r friction is viscous with the damping mu1 F_N / v_r. The slip velocity of the linear
+    motion just reaches the critical v_r: max |w(t)| = v_r, eq. 21 of docs/model.md. The result does
+    not depend on the kinetic coefficient, the slip damping, or the scene's own reference velocity.
+    It is found by bisection, because it can be proved whether a motion slips at all, see
+    `sticks_throughout`.
 
     Returns
     -------
     float
-        The root, rounded up by 1.4e-14 of it, so that nothing slips at the returned value itself;
-        0 if the sphere sticks however small v_r is.
+        The root, rounded up by a relative 1.4e-14, so that nothing slips at the returned value
+        itself; 0 if the sphere sticks for every v_r.
 
     Raises
     ------
     SceneError
-        If the interface is not dry friction, the motion in stick is not linear, or something drives
-        it.
+        If the interface is not dry friction, the motion in stick is not linear, or the scene has
+        excitation.
     SimulationError
         If the motion is too slow to be followed, or too close to locked for its last digits to
         decide between stick and slip.

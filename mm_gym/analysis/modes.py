@@ -29,7 +29,7 @@ its own motion is separate from them to round-off."""
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Free motions x(t) = shape exp(eigenvalue t) about rest.
+    """Free motions x(t) = shape exp(eigenvalue t) about equilibrium.
 
     They are sorted by the magnitude of the eigenvalue, then by its imaginary part.
 
@@ -43,8 +43,8 @@ class Modes:
     closed_form
         (n,) complex128 [1/s]: the same eigenvalues by Cardano (no springs) or Ferrari.
     defective
-        Whether the zero eigenvalue is double but has only one shape: a free sphere (c = 0, no
-        springs) drifts, so that its motion is not a sum of modes.
+        Whether the zero eigenvalue is double but has only one mode shape. A free sphere (c = 0, no
+        springs) drifts, and its motion is not a sum of modes.
     """
 
     eigenvalues: Roots
@@ -70,12 +70,12 @@ class Modes:
 
 
 def modes(scene: Scene) -> Modes:
-    """Return the modes of a scene's linear plant about its rest position.
+    """Return the modes of a scene's linear plant about equilibrium.
 
-    The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
-    for dry friction. Rest is x1 = 0, also where it is unstable: with
-    ``carriage.linear_coefficient`` < 0 one eigenvalue is positive. About a well of such a
-    spring the modes are those with a linear coefficient of -2 alpha and no cubic one.
+    A range is replaced by its middle, a cubic spring by its tangent, and dry friction by its slope
+    in stick. The equilibrium is x1 = 0, even if it is unstable: with
+    ``carriage.linear_coefficient`` < 0 one eigenvalue is positive. For the modes about a well of
+    such a spring, set the linear coefficient to -2 alpha and the cubic one to 0.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def modes(scene: Scene) -> Modes:
     Returns
     -------
     Modes
-        Eigenvalues [1/s] and shapes [-], numerically and by the closed form.
+        Eigenvalues [1/s] and mode shapes [-], numerically and by the closed form.
 
     Notes
     -----
     The closed form is that of eqs 15 to 19 of docs/model.md, in double precision: Cardano and
-    Ferrari, equal to the paper's appendix where that is right. It loses as many digits as the
+    Ferrari, equal to the paper's appendix except for its errata. It loses as many digits as the
     eigenvalues differ in magnitude; the numerical ones do not. For a carriage of vanishing mass it
-    is that of the polynomial without its leading term.
+    uses the polynomial without its leading term.
     """
     values = linear_values(scene)
     free = values.k2 == 0.0

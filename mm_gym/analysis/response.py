@@ -1,4 +1,4 @@
-"""Steady harmonic response of the linear plant about rest."""
+"""Steady harmonic response of the linear plant about equilibrium."""
 
 from __future__ import annotations
 
@@ -39,17 +39,16 @@ class FrequencyResponse:
 def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyResponse:
     """Return the steady response to harmonic excitation (eq. 20 of docs/model.md).
 
-    The middle stands for a range, the tangent at rest for a cubic spring, and the slope in stick
-    for dry friction. With ``carriage.linear_coefficient`` < 0 rest, x1 = 0, is unstable: the
-    response is then the steady solution that no motion approaches by itself, but that a control
-    design needs.
+    A range is replaced by its middle, a cubic spring by its tangent, and dry friction by its slope
+    in stick. With ``carriage.linear_coefficient`` < 0 the equilibrium x1 = 0 is unstable. No motion
+    then approaches the returned steady solution by itself, but a control design needs it.
 
     Parameters
     ----------
     scene
         Any scene; its own excitation is ignored.
     frequencies
-        (n,) [rad/s], greater than 0, because a free sphere has no definite position at rest.
+        (n,) [rad/s], greater than 0, because a free sphere has no definite equilibrium.
 
     Returns
     -------

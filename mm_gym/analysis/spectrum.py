@@ -69,7 +69,7 @@ class ResponseSpectrum:
     peak_acceleration: float
 
     def table(self) -> str:
-        """Return the numbers as text, of at most 13 of the periods."""
+        """Return the numbers as text, for at most 13 of the periods."""
         last = len(self.periods) - 1
         shown = np.unique(np.linspace(0, last, min(ROWS, last + 1)).round().astype(int))
         head = [f"{'period [s]':>12}", *(f"{name} [{unit}]" for name, unit in COLUMNS.items())]
@@ -106,10 +106,9 @@ def response_spectrum(
 ) -> ResponseSpectrum:
     """Return the response spectrum of a ground motion.
 
-    The motion is linear between the record's samples, and zero before the first and after the
-    last, as a scene applies it. The responses are those of the recurrence of Nigam and Jennings
-    (1969), which is exact, at their turning points between the samples too, and over one period of
-    free vibration behind the last sample.
+    The motion is linear between the samples of the record, and zero before the first and after the
+    last one, as in a scene. The responses follow the exact recurrence of Nigam and Jennings (1969).
+    They include maxima between samples, and one period of free vibration after the last sample.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
-    """Return k2 [N/m] of springs at rest on the sphere: 2 k0 (1 + 2 / stretch**3).
+    """Return k2 [N/m] of springs about equilibrium: 2 k0 (1 + 2 / stretch**3).
 
     Parameters
     ----------
@@ -27,13 +27,13 @@ def spring_stiffness(stretch: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
 
 
 def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
-    """Return the stretch [-] at which the springs have a stiffness, the inverse of the above.
+    """Return the stretch [-] at which the springs have a given stiffness.
 
     Parameters
     ----------
     k2
-        Stiffness [N/m]. The springs reach 2 k0 < k2 <= 6 k0: at most 2 k0 gives an infinite
-        stretch, more than 6 k0 one below 1.
+        Stiffness [N/m]. The springs reach 2 k0 < k2 <= 6 k0: 2 k0 or less gives an infinite
+        stretch, more than 6 k0 a stretch below 1.
     k0
         ``springs.stiffness`` [N/m].
     """
@@ -45,7 +45,7 @@ def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
 def spring_energy(
     offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the energy [J] of the springs in excess of the centred sphere's.
+    """Return the energy [J] of the springs above that with the sphere centred.
 
     Parameters
     ----------

@@ -49,24 +49,25 @@ class OwnReward:
     Parameters
     ----------
     reward
-        A function, or FILE.py:NAME of one, whose file is run. Its arguments are named after
-        channels (docs/excitation.md); each is a number in the channel's SI unit at the step's end,
-        exact, whatever the sensors show. It returns a number, and is compiled by numba.
+        A function, or FILE.py:NAME of one, whose file is executed. Its arguments are named after
+        channels (docs/excitation.md). Each is a number in the channel's SI unit at the end of the
+        step, without the noise and delay of the sensors. The function returns a number; numba
+        compiles it.
 
     Attributes
     ----------
     given
-        The parameter.
+        The parameter `reward`.
     name
-        Of the function, for messages.
+        Name of the function, for messages.
     arguments
         The channels that it reads, in order.
 
     Raises
     ------
     SceneError
-        If file or function are wrong, an argument is no channel, numba cannot compile it, or it
-        returns anything but a number.
+        If the file or the function is wrong, an argument is not a channel, numba cannot compile the
+        function, or it returns anything but a number.
     """
 
     def __init__(self, reward: str | Callable[..., float]) -> None:
@@ -133,10 +134,10 @@ class OwnReward:
         return -rewards
 
     def check(self, scene: Scene) -> None:
-        """Try the cost where episodes of a scene come; raise `SceneError` if it fails there.
+        """Try the cost at states that episodes of a scene reach; raise `SceneError` if it fails.
 
-        Displacements, velocities, accelerations and forces are tried up to the scales by which
-        they are observed, further where an episode begins or ends further; actuators up to their
+        Displacements, velocities, accelerations and forces are tried up to their observation
+        scales, or beyond if an episode begins or ends beyond them. Actuators are tried up to their
         limits.
         """
         self._check_channels(scene)
@@ -211,10 +212,10 @@ class RewardedScene(Scene):
 
 
 def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
-    """Return a scene whose episodes are rewarded by minus an own cost, wherever they are run.
+    """Return a scene whose reward is minus your own cost, in every environment and evaluation.
 
-    Its `objective` still has the scales of what is observed, the limits that end an episode, and
-    what controllers are designed for.
+    Its `objective` still provides the scales of the observations, the limits that end an episode,
+    and the weights that controllers are designed for.
 
     Parameters
     ----------
@@ -227,7 +228,7 @@ def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
     ------
     SceneError
         If the reward is wrong, see `OwnReward`, or its cost is not finite at a state that episodes
-        of the scene come to.
+        of the scene reach.
     """
     if reward is None:
         return scene

@@ -65,20 +65,21 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     voltage  `actuation.voltage` [V]    `maximum`, of a magnetorheological damper
     =======  =========================  ================================================
 
-    With ``command = "rate"``, an action of 1 means +rate_limit. Rate limits and lags determine how
-    far the actuator gets within the step.
+    With ``command = "rate"``, an action of 1 means +rate_limit. Rate limits and lags determine the
+    value that the actuator reaches within the step.
 
     Observation Space
     -----------------
     `Box(low, high, (history * channels,), float32)`: the channels of `sensors.channels` at the last
-    `sensors.history` control steps, oldest first, `sensors.delay` steps late and with
-    `sensors.noise` and `sensors.bias`. With probability `sensors.dropout` a step brings no frame,
-    and the last one is shown again. At an episode's start, the first frame stands for those before
-    it.
+    `sensors.history` control steps, oldest first, delayed by `sensors.delay` steps and with
+    `sensors.noise` and `sensors.bias`. With probability `sensors.dropout` no frame arrives in a
+    step, and the last one is shown again. At the start of an episode the first frame is used in
+    place of earlier ones.
 
-    Applied force and stretch are bounded by their actuators, unless they have noise; all else is
-    unbounded. A limit of the displacement is no bound, because the step that ends an episode goes
-    beyond it. Numbers too large for single precision are shown as its largest, 3.4e38.
+    The actuators bound the applied force and the stretch, unless these channels have noise; all
+    other channels are unbounded. A limit of the displacement is not a bound, because the step that
+    ends an episode exceeds it. Numbers too large for single precision are shown as its largest
+    number, 3.4e38.
 
     ===============================================  =========================================
     channel                                          scaled by
@@ -98,19 +99,21 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
 
     Rewards
     -------
-    From the state at the step's end, with `a` the clipped action:
-    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``, and with
-    their weights the squares of the absolute accelerations of both masses and of the force between.
-    With ``reward=``, minus a cost of your own, a function of channels.
+    The reward follows from the state at the end of the step, with `a` the clipped action:
+    ``-(w_x (x1/x_ref)^2 + w_v (v1/v_ref)^2 + w_u sum(a^2) + w_s ((x2 - x1)/s_ref)^2)``. If they
+    have weights, the squares of the absolute accelerations of both masses and of the force between
+    the masses are added to the sum. With ``reward=`` the reward is minus your own cost, a function
+    of channels.
 
     Starting State
     --------------
-    Drawn uniformly from `initial` and `randomization`; noise starts in its stationary distribution.
-    Any drawn field, or part of the initial state, can be set by its dotted name:
-    `reset(options={"initial.sphere_offset": 0.01})`.
+    The state is drawn uniformly from `initial` and `randomization`; noise starts in its stationary
+    distribution. You can set any drawn field, or any value of the initial state, by its dotted
+    name: `reset(options={"initial.sphere_offset": 0.01})`.
 
-    The seed of `reset` is an integer, of NumPy too. Without one, a first reset draws it from
-    `np_random`, and so does the first one after `np_random` was set; later ones continue.
+    The seed of `reset` is an integer, also of a NumPy type. Without a seed, the first reset draws
+    one from `np_random`, and so does the first reset after `np_random` was set; later resets
+    continue the stream of random numbers.
 
     Episode End
     -----------
@@ -120,32 +123,33 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
     Information
     -----------
     With ``info="light"``, the default: `state`, (4,) float64, x1, x2 [m], v1, v2 [m/s], ground
-    frame; `applied`, (k,) float64, the force [N], stretch [-] and damping [N s/m] that the
-    actuators reached.
+    frame; `applied`, (k,) float64, the force [N], stretch [-], damping [N s/m] or voltage [V] that
+    the actuators reached.
 
-    With ``info="full"`` also the terms of the reward, which is their sum: `reward_displacement`,
-    `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset; `cost`, 1 where a limit of
-    `objective` is exceeded and else 0, as safe reinforcement learning has it; and `constraint`, the
-    larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1, so negative
-    within the limits, and -1 without any. Accelerations and the force between the
-    masses add terms where they have weights. An own reward is one term, `reward_own`. With
-    ``info="none"`` nothing, for programs that copy each entry.
+    With ``info="full"`` also the terms of the reward, whose sum is the reward:
+    `reward_displacement`, `reward_velocity`, `reward_effort`, `reward_stroke`, 0 at a reset;
+    `cost`, 1 if a limit of `objective` is exceeded and otherwise 0, as in safe reinforcement
+    learning; and `constraint`, the larger of |x1| / displacement_limit and |x2 - x1| /
+    rail_half_length, minus 1. The constraint is negative within the limits, and -1 without limits.
+    Accelerations and the force between the masses add terms if they have weights. Your own reward
+    is one term, `reward_own`. With ``info="none"`` the information is empty, for programs that copy
+    each entry.
 
     Continuation
     ------------
     `get_state` and `set_state` save and restore an episode exactly; values that the scene cannot
-    reach are refused. Copies and pickles of the environment continue from its current state, and
-    have memory of their own.
+    reach are refused. Copies and pickles of the environment continue from its current state,
+    independently of the original.
 
     Arguments
     ---------
     scene
         A `Scene`, the id of a registered task, or the path of a TOML file.
     changes
-        Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are those
-        of a scene file; a range is a list.
+        Fields of the scene to change, by dotted name: ``{"control.steps": 200}``. Values are
+        written as in a scene file; a range is a list.
     reward
-        A cost of your own in place of the objective's: a function whose arguments are named after
+        Your own cost instead of that of the objective: a function whose arguments are named after
         channels, or "FILE.py:NAME" of one; see docs/scenes.md.
     info
         "none", "light" or "full": how much information steps return, see above.
@@ -207,13 +211,13 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         return self._lanes.values[:4, 0].copy()
 
     def drawn(self, name: str) -> float:
-        """Return this episode's value of a field by dotted name, as "excitation.0.frequency".
+        """Return this episode's value of a field by dotted name, such as "excitation.0.frequency".
 
         Raises
         ------
         SceneError
-            If the field is unknown, no episode has begun, or the initial state is asked for after
-            `set_state`, which does not tell it.
+            If the field is unknown, no episode has begun, or the initial state is unknown, because
+            the episode was restored by `set_state`.
         """
         return float(self._lanes.drawn(name)[0])
 
@@ -251,11 +255,11 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         Raises
         ------
         ActionError
-            If the action is not finite or misshapen. Nothing is changed.
+            If the action is not finite or has the wrong shape. Nothing is changed.
         ResetNeeded
             If the episode has ended or none has begun.
         SimulationError
-            If the motion cannot be followed to the step's end. It ends the episode.
+            If the motion cannot be followed to the end of the step. The episode ends.
         """
         if not self._running:
             msg = "the episode is over: call reset() before step()"
@@ -300,7 +304,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         return info | terms | limits
 
     def get_state(self) -> dict[str, object]:
-        """Return the episode's exact state, random stream included, for `set_state`."""
+        """Return the exact state of the episode, including its random stream, for `set_state`."""
         flags = {"running": self._running, "seeded": not self._draws_seed}
         return self._lanes.snapshot() | flags
 
@@ -313,14 +317,14 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
             self._renderer.note(watched=False)
 
     def render(self) -> NDArray[np.uint8] | list[NDArray[np.uint8]] | None:  # pyright: ignore[reportIncompatibleMethodOverride] - Gymnasium does not declare a frame's type
-        """Return a picture, or the list of those since the last call; show it in mode "human".
+        """Return a picture, or the list of pictures since the last call; show it in mode "human".
 
         Raises
         ------
         DependencyNotInstalled
             Without pygame-ce.
         ResetNeeded
-            Before the first reset; a list of pictures is empty then.
+            Before the first reset; a list of pictures is then empty.
         SceneError
             If there is no such mode.
         """
@@ -333,9 +337,9 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
             self._renderer.close()
 
     def get_keys_to_action(self) -> dict[tuple[int, ...], NDArray[np.float32]]:
-        """Return keys -> action for `gymnasium.utils.play`; no key is its `noop`, an array too.
+        """Return keys -> action for `gymnasium.utils.play`, whose `noop` must be an array, too.
 
-        Left and right command -1 and 1 of the first actuator, down and up of a second one.
+        Left and right command -1 and 1 of the first actuator, down and up those of a second one.
         """
         from mm_gym.rendering.window import keys_to_action  # noqa: PLC0415 - needs pygame
 

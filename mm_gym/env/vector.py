@@ -64,30 +64,34 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     Parameters
     ----------
     scene, changes, reward, info
-        As for `MovingMassEnv`. Entries of the information have a row for each lane.
+        As for `MovingMassEnv`. Entries of the information have a row for each lane
+        (sub-environment).
     num_envs
         Number of lanes.
     max_episode_steps
-        Shortens episodes to so many control steps, as `TimeLimit` does for one environment; None
-        or -1 leaves them as the scene has them. Longer ones are ``changes={"control.steps": 500}``.
+        Shortens episodes to this number of control steps, as `TimeLimit` does for one environment.
+        None or -1 keeps the length that the scene has. For longer episodes use
+        ``changes={"control.steps": 500}``.
     autoreset_mode
         Any of Gymnasium's three: a finished lane is reset in the next step (the default), in the
         same step (then ``info["final_obs"]`` and ``info["final_info"]`` hold the end), or only by
         ``reset(options={"reset_mask": mask})``.
     copy
         If false, observations and the arrays of ``info``, the final ones too, are read-only views
-        of memory that the next step overwrites. Rewards, terminated and truncated are always the
-        caller's own.
+        of memory that the next step overwrites. Rewards, terminated and truncated are always
+        copies.
     threads
         Number of numba's threads among which the lanes of a step are divided; results do not depend
-        on it. Useful from some thousand lanes on, if as many processors are free and numba finds
-        OpenMP or TBB (``numba.threading_layer()``): its own work queue takes ten times as long to
-        start. A process that is forked after the threads have run steps all lanes in one thread.
+        on it. Threads are useful from some thousand lanes on, if as many processors are free and
+        numba finds OpenMP or TBB (``numba.threading_layer()``); numba's own work queue takes ten
+        times as long to start. A process that is forked after the threads have run uses only one
+        thread.
 
     Notes
     -----
-    Copies of observations are row-major, because programs store them so. The lanes' own memory, and
-    views of it, have the lanes innermost, and so have the arrays of ``info``.
+    Copies of observations are row-major, because most programs store them in this way. In the
+    memory of the environment, in views of it, and in the arrays of ``info``, the lanes are the
+    innermost axis.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -147,7 +151,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     def observation_space(self) -> Space[Any]:  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares an attribute
         """The space of all lanes' observations.
 
-        Made on first use: its bounds take twice the memory of the observations.
+        It is made at the first use, because its bounds take twice the memory of the observations.
         """
         return batch_space(self.single_observation_space, self.num_envs)
 
@@ -168,11 +172,11 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode in every lane, or in those of ``options["reset_mask"]``.
 
-        A seed gives lane i the seed + i; a sequence or array has one for each lane, and None where
-        a lane continues its stream. See `MovingMassEnv` for `np_random`.
+        With an integer seed, lane i gets seed + i. A sequence or array has one seed for each lane,
+        or None for a lane that continues its stream. See `MovingMassEnv` for `np_random`.
 
-        Other options set drawn fields by dotted name, as in `MovingMassEnv`: a number, or one per
-        lane.
+        Other options set drawn fields by dotted name, as in `MovingMassEnv`: one number, or one for
+        each lane.
 
         Raises
         ------
@@ -223,11 +227,11 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         Raises
         ------
         ActionError
-            If an action is not finite or the array misshapen. Nothing is changed.
+            If an action is not finite or the array has the wrong shape. Nothing is changed.
         ResetNeeded
             If no episode has begun or, without autoreset, a lane's episode is over.
         SimulationError
-            If a lane's motion cannot be followed to the step's end. It ends all episodes.
+            If the motion of a lane cannot be followed to the end of the step. All episodes end.
         """
         any_over = self._over.size > 0
         if any_over and (self.autoreset_mode is not AutoresetMode.NEXT_STEP or not self._seeded):
@@ -349,10 +353,10 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         return copies | self._terms.constraint(self._lanes.values[:4])
 
     def get_state(self) -> dict[str, object]:
-        """Return the exact state of all lanes, random streams included, for `set_state`.
+        """Return the exact state of all lanes, including their random streams, for `set_state`.
 
-        The last axis of every array has the lanes, which may be repeated, permuted or left out to
-        make the state of another number of lanes.
+        The last axis of every array is that of the lanes. You may repeat, permute or leave out
+        lanes to make the state of another number of lanes.
         """
         flags = {"finished": self._finished(), "seeded": self._seeded}
         return self._lanes.snapshot() | flags
@@ -368,7 +372,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             self._renderer.note(watched=False)
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return what `MovingMassEnv.render` does for every lane; "human" shows up to nine."""
+        """Return for every lane what `MovingMassEnv.render` returns; "human" shows up to nine."""
         frames = rendered(self._renderer, self.render_mode)
         return None if frames is None else tuple(frames)
 

@@ -1,4 +1,4 @@
-"""Evaluation indices: a controlled motion over a reference without control."""
+"""Evaluation indices: a controlled motion relative to a reference without control."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Indices:
-    """Evaluation indices (lanes,) [-], smaller is better; the subscript 0 is the reference's.
+    """Evaluation indices (lanes,) [-]; smaller is better. The subscript 0 is the reference.
 
     The numbers are those of Ohtori, Christenson, Spencer and Dyke (2004) for a building of one
-    storey, whose device is the moving mass. J7 to J10 are of damage, which the model has not; J15,
-    the number of devices, is 1.
+    storey, whose device is the moving mass. J7 to J10 measure damage, which the model does not
+    have. J15, the number of devices, is 1.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Indices:
     j3
         Peak base force: max |F_b| / max |F_b|_0.
     j4, j5, j6
-        The same of the root mean squares.
+        The same for the root mean squares.
     j11
         Peak control force over the weight: max |u| / W.
     j12
@@ -46,11 +46,12 @@ class Indices:
     j16, j17
         Number of sensors, and of the controller's states, as given.
     stroke, rms_stroke
-        Peak and root mean square of the stroke over the reference's: infinite where that has none.
+        Peak and root mean square of the stroke over those of the reference; infinite if the
+        reference has no stroke.
     rms_force
         Root mean square of the control force over the weight: ||u|| / W.
     injected
-        Energy that changes of the stretch bring in, over the same as j14's: / (max |x1|_0 W).
+        Energy that changes of the stretch bring in, over max |x1|_0 W as in j14.
     """
 
     j1: Array
@@ -74,15 +75,15 @@ class Indices:
 def indices(
     response: Response, reference: Response, *, sensors: int = 0, controller_states: int = 0
 ) -> Indices:
-    """Return the evaluation indices of motions over those of a reference.
+    """Return the evaluation indices of motions relative to a reference.
 
     Parameters
     ----------
     response
-        Of the controlled motions.
+        Response of the controlled motions.
     reference
-        Of the same episodes without control (`uncontrolled_response`) or with the best passive
-        damper (`passive_response`); or one motion for all lanes.
+        Response of the same episodes without control (`uncontrolled_response`) or with the best
+        passive damper (`passive_response`), or one motion for all lanes.
     sensors
         Number of channels that the controller reads.
     controller_states

@@ -29,15 +29,15 @@ class LaneResponse:
     Parameters
     ----------
     env
-        An environment whose episodes have just begun. With its autoreset, episodes of which only
-        the first counts must be left out by `add`'s mask.
+        An environment whose episodes have just begun. With autoreset, use the mask of `add` to
+        leave out all episodes after the first.
 
     Notes
     -----
-    The motion is looked at where control steps begin and end. For a vibration at w and control
-    steps of h, (w h)^4 / 384 of the amplitudes are missed, and of those of the acceleration
-    (w h)^2 / 8; `mm_gym.metrics.response` looks closer. References should be measured in the same
-    way, as `uncontrolled_response` does.
+    The motion is evaluated at the start and end of each control step. For a vibration at w and
+    control steps of h, up to (w h)^4 / 384 of the amplitudes are missed, and (w h)^2 / 8 of those
+    of the acceleration. `mm_gym.metrics.response` has a finer resolution. Measure references in the
+    same way, as `uncontrolled_response` does.
 
     Raises
     ------

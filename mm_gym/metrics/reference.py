@@ -1,4 +1,4 @@
-"""Motions to compare with: without control, and with the best passive damper."""
+"""Reference motions: without control, and with the best passive damper."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 def passive_scene(scene: Scene) -> tuple[Scene, float | None]:
     """Return a scene with the damping of the best passive damper, and its stretch if it has one.
 
-    The damper is that of `mm_gym.tuning.tune` for the carriage's displacement: by "h_infinity"
-    where all excitation is harmonic, else by "h2". What an episode of a seed draws stays.
+    The damper is that of `mm_gym.tuning.tune` for the carriage's displacement: by "h_infinity" if
+    all excitation is harmonic, otherwise by "h2". A seed draws the same episode as in the scene
+    itself.
 
     Raises
     ------
     DesignError
-        If it cannot be tuned: the interface is dry friction, or what is tuned is drawn.
+        If the damper cannot be tuned: the interface is dry friction, or a tuned parameter is drawn.
     """
     kinds = {part.kind for part in scene.excitation}
     tuned = tune(scene, criterion="h_infinity" if kinds == {"harmonic"} else "h2")
@@ -43,7 +44,7 @@ def passive_response(
 ) -> Response:
     """Return the responses of episodes with the best passive damper, see `passive_scene`.
 
-    Arguments are those of `uncontrolled_response`, and errors those of `passive_scene` too.
+    Arguments are those of `uncontrolled_response`. Errors include those of `passive_scene`.
     """
     passive, stretch = passive_scene(scene)
     fixed = dict(options or {})
@@ -57,21 +58,21 @@ def uncontrolled_response(
     seeds: Sequence[int],
     options: Mapping[str, ArrayLike] | None = None,
 ) -> Response:
-    """Return the responses of episodes with no force and the stretch that they begin with.
+    """Return the responses of episodes with no force and with the initial stretch.
 
     Parameters
     ----------
     scene
         The scene.
     seeds
-        One for each lane.
+        One seed for each lane.
     options
         Drawn fields to set, as for the reset of `MovingMassVectorEnv`.
 
     Returns
     -------
     Response
-        Of an episode in each lane, until it ends.
+        Response of one episode in each lane, until the episode ends.
     """
     env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled", info="none")
     env.reset(seed=list(seeds), options=options)

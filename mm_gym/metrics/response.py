@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What motions did, and what it took: an entry (lanes,) for each of them.
+    """Response of motions and effort of their control: an entry (lanes,) for each motion.
 
-    A peak is the largest magnitude, max_t |q|. A root mean square is over time,
-    (1/T integral of q^2 dt)^(1/2), as the normed responses of the benchmark are. Symbols are those
-    of docs/model.md, sections 1 and 5.
+    A peak is the largest magnitude, max_t |q|. A root mean square is over time, (1/T integral of
+    q^2 dt)^(1/2), like the normed responses of the benchmark. Symbols are those of docs/model.md,
+    sections 1 and 5.
 
     Attributes
     ----------
@@ -31,25 +31,26 @@ class Response:
     peak_velocity
         Of the carriage, v1 [m/s], relative to the ground.
     peak_acceleration, rms_acceleration
-        Of the carriage [m/s^2], absolute: that of the ground is in it. Impulses are not.
+        Of the carriage [m/s^2], absolute: including that of the ground, without impulses.
     peak_base_force, rms_base_force
         On the base, the base shear [N]: k1 (alpha + beta x1^2) x1 + d v1 - u, of the carriage's
         spring and damper, and the reaction to the control force; without -u if that acts between
         the masses.
     peak_stroke, rms_stroke
-        Offset of the sphere, x2 - x1 [m].
+        Relative displacement of the sphere, x2 - x1 [m].
     peak_force, rms_force
         Control force u [N].
     peak_power
-        Of the control force [W]: max_t |u v1|. Between the masses v1 - v2 takes the place of v1,
+        Of the control force [W]: max_t |u v1|. For a force between the masses v1 - v2 replaces v1,
         here and in both energies.
     control_energy
-        What the control force gives and takes [J], added up by magnitude: integral of |u v1| dt.
+        Energy that the control force supplies and absorbs [J], summed by magnitude:
+        integral of |u v1| dt.
     control_work
-        What it gives less what it takes [J]: integral of u v1 dt.
+        Supplied minus absorbed energy [J]: integral of u v1 dt.
     injected, withdrawn
         Energy that changes of the stretch bring in and take out [J], both positive: the jumps of
-        (12) of docs/model.md by their sign. Only what is injected must come from the actuator.
+        (12) of docs/model.md by their sign. Only the injected energy must come from the actuator.
     """
 
     duration: Array

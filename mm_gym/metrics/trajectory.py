@@ -30,21 +30,22 @@ PIECES = 8
 def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
     """Return the response and effort of a simulated motion, from its start to its last instant.
 
-    The instants of the trajectory do not matter: the motion is looked at where sample intervals
-    begin and end, before and after impulses and changes of the actuators, and in between.
+    The instants of the trajectory do not matter. The motion is evaluated at the start and end of
+    each sample interval, before and after impulses and changes of the actuators, and in between.
 
     Parameters
     ----------
     trajectory
-        What `simulate` returned.
+        A trajectory, from `simulate`.
     pieces
-        Number of pieces that each sample interval is divided into. For a vibration at w, a piece h
-        leaves (w h)^4 / 384 of the amplitudes, and of those of the acceleration (w h)^2 / 8.
+        Number of pieces that each sample interval is divided into. For a vibration at w and pieces
+        of h, up to (w h)^4 / 384 of the amplitudes are missed, and (w h)^2 / 8 of those of the
+        acceleration.
 
     Returns
     -------
     Response
-        With one lane.
+        The response, with one lane.
 
     Raises
     ------

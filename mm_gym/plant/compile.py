@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 def compile_scene(scene: Scene) -> Plant:
-    """Choose the simplest model that covers the scene's whole support, and prepare it.
+    """Choose the simplest model that covers everything the scene can reach, and prepare it.
 
     Raises
     ------
     CompileError
-        If no plant covers the scene within its bound, or the method asked for does not apply to it.
-        The message lists every finding.
+        If no plant covers the scene within its error bound, or the selected method does not apply
+        to it. The message lists every finding.
     SceneError
         If a record cannot be read: the field, the file, and its line and column.
     """

@@ -40,7 +40,7 @@ SCALED = ("peak", "spectral_acceleration")
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """The simplest model that covers a scene's support, ready to be propagated.
+    """The simplest model that covers everything a scene can reach, ready to be propagated.
 
     Attributes
     ----------
@@ -57,16 +57,16 @@ class Plant:
     task
         (t,) float64: actuators, reward, limits and channels.
     template, draws
-        (rows,) float64: the lane at the start of an episode; and (n, 3) float64: row, low and high
-        of each value that is drawn.
+        (rows,) float64: the lane at the start of an episode; and (n, 3) float64: row, lower and
+        upper limit of each drawn value.
     actuators
         Names of the action's columns, in order: "force" [N], "stretch" [-], "damping" [N s/m],
         "voltage" [V].
     observed
         The channels, in order, each with name, unit, factor, zero, one and noise.
     history, delay
-        Frames observed, and the age of the newest in control steps; of a delay that is drawn, the
-        middle.
+        Number of observed frames, and the age of the newest in control steps (for a drawn delay the
+        middle of its range).
     steps, time_step
         Number of control steps in an episode, and the length of a control step [s].
     digest
@@ -91,7 +91,7 @@ class Plant:
 
     @property
     def entries(self) -> Entries:
-        """The compiled functions that propagate it."""
+        """The compiled functions that propagate the plant."""
         return self.method.entries_of(self.support)
 
     @property
@@ -101,12 +101,12 @@ class Plant:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
+        """Names of the observed channels."""
         return tuple(channel.name for channel in self.observed)
 
     @property
     def frames(self) -> int:
-        """Frames that a lane keeps: those observed, and those on the way."""
+        """Frames that a lane stores: the observed ones, and the delayed ones still to come."""
         return self.history + self.most_delay + bool(self.support.sensors_row)
 
     @property
@@ -130,9 +130,10 @@ class Plant:
     def linear(
         self, stretch: float | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return A (4, 4) and B (4, 1) of x' = A x + B u about rest, u the control force [N].
+        """Return A (4, 4) and B (4, 1) of x' = A x + B u about equilibrium.
 
-        The force acts where ``actuation.force.between`` says.
+        The input u is the control force [N].
+        ``actuation.force.between`` says on which masses the force acts.
 
         Parameters
         ----------
@@ -141,9 +142,9 @@ class Plant:
 
         Notes
         -----
-        The middle stands for a range, the tangent at rest for a cubic spring, and the slope in
-        stick for dry friction. Rest is x1 = 0, which is unstable with
-        ``carriage.linear_coefficient`` < 0: A then has a positive eigenvalue.
+        A range is replaced by its middle, a cubic spring by its tangent, and dry friction by its
+        slope in stick. The equilibrium is x1 = 0, which is unstable with
+        ``carriage.linear_coefficient`` < 0: A then has an eigenvalue greater than 0.
 
         Raises
         ------
@@ -174,7 +175,7 @@ class Plant:
         return both[:, :4], both[:, 4:]
 
     def system(self, stretch: float | None = None) -> StateSpace:
-        """Return the linear equations about rest in decimal arithmetic; see `linear`."""
+        """Return the linear equations about equilibrium in decimal arithmetic; see `linear`."""
         row = self._middle(stretch)
         if row[at.M1] == 0.0:
             msg = "carriage.mass: 0 leaves three states, so there is no A (4, 4); use discrete()"
@@ -195,12 +196,12 @@ class Plant:
         Parameters
         ----------
         inputs
-            Of "force" [N], "stretch" [-], "damping" [N s/m] and "voltage" [V], as commanded to the
-            actuators, with their lag; "disturbance" [N] on the carriage and "ground" [m/s^2]. By
-            default the scene's actuators. Limits and rate limits are left out.
+            Any of "force" [N], "stretch" [-], "damping" [N s/m] and "voltage" [V], as commanded to
+            the actuators, with their lag; "disturbance" [N] on the carriage and "ground" [m/s^2].
+            By default the scene's actuators. Limits and rate limits are left out.
         outputs
             Channels, in SI units, or the states "x1", "x2", "v1", "v2". By default the channels
-            that the scene observes. Channels, and not states, are as late as the sensors.
+            that the scene observes. Channels have the delay of the sensors; states have none.
         sampled
             Whether the system is the map of one control step, with all inputs held over it and the
             sensors' delay as states, or continuous.
@@ -208,15 +209,16 @@ class Plant:
             Values by dotted name, or a lane (rows,), such as `Trajectory.parameters` or
             ``env.unwrapped.get_state()["values"][:, 0]``; by default the middle of every range.
         about
-            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant, stretch, damping and
-            voltage are made linear; by default at rest, where the last three do nothing.
+            (4,) x1, x2 [m], v1, v2 [m/s] about which a nonlinear plant and the effects of stretch,
+            damping and voltage are linearised; by default the equilibrium, where the last three
+            have no effect.
 
         Returns
         -------
         LinearSystem
-            Harmonics of the scene are states without input; noise is white noise through its
-            filter's states, while its envelope is 1; random impulses are white noise. Sweeps,
-            records and impulses at given times are no part of it.
+            Harmonics of the scene are states without input. Noise is white noise that drives the
+            states of its filter, with the envelope 1. Random impulses are white noise. Sweeps,
+            records and impulses at given times are left out.
 
         Raises
         ------
@@ -242,31 +244,31 @@ class Plant:
         at: Mapping[str, Any] | ArrayLike | None = None,
         parameters: Sequence[str] = (),
     ) -> Jacobian:
-        """Return the derivatives of a control step's end; see docs/numerics.md.
+        """Return the derivatives of the state at the end of a control step; see docs/numerics.md.
 
         Parameters
         ----------
         state
-            (4,) x1, x2 [m], v1, v2 [m/s] at the step's start, or (lanes, 4), with the interface's
-            own states behind them if it has some; or all that `Jacobian.names` lists, as the end of
-            the step before; None for those of `at`.
+            (4,) x1, x2 [m], v1, v2 [m/s] at the start of the step, or (lanes, 4), followed by the
+            interface's own states if it has any. Or everything that `Jacobian.names` lists, as at
+            the end of a previous step. None takes the state of `at`.
         action
-            (k,) in [-1, 1], as `actuators` has them, or (lanes, k). Beyond [-1, 1] it is clipped,
-            and changes nothing.
+            (k,) in [-1, 1], in the order of `actuators`, or (lanes, k). Values outside are clipped;
+            their derivatives are zero.
         at
-            The rest of the start: values by dotted name, or a lane (rows,), as of `state_space`; or
-            a snapshot, ``env.unwrapped.get_state()``, with all its lanes and their random numbers.
-            By default an episode begins in the middle of every range.
+            All other initial values: by dotted name, or as a lane (rows,), as for `state_space`; or
+            as a snapshot, ``env.unwrapped.get_state()``, with all its lanes and their random
+            numbers. By default the start of an episode, with the middle of every range.
         parameters
-            Dotted names of fields; each changes alone, so that a normal force stays what it is when
-            a mass changes.
+            Dotted names of fields. Each derivative holds all other fields constant: for example,
+            the normal force when a mass changes.
 
         Returns
         -------
         Jacobian
-            The end, and its derivatives; over lanes if one of the arguments has lanes. At a limit
-            of an actuator they are those on its inner side. Random excitation does not change with
-            anything.
+            The state at the end and its derivatives, with a leading axis of lanes if one of the
+            arguments has lanes. At a limit of an actuator the derivatives are those on its inner
+            side. Random excitation is held constant.
 
         Raises
         ------
@@ -287,7 +289,7 @@ class Plant:
     def scored_reactions(
         self, lanes: NDArray[np.float64], model: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Return what the objective squares of what follows from the motion, at a step's end.
+        """Return the accelerations that the objective squares, at the end of a step.
 
         Parameters
         ----------
@@ -354,7 +356,7 @@ class Plant:
         return middle
 
     def at_interval(self, interval: float) -> Plant:
-        """Return the same plant with a sample interval of another length [s]."""
+        """Return the plant with another length of the sample interval [s]."""
         return _at_interval(self, interval)
 
     def explain(self) -> str:

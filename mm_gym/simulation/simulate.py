@@ -54,21 +54,23 @@ def simulate(
     scene
         A scene, or the plant that it compiles to.
     duration
-        Length of the simulation [s]; by default that of an episode. The trajectory has one row for
-        the start of each control step, and one for the end.
+        Length of the simulation [s]; by default that of an episode. The trajectory has a row for
+        the start of each control step, and one for the end of the simulation.
     times
-        (n,) increasing instants [s] that the trajectory has instead, also within control steps.
+        (n,) increasing instants [s] at which the trajectory is returned instead. They may lie
+        within control steps.
     action
         The commands to the actuators, one column per actuator: force [N], positive in the direction
-        of x1, stretch [-], and damping [N s/m] or voltage [V]. None (no force, the initial value of
-        the others), a constant (k,), an array (steps, k) with a row per control step, or a function
-        of time [s] and state (4,) that returns (k,). Limits and rate limits apply.
+        of x1, stretch [-], and damping [N s/m] or voltage [V]. It may be None (no force, and the
+        initial value of the others), a constant (k,), an array (steps, k) with a row per control
+        step, or a function of time [s] and state (4,) that returns (k,). Limits and rate limits
+        apply.
     seed
-        Seed of the scene's draws; by default 0.
+        Seed of all random draws of the scene; by default 0.
     ground
-        (k, 2) increasing times [s] and the ground's acceleration [m/s^2] at them, linear in between
-        and zero before and after, added to the scene's own excitation. It needs a scene, not a
-        plant.
+        (k, 2) increasing times [s] and accelerations of the ground [m/s^2], linear in between and
+        zero before and after. This motion is added to the scene's own excitation. It is allowed
+        with a scene, not with a plant.
 
     Returns
     -------

@@ -46,7 +46,7 @@ EXCITATION = ("disturbance [N]", "ground [m/s²]")
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """States at instants.
+    """The states of a simulation at its instants, with actions, excitation and energies.
 
     Attributes
     ----------
@@ -55,19 +55,21 @@ class Trajectory:
     state
         (n, 4): x1, x2 [m], v1, v2 [m/s], ground frame.
     interface_state
-        (n, k) the k states that the interface has of its own: z [-] of Bouc-Wen, y and z [m] of a
-        magnetorheological damper.
+        (n, k): the interface's own k states: z [-] of Bouc-Wen, y and z [m] of a magnetorheological
+        damper.
     action
-        (n, k): what the actuators applied from each instant on, in the order of `actuators`.
+        (n, k): the values that the actuators apply from each instant on, in the order of
+        `actuators`.
     applied
-        (n, 2): force [N] and stretch [-], whether actuated or not; (n, 3) with the damping [N s/m]
-        or voltage [V] behind them if it is actuated.
+        (n, 2): force [N] and stretch [-], whether actuated or not; (n, 3) if the damping [N s/m] or
+        voltage [V] is actuated, which is then the last column.
     actuators
         Names of the action's columns.
     parameters
         (rows,): the lane's parameters as they were drawn.
     recording, place
-        What is behind the instants, from which `work` is computed, and where they lie.
+        The simulated control steps, from which `work` is computed, and the position of the instants
+        in them.
     """
 
     time: NDArray[np.float64]
@@ -92,9 +94,10 @@ class Trajectory:
 
     @cached_property
     def acceleration(self) -> NDArray[np.float64]:
-        """Absolute accelerations (n, 2) [m/s^2] of carriage and sphere, those of the ground in.
+        """Absolute accelerations (n, 2) [m/s^2] of carriage and sphere.
 
-        Impulses are not in it: they change the velocities at once.
+        They include the acceleration of the ground. Impulses are left out, because they change the
+        velocities instantaneously.
         """
         support, states = self.recording.plant.support, self._states
         return acceleration(support, self.parameters, states, self.applied, self.excitation[:, 0])
@@ -106,10 +109,10 @@ class Trajectory:
 
     @cached_property
     def base_force(self) -> NDArray[np.float64]:
-        """Force (n,) [N] on the base, positive as x1 is: the base shear.
+        """Force (n,) [N] on the base, positive in the direction of x1: the base shear.
 
-        It is that of the carriage's spring and damper, and the reaction to the control force if
-        its actuator stands on the base.
+        It is the force of the carriage's spring and damper, plus the reaction to the control force
+        if its actuator stands on the base.
         """
         support = self.recording.plant.support
         return base_force(support, self.parameters, self.state, self.applied)
@@ -120,7 +123,7 @@ class Trajectory:
         Raises
         ------
         SimulationError
-            If there is no such channel, or no actuator that it shows.
+            If there is no such channel, or the scene has no actuator for it.
         """
         check_channel(name)
         channel = CHANNELS[name]
@@ -155,7 +158,7 @@ class Trajectory:
 
     @cached_property
     def energy(self) -> NDArray[np.float64]:
-        """Kinetic and elastic energy (n,) [J], with stretch and voltage of each instant."""
+        """Kinetic and elastic energy (n,) [J], with the stretch and voltage of each instant."""
         energy = mechanical_energy(self.parameters, self.state, self.applied[:, 1])
         support = self.recording.plant.support
         p = damped(support, self.parameters, self.applied)
@@ -163,14 +166,14 @@ class Trajectory:
 
     @cached_property
     def work(self) -> Work:
-        """Energy passed through since the first instant, by kind; see `Work`.
+        """Work done since the first instant, by kind; see `Work`.
 
-        Computed when first asked for, from the states at the control steps.
+        It is computed at the first access, from the states at the control steps.
 
         Notes
         -----
-        The integrals are of the exact motion from the start of each control step. With a method of
-        finite order the balance therefore shows its error.
+        The integrals follow the exact motion from the start of each control step. If the method has
+        a finite order, the energy balance therefore shows its error.
         """
         return work_of(self.recording, self.place, self._states, self.energy)
 
@@ -182,7 +185,7 @@ class Trajectory:
         write_csv(path, header, [self.time, *self.state.T, *self.action.T, *self.excitation.T])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw displacements, velocities, excitation, what was applied and the energy over time.
+        """Draw displacements, velocities, excitation, applied values and energy over time.
 
         Parameters
         ----------

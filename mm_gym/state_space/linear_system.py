@@ -34,10 +34,10 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """The system x' = A x + B u + drift, y = C x + D u, or x_next in place of x' where sampled.
+    """The system x' = A x + B u + drift, y = C x + D u; if sampled, x_next instead of x'.
 
-    All signals are deviations from their `point`, which is 0 for a linear plant about rest, except
-    of the stretch.
+    All signals are deviations from their `point`. For a linear plant about equilibrium every point
+    is 0 except that of the stretch.
 
     Attributes
     ----------
@@ -46,17 +46,18 @@ class LinearSystem:
     states, inputs, outputs
         Name, unit and point of each.
     drift
-        (n,) what moves the state at the point itself; zero where it is an equilibrium.
+        (n,) rate (or step) of the state at the point itself; zero if the point is an equilibrium.
     process_noise
-        (n, n): covariance of what random excitation adds to the state in a control step; of a
+        (n, n): covariance that random excitation adds to the state in a control step; for a
         continuous system the intensity of white noise.
     sensor_noise
-        (p, p): covariance of the sensors' noise in a sample; of a continuous system the intensity
-        that has the same effect, covariance times control step.
+        (p, p): covariance of the sensor noise in a sample; for a continuous system the intensity
+        with the same effect, covariance times control step.
     time_step
         Control step [s] of a sampled system, or None.
     dead_time
-        (p,) age of each output [s] that is not among the states, because the system is continuous.
+        (p,) delay of each output [s] that the states do not contain, because the system is
+        continuous.
     """
 
     A: Array
@@ -74,7 +75,7 @@ class LinearSystem:
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """Eigenvalues (n,): [1/s], or of the control step's map [-]."""
+        """Eigenvalues (n,): [1/s], or [-] for the map of a control step."""
         return np.linalg.eigvals(self.A).astype(np.complex128)
 
     def frequency_response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
@@ -88,7 +89,7 @@ class LinearSystem:
         Raises
         ------
         DesignError
-            If a frequency is not finite, or is that of an eigenvalue without damping.
+            If a frequency is not finite, or is that of an undamped eigenvalue.
         """
         w = np.atleast_1d(np.asarray(frequencies, np.float64))
         if w.ndim != 1 or not np.isfinite(w).all():
@@ -106,20 +107,21 @@ class LinearSystem:
         return np.moveaxis(response * late[:, :, None], 0, -1).astype(np.complex128)
 
     def controllable(self, *, noise: bool = False) -> LinearSystem:
-        """Return the part that the inputs reach; a free sphere drifts and is no part of it.
+        """Return the subsystem that the inputs reach; the drift of a free sphere is left out.
 
-        States that no input moves are left out. If what is left is still not controllable, its
-        states are combinations z1, z2, ... of them that are.
+        States that no input moves are removed. If the remaining system is still not controllable,
+        its states are replaced by controllable combinations z1, z2, ...
 
         Parameters
         ----------
         noise
-            Whether random excitation counts as an input, so that its filters' states are kept.
+            Whether random excitation counts as an input, so that the states of its filters are
+            kept.
 
         Raises
         ------
         DesignError
-            If the inputs move nothing.
+            If the inputs move no state.
         """
         moved = np.hstack([self.B, self.process_noise]) if noise else self.B
         kept = kept_by_zeros(self.A, moved)
@@ -133,12 +135,12 @@ class LinearSystem:
         return part if basis.shape[1] == len(part.A) else _within(part, basis, back)
 
     def observable(self) -> LinearSystem:
-        """Return the part that the outputs show: the dual of `controllable`.
+        """Return the subsystem that the outputs show: the dual of `controllable`.
 
         Raises
         ------
         DesignError
-            If the outputs show nothing.
+            If the outputs show no state.
         """
         kept = kept_by_zeros(self.A.T, self.C.T)
         if not kept.any():
@@ -157,7 +159,7 @@ class LinearSystem:
         ImportError
             Without python-control (extra: agents).
         DesignError
-            If the system is continuous and its outputs are late.
+            If the system is continuous and its outputs are delayed.
         """
         try:
             import control  # noqa: PLC0415 - optional

@@ -1,4 +1,4 @@
-"""A reduction against the whole structure with its device: numbers, a table and a figure."""
+"""A reduction compared with the whole structure and its device: numbers, a table and a figure."""
 
 # pyright: reportUnknownMemberType=false
 # matplotlib's signatures are typed in part only
@@ -51,14 +51,14 @@ class Row(NamedTuple):
     Attributes
     ----------
     name, unit
-        What it is, and its unit.
+        Name of the response, and its unit.
     full_peak, reduced_peak
         Largest magnitude at the instants.
     full_rms, reduced_rms
         Root mean square over time.
     difference_rms
-        Root mean square of the difference over that of the whole structure [-]: the error of the
-        motion as such, which is larger than that of its size.
+        Root mean square of the difference over that of the whole structure [-]. It measures the
+        error of the motion itself, and is larger than the error of the root mean square.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Comparison:
     Attributes
     ----------
     reduction, scene
-        What was compared.
+        The compared reduction and scene.
     time
         (k,) [s].
     full, reduced
@@ -116,7 +116,8 @@ class Comparison:
     def table(self) -> str:
         """Return the rows as text: peaks and root mean squares, and their relative errors.
 
-        Of more than `MOST_SHOWN` drifts it has the largest and that with the largest error.
+        If there are more than `MOST_SHOWN` drifts, it shows the largest one and the one with the
+        largest error.
         """
         cells = [HEADER, *(_cells(row) for row in self.rows if row not in self._left_out())]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -156,10 +157,9 @@ def compare(
 ) -> Comparison:
     """Compare a scene with the whole structure that carries the same device.
 
-    The ground's motion takes the place of the scene's excitation. Without an action, actuators
-    exert no force and keep stretch and damping. A linear device on the structure is exact but for
-    round-off, by a matrix exponential from sample to sample; any other is integrated by SciPy to
-    1e-8.
+    The ground motion replaces the scene's excitation. Without an action, actuators exert no force
+    and keep stretch and damping. The motion with a linear device is exact up to round-off, by a
+    matrix exponential from sample to sample. SciPy integrates any other device to 1e-8.
 
     Parameters
     ----------
@@ -171,22 +171,22 @@ def compare(
         (k, 2) increasing times [s] and accelerations [m/s^2], or a record of them; linear in
         between, zero before and after.
     duration
-        Of the motion [s]; by default that of the record.
+        Duration of the motion [s]; by default that of the record.
     action
         Commands to the actuators, as for `mm_gym.simulate`: a force, or the damping of a viscous
         interface. A function of time [s] and state (4,) is called for the scene's motion first,
         then for the structure's, with the displacement and velocity of the device's degree of
-        freedom in place of x1 and v1. Each time it begins at 0 s. The device must be linear.
+        freedom in place of x1 and v1. Both times it begins at 0 s. The device must be linear.
 
     Raises
     ------
     StructureError
         If the scene has another carriage or ranges, the comparison is too long, or the whole
-        structure has no counterpart of what is actuated.
+        structure has no counterpart of an actuator.
     ActionError
         If the action does not fit the actuators.
     SimulationError
-        If the ground's motion is not of numbers, or a motion cannot be completed.
+        If the ground motion contains anything but numbers, or a motion cannot be completed.
     SceneError
         If its times do not increase.
     """
@@ -220,8 +220,8 @@ def compare(
 def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: int = 0) -> Array:
     """Return a ground motion (k, 2): times [s], and independent normal accelerations [m/s^2].
 
-    Lines between the samples leave it white up to about a quarter of 1 / time_step [Hz], where its
-    power has fallen by a third.
+    The samples are connected by straight lines. The motion is therefore white only up to about a
+    quarter of 1 / time_step [Hz], where its power has fallen by a third.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: in
     rms
         Root mean square of the samples [m/s^2].
     seed
-        Of `numpy.random.default_rng`.
+        Seed of `numpy.random.default_rng`.
 
     Raises
     ------

@@ -25,11 +25,11 @@ class Example:
     Attributes
     ----------
     source
-        Where its numbers are from, and which are not.
+        Source of its numbers, and which numbers are assumed.
     structure, device, mode
         The structure, the device's degree of freedom and the mode.
     mass
-        Of the device [kg].
+        Mass of the device [kg].
     fields
         Further arguments of `Reduction.scene`.
     """
@@ -53,7 +53,7 @@ class Example:
 
 
 def example(name: str) -> Example:
-    """Return an example by its name, one of `EXAMPLES`.
+    """Return the example with a name from `EXAMPLES`.
 
     Raises
     ------

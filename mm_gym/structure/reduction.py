@@ -67,8 +67,8 @@ SAME = 1e-12
 class Reduction:
     """One mode of a structure, as a mass on a spring and a damper that carries a device.
 
-    The mode's coordinate is the displacement x1 of the device's degree of freedom: the shape is 1
-    there. q = shape * x1 approximates the structure's displacements.
+    The coordinate of the mode is the displacement x1 of the device's degree of freedom, where the
+    mode shape is 1. q = shape * x1 approximates the displacements of the structure.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Reduction:
 
     @property
     def place(self) -> str:
-        """Where the device sits, in words."""
+        """Location of the device, in words."""
         name = "floor" if self.structure.storeys else "degree of freedom"
         return f"{name} {self.device}"
 
@@ -116,17 +116,17 @@ class Reduction:
 
     @property
     def participation(self) -> float:
-        """Participation factor Gamma = shape' M r / m1 [-], of a shape that is 1 at the device."""
+        """Participation factor Gamma = shape' M r / m1 [-]; the mode shape is 1 at the device."""
         return float(self.shape @ self.structure.mass @ self.structure.influence) / self.mass
 
     @property
     def ground(self) -> float:
-        """r_j [-]: how much of the ground's acceleration the device feels, 1 in a building."""
+        """r_j [-]: fraction of the ground's acceleration that the device feels; 1 in a building."""
         return float(self.structure.influence[self.device - 1])
 
     @property
     def effective_mass_ratio(self) -> float:
-        """Effective modal mass Gamma^2 m1 over r' M r [-]: what the mode is of the base shear."""
+        """Effective modal mass Gamma^2 m1 over r' M r [-]: the mode's share of the base shear."""
         r = self.structure.influence
         return self.participation**2 * self.mass / float(r @ self.structure.mass @ r)
 
@@ -174,13 +174,13 @@ class Reduction:
     def excitation(
         self, ground: Entry | Sequence[Entry], mass: float, mapping: str = "exact"
     ) -> list[dict[str, object]]:
-        """Return the entries of a scene's excitation that stand for motions of the ground.
+        """Return the entries of a scene's excitation that represent motions of the ground.
 
-        The ground's acceleration a moves the carriage as Gamma a, and the device as r_j a. An
-        entry for the ground moves both alike, so a force -(Gamma - r_j) m1 a on the carriage joins
-        it, (S5): exact for harmonics, sweeps, records, and impulses of one size at a given time.
-        Noise and random impulses would differ between two entries. They become one entry, scaled
-        by (Gamma m1 + r_j m2) / (m1 + m2), (S6); `balanced_error` says what that leaves.
+        The ground's acceleration a moves the carriage as Gamma a, and the device as r_j a. An entry
+        for the ground moves both alike, so a force -(Gamma - r_j) m1 a on the carriage is added,
+        (S5). This is exact for harmonics, sweeps, records, and impulses of one size at a given
+        time. Noise and random impulses would differ between two entries. They become one entry,
+        scaled by (Gamma m1 + r_j m2) / (m1 + m2), (S6); `balanced_error` returns the error.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class Reduction:
         mass
             m2 of the device [kg].
         mapping
-            "exact", or "balanced" for one scaled entry of every kind.
+            "exact", or "balanced", which uses one scaled entry for every kind.
 
         Raises
         ------
@@ -260,8 +260,8 @@ class Reduction:
         ground, mapping
             Motions of the ground, see `excitation`.
         fields
-            Further fields of the scene, such as control, actuation and objective; `excitation` are
-            forces on the carriage, at the device's degree of freedom.
+            Further fields of the scene, such as control, actuation and objective. Entries of
+            `excitation` are forces on the carriage, at the device's degree of freedom.
 
         Raises
         ------
@@ -311,19 +311,19 @@ class Reduction:
         action: ArrayLike | Policy | None = None,
         seed: int | None = None,
     ) -> Trajectory:
-        """Simulate a scene whose ground moves also as an array says, as `mm_gym.simulate` does.
+        """Simulate a scene with an additional ground motion, as `mm_gym.simulate` does.
 
-        The ground moves carriage and device each by its own, see `excitation`; with
+        The ground moves carriage and device differently, see `excitation`; with
         `mm_gym.simulate(scene, ground=...)` it moves both alike.
 
         Parameters
         ----------
         scene
-            A scene of this reduction; its own excitation stays.
+            A scene of this reduction; its own excitation is kept.
         ground
             (k, 2) increasing times [s] and accelerations [m/s^2], linear in between, zero outside.
         duration, times, action, seed
-            As for `mm_gym.simulate`, which says what is raised.
+            As for `mm_gym.simulate`, also for the errors raised.
         """
         with record_of(ground) as record:
             entries = [*scene.excitation, *self.excitation(record, scene.sphere.mass)]
@@ -331,9 +331,9 @@ class Reduction:
         return simulate(plant, duration=duration, times=times, action=action, seed=seed)
 
     def to_toml(self, scene: Scene, path: str | PathLike[str]) -> None:
-        """Write a scene as a TOML file, whole or not at all, below the reduction in comments.
+        """Write a scene as a TOML file, whole or not at all.
 
-        Files of records are named relative to the file's folder.
+        Comments at its head describe the reduction. Files of records are named relative to the file's folder.
         """
         head = "".join(f"# {line}\n" for line in self.explain().splitlines())
         write_text(path, f"{head}\n{toml_of(scene, Path(path).resolve().parent)}")
@@ -385,7 +385,7 @@ def _scaled(entry: Mapping[str, object], factor: float) -> dict[str, object]:
 
 
 class BalancedError(NamedTuple):
-    """What a balanced mapping changes under white noise, relative to the exact one.
+    """Error of a balanced mapping under white noise, relative to the exact one.
 
     Attributes
     ----------
@@ -404,13 +404,13 @@ class BalancedError(NamedTuple):
 def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
     """Return the error of the mapping "balanced" under white noise of the ground.
 
-    The scene is linear about rest. The difference of the mappings is a pair of forces
+    The scene is linearised about equilibrium. The difference of the mappings is a pair of forces
     m1 m2 / (m1 + m2) (Gamma - r_j) a between carriage and device, (S7), so it vanishes with m2.
 
     Raises
     ------
     StructureError
-        If the motion has no variance: the scene is not asymptotically stable about rest.
+        If the motion has no finite variance, because the scene is not asymptotically stable.
     """
     a, _ = compile_scene(scene).linear()
     shift = np.array([[1.0, 0.0], [-1.0, 1.0]])  # x1, x2 - x1

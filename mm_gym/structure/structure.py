@@ -48,17 +48,17 @@ class Structure:
         (n, n) C [N s/m], symmetric and positive semidefinite; or the damping ratio of all modes
         [-]; or (n,) those of each mode, slowest first.
     influence
-        (n,) r [-]: displacements when the ground moves by 1 and nothing deforms; by default ones,
-        as of horizontal displacements under horizontal motion.
+        (n,) r [-]: displacements when the ground moves by 1 and nothing deforms. By default ones,
+        which holds for horizontal displacements under horizontal motion.
     storeys
-        Whether the degrees of freedom are the floors' displacements, lowest first, so that there
-        are interstorey drifts.
+        Whether the degrees of freedom are the displacements of floors, lowest first, so that
+        interstorey drifts are defined.
 
     Raises
     ------
     StructureError
-        If a matrix is not of numbers, finite, of the right shape, symmetric and definite, or a
-        damping ratio is not at least 0 and below 1.
+        If a matrix contains anything but finite numbers, has the wrong shape, or is not symmetric
+        and definite, or a damping ratio is not at least 0 and below 1.
 
     Examples
     --------
@@ -87,19 +87,20 @@ class Structure:
 
     @classmethod
     def of_storeys(cls, masses: ArrayLike, stiffnesses: ArrayLike, damping: ArrayLike) -> Structure:
-        """Return a shear building: floors that move sideways, on storeys that are springs.
+        """Return a shear building: floors that move horizontally, and storeys that act as springs.
 
         Parameters
         ----------
         masses, stiffnesses
-            (n,) of each floor [kg] and of the storey below it [N/m], lowest first.
+            (n,) masses of the floors [kg] and stiffnesses of the storeys below them [N/m], lowest
+            first.
         damping
             As for the class.
 
         Raises
         ------
         StructureError
-            If one is not positive, their numbers differ, or as the class does.
+            If a value is not positive, or the lengths differ; also as for the class.
         """
         m, k = _positive("masses", masses), _positive("stiffnesses", stiffnesses)
         if len(m) != len(k):
@@ -115,7 +116,7 @@ class Structure:
 
     @cached_property
     def modes(self) -> tuple[Array, Array]:
-        """Undamped frequencies (n,) [rad/s], slowest first, and shapes (n, n) in columns.
+        """Undamped frequencies (n,) [rad/s], slowest first, and mode shapes (n, n) in columns.
 
         The shapes are scaled to a generalised mass of 1 kg.
         """
@@ -128,12 +129,12 @@ class Structure:
 
     @property
     def damping_ratios(self) -> Array:
-        """Damping ratios (n,) [-] of the modes: the diagonal of C between the shapes."""
+        """Damping ratios (n,) [-] of the modes, from the diagonal of C in modal coordinates."""
         frequencies, shapes = self.modes
         return np.einsum("ik,ij,jk->k", shapes, self.damping, shapes) / (2.0 * frequencies)
 
     def reduce(self, device: int, mode: int = 1) -> Reduction:
-        """Return one mode as a carriage that carries a device.
+        """Return one mode of the structure as a carriage that carries a device.
 
         Parameters
         ----------
@@ -145,8 +146,8 @@ class Structure:
         Raises
         ------
         StructureError
-            If there is no such degree of freedom or mode, two modes have this frequency, so that
-            no shape is the mode's own, or the device sits at a node of the mode.
+            If there is no such degree of freedom or mode, if two modes have this frequency (the
+            mode shape is then not unique), or if the device sits at a node of the mode.
         """
         place, number = self._counted("device", device), self._counted("mode", mode)
         frequencies, shapes = self.modes
@@ -200,7 +201,7 @@ def rayleigh_damping(
     ratios: Sequence[float],
     modes: Sequence[int] = (1, 2),
 ) -> Array:
-    """Return C = a M + b K (n, n) [N s/m] that has two damping ratios in two modes.
+    """Return C = a M + b K (n, n) [N s/m] with given damping ratios in two modes.
 
     Parameters
     ----------
@@ -214,12 +215,12 @@ def rayleigh_damping(
     Raises
     ------
     StructureError
-        If a matrix is not allowed in a `Structure`, or there are not two such modes and ratios.
+        If a matrix is not allowed in a `Structure`, or if two such modes and ratios are not given.
 
     Notes
     -----
-    The ratio of a mode of frequency w is a / (2 w) + b w / 2. Between the two modes it is lower,
-    outside higher (Chopra, *Dynamics of Structures*, section 11.4).
+    The ratio of a mode of frequency w is a / (2 w) + b w / 2. Between the two modes the ratio is
+    lower, outside it is higher (Chopra, *Dynamics of Structures*, section 11.4).
     """
     bare = Structure(mass, stiffness, 0.0)
     if len(modes) != 2 or modes[0] == modes[1]:  # noqa: PLR2004 - a and b

@@ -1,7 +1,7 @@
 """Closed-form optima of tuned-mass dampers on an undamped carriage.
 
 With mu = m2 / m1, w1 = sqrt(k1 / m1) and w2 = sqrt(k2 / m2): frequency ratio f = w2 / w1, damping
-ratio zeta = c / (2 m2 w2), or c / (2 m2 w1) where there are no springs (f = 0).
+ratio zeta = c / (2 m2 w2), or c / (2 m2 w1) without springs (f = 0).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ABSCISSA = "largest real part of the eigenvalues"
 
 @dataclass(frozen=True)
 class Absorber:
-    """An optimum of a closed form.
+    """The optimum that a closed form gives for a mass ratio.
 
     Attributes
     ----------
@@ -34,9 +34,10 @@ class Absorber:
     damping_ratio
         zeta [-].
     value
-        What it attains [-], see `ClosedForm.value`. Amplitudes and variances are those of
+        Value of the criterion [-], see `ClosedForm.value`. Amplitudes and variances are those of
         k1 x1 / F, sqrt(k1 m1) v1 / F and m1 a1 / F under a force F, and of w1^2 x1 / a_g and
-        a1 / a_g under ground motion, with time in units of 1 / w1; abscissas are over w1.
+        a1 / a_g under ground motion, with time in units of 1 / w1. Real parts of eigenvalues are
+        divided by w1.
     """
 
     frequency_ratio: float
@@ -53,22 +54,22 @@ class Absorber:
 
 
 class ClosedForm(NamedTuple):
-    """A closed form, and what it is the optimum of.
+    """A closed form, and the criterion that it minimises.
 
     Attributes
     ----------
     excitation
         "force" on the carriage or "ground".
     channel
-        The channel that is kept small.
+        The minimised channel.
     criterion
         "h_infinity", "h2" or "stability".
     value
-        What `Absorber.value` is.
+        Meaning of `Absorber.value`.
     largest
-        Mass ratios below this are allowed.
+        Mass ratios must be below this value.
     source
-        Where it is from.
+        Its source.
     formula
         mu -> f, zeta, value.
     """
@@ -95,7 +96,7 @@ def closed_form(name: str, mass_ratio: float) -> Absorber:
     Raises
     ------
     DesignError
-        If there is no such form, or none for this mass ratio.
+        If no closed form has this name, or it has no optimum for this mass ratio.
     """
     if name not in CLOSED_FORMS:
         msg = (

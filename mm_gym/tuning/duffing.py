@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 def duffing_absorber(scene: Scene) -> Scene:
     """Return a scene whose springs stay tuned while the carriage's cubic spring stiffens.
 
-    Their cubic term is the one that keeps both peaks equal, 2 mu^2 / (1 + 4 mu) times the
-    carriage's, as long as the motion is moderate. Linear springs get it as their coefficient; other
-    springs become ones of finite stretch: with rest length l0 and stretch s their force is k2 xi +
-    8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen so.
+    A cubic term of 2 mu^2 / (1 + 4 mu) times that of the carriage keeps both peaks equal for
+    moderate motions. Linear springs get it as their cubic coefficient. Other springs become springs
+    of finite stretch: with free length l0 and stretch s their force is
+    k2 xi + 8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen to give the cubic term.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ def duffing_absorber(scene: Scene) -> Scene:
     Returns
     -------
     Scene
-        The same with such springs and a viscous interface.
+        The scene with these springs and a viscous interface.
 
     Raises
     ------
     OutOfReachError
-        If no stretch of the springs gives the stiffness.
+        If no stretch of the springs gives the required stiffness.
     DesignError
         If the carriage's spring is not cubic, or there are no springs.
 

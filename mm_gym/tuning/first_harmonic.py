@@ -33,7 +33,7 @@ HALVINGS = 44
 
 
 class Friction(NamedTuple):
-    """Dry friction (9) of docs/model.md: slope in stick [N s/m], kinetic force [N], v_r, chi."""
+    """Dry friction (4) of docs/model.md: slope in stick [N s/m], kinetic force [N], v_r, chi."""
 
     stick: float
     kinetic: float
@@ -52,10 +52,10 @@ def friction_of(law: DryFriction, normal: float) -> Friction:
 def lanchester_friction(mass_ratio: float) -> float:
     """Return the best friction force of a sphere without springs over the force on the carriage.
 
-    To the first harmonic, on a carriage without damping, and for creep and static friction that
-    are negligible. All curves, of whatever damping, pass through the fixed point of the viscous
-    damper, so the least peak is there, and is the same: (2 + mu) / mu. Friction that has the
-    optimal damping there attains it.
+    The result holds for the first harmonic, on a carriage without damping, with negligible creep
+    and static friction. The curves of all dampings pass through the fixed point of the viscous
+    damper. The least peak is therefore the same, (2 + mu) / mu. Friction whose equivalent damping
+    there is optimal attains it.
     """
     return 0.5 * pi / sqrt(2.0 + mass_ratio)
 

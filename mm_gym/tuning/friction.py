@@ -30,35 +30,36 @@ def friction_absorber(
     excitation: str | None = None,
     channel: str = "carriage_displacement",
 ) -> FrictionTuning:
-    """Find the normal force, and the springs' stretch or stiffness, that suit dry friction best.
+    """Find the best normal force of dry friction, and the best stretch or stiffness of the springs.
 
-    What is made least is the largest amplitude of the steady motion over all frequencies of a
-    harmonic. The motion is not in proportion to the harmonic, so the optimum is for one amplitude;
-    without creep, damping in slip and cubic springs the best friction force is in proportion to it.
-    The search begins with the first harmonic and ends with the simulated motion.
+    The function minimises the largest amplitude of the steady motion over all frequencies of a
+    harmonic. The motion is not proportional to the harmonic, so the optimum belongs to one
+    amplitude. Without creep, damping in slip and cubic springs the best friction force is
+    proportional to this amplitude. The search begins with the first harmonic and ends with the
+    simulated motion.
 
     Parameters
     ----------
     scene
         A scene whose interface is dry friction: its coefficients, reference velocity and damping in
-        slip stay. Its actuators, noise and ranges are left out.
+        slip are kept. Its actuators, noise and ranges are left out.
     amplitude
-        Of the harmonic [N, or m/s^2]; by default that of the scene's own.
+        Amplitude of the harmonic [N, or m/s^2]; by default that of the scene's own harmonic.
     excitation
         "force" on the carriage or "ground"; by default as for `mm_gym.tuning.tune`.
     channel
-        What is kept small: a displacement, an offset or a velocity.
+        The minimised quantity: a displacement, a relative displacement or a velocity.
 
     Returns
     -------
     FrictionTuning
-        The scene's own design and the best that its springs reach, with their simulated curves.
+        The scene's own design and the best one that its springs reach, with their simulated curves.
 
     Raises
     ------
     DesignError
         If the interface is not dry friction, a name is unknown, the amplitude is missing or not
-        greater than 0, the carriage has no mass or no stiffness, or what is tuned is drawn.
+        greater than 0, the carriage has no mass or no stiffness, or a tuned parameter is drawn.
 
     Notes
     -----

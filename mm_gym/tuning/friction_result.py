@@ -28,14 +28,14 @@ HEADER = ("", "k2 [N/m]", "stretch", "normal force [N]", "friction [N]", "peak",
 
 
 class FrictionDesign(NamedTuple):
-    """A stiffness and a normal force, and what they attain.
+    """A stiffness and a normal force, with the resulting motion.
 
     Attributes
     ----------
     stiffness, normal_force, friction_force
         k2 [N/m], F_N [N] and mu2 F_N [N].
     peak, peak_frequency
-        The largest amplitude of the simulated steady motion [m or m/s], and where it is [rad/s].
+        The largest amplitude of the simulated steady motion [m or m/s], and its frequency [rad/s].
     curve
         (n,) amplitudes [m or m/s] at `FrictionTuning.frequencies`.
     """
@@ -50,14 +50,14 @@ class FrictionDesign(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrictionTuning:
-    """The best friction of a scene.
+    """The result of `friction_absorber`.
 
     Attributes
     ----------
     scene, tuned
         The scene, and the same with the best normal force and stretch.
     excitation, channel, amplitude
-        What it was tuned for, see `mm_gym.tuning.friction_absorber`.
+        Arguments of the tuning, see `mm_gym.tuning.friction_absorber`.
     frequencies
         (n,) [rad/s] of the curves.
     before, after
@@ -65,7 +65,7 @@ class FrictionTuning:
     stretch
         Stretch of the springs in `tuned` [-], or None without springs.
     out_of_reach
-        Why the springs do not reach the best stiffness, or None if they do.
+        Text that says why the springs do not reach the best stiffness, or None if they do.
     """
 
     scene: Scene

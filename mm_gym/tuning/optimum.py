@@ -26,18 +26,19 @@ def tune(
     channel: str = "carriage_displacement",
     criterion: str = "h_infinity",
 ) -> Tuning:
-    """Find the damping of the interface, and the springs' stretch or stiffness, that suit best.
+    """Find the best damping of the interface, and the best stretch or stiffness of the springs.
 
     Parameters
     ----------
     scene
-        Any scene whose carriage has mass. It is linear about rest: the middle stands for a range,
-        the tangent for a cubic spring. Without springs the damping alone is tuned.
+        Any scene whose carriage has mass. It is linearised about equilibrium: a range is replaced
+        by its middle, a cubic spring by its tangent. Without springs only the damping is tuned.
     excitation
-        "force" on the carriage or "ground"; by default "ground" if all of the scene's excitation
-        moves it, else "force". The kind of the scene's excitation is not looked at.
+        "force" on the carriage or "ground"; by default "ground" if all excitation of the scene
+        moves the ground, otherwise "force". The kind and spectrum of the scene's excitation have no
+        influence.
     channel
-        What is kept small: one of `mm_gym.tuning.CHANNELS`.
+        The minimised quantity: one of `mm_gym.tuning.CHANNELS`.
     criterion
         "h_infinity": the largest amplitude over all frequencies; "h2": the variance under white
         noise; "stability": the largest real part of the eigenvalues.
@@ -45,15 +46,15 @@ def tune(
     Returns
     -------
     Tuning
-        The optimum with springs of any stiffness, and the best that the scene's springs reach:
-        2 k0 < k2 <= 6 k0, or what the limits of `actuation.stretch` leave of that. Linear springs
+        The optimum with springs of any stiffness, and the best design that the scene's springs
+        reach: 2 k0 < k2 <= 6 k0, or less if `actuation.stretch` has narrower limits. Linear springs
         reach any stiffness.
 
     Raises
     ------
     DesignError
-        If a name is unknown, the carriage has no mass, the interface is dry friction, what is tuned
-        is drawn, or the criterion is infinite for any damping and stiffness.
+        If a name is unknown, the carriage has no mass, the interface is dry friction, a tuned
+        parameter is drawn, or the criterion is infinite for every damping and stiffness.
     """
     excitation = _checked(scene, excitation, channel, criterion)
     require_fixed(scene, "interface.damping")
@@ -99,7 +100,7 @@ def evaluate(
     channel: str = "carriage_displacement",
     criterion: str = "h_infinity",
 ) -> Design:
-    """Return a scene's own design and what it attains; arguments and errors as for `tune`."""
+    """Return a scene's own design and its values; arguments and errors are those of `tune`."""
     excitation = _checked(scene, excitation, channel, criterion)
     values = linear_values(scene)
     return _design(values, without_dimension(values), excitation, channel, criterion)

@@ -18,13 +18,13 @@ REACHED = 1e-9
 
 
 def stretch_for(scene: Scene, stiffness: float) -> float:
-    """Return the stretch [-] at which the scene's springs have a stiffness k2 [N/m].
+    """Return the stretch [-] at which the scene's springs have a given stiffness k2 [N/m].
 
     Raises
     ------
     OutOfReachError
-        If there is none, or it is beyond the limits of `actuation.stretch`; the message says what
-        the springs reach, and which `springs.stiffness` would do.
+        If no such stretch exists, or it is beyond the limits of `actuation.stretch`. The message
+        states the range that the springs reach, and a suitable `springs.stiffness`.
     DesignError
         If the scene has no springs.
     """

@@ -43,7 +43,7 @@ SPAN = (0.25, 2.0)
 
 
 class Design(NamedTuple):
-    """A stiffness and a damping, and what they attain.
+    """A stiffness and a damping, with the values of the criterion.
 
     Attributes
     ----------
@@ -52,11 +52,11 @@ class Design(NamedTuple):
     frequency_ratio, damping_ratio
         f = w2 / w1, and zeta = c / (2 m2 w2); without springs 0, and zeta = c / (2 m2 w1).
     value
-        The criterion, without dimension as in `Absorber`.
+        The criterion, dimensionless as in `Absorber`.
     peak_frequency
-        Where the amplitude is largest [rad/s].
+        Frequency of the largest amplitude [rad/s].
     peak
-        The largest amplitude, without dimension.
+        The largest amplitude, dimensionless.
     """
 
     stiffness: float
@@ -78,23 +78,23 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tuning:
-    """The optimum of a scene.
+    """The result of `tune`.
 
     Attributes
     ----------
     scene, tuned
         The scene, and the same with the optimal stretch and damping.
     excitation, channel, criterion
-        What it was tuned for, see `tune`.
+        Arguments of the tuning, see `tune`.
     before, free, after
         The scene's own design; the optimum of springs of any stiffness; the optimum that the
         scene's springs reach, which is that of `tuned`.
     stretch
         Stretch of the springs in `tuned` [-], or None without springs.
     closed_forms
-        Those for this excitation, channel and criterion.
+        The closed forms for this excitation, channel and criterion.
     out_of_reach
-        Why the springs do not reach `free`, or None if they do.
+        Text that says why the springs do not reach `free`, or None if they do.
     """
 
     scene: Scene
