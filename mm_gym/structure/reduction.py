@@ -333,7 +333,8 @@ class Reduction:
     def to_toml(self, scene: Scene, path: str | PathLike[str]) -> None:
         """Write a scene as a TOML file, whole or not at all.
 
-        Comments at its head describe the reduction. Files of records are named relative to the file's folder.
+        Comments at its head describe the reduction. Files of records are named relative to the
+        file's folder.
         """
         head = "".join(f"# {line}\n" for line in self.explain().splitlines())
         write_text(path, f"{head}\n{toml_of(scene, Path(path).resolve().parent)}")
