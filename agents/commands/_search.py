@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from agents.controllers.learned import Learned
-from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.ending import notes_of
+from agents.training.parts import Parts, agent_of
 from agents.training.runs import Run
 
 if TYPE_CHECKING:
@@ -26,8 +25,8 @@ def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]
     run = Run(settings.name)
     with run.advised():
         search(settings, run)
-        learned = Learned(load_policy(run.policy))
-        cost = evaluate(settings.rewarded_scene(), learned, episodes=EPISODES).cost
+        scene = settings.rewarded_scene()
+        cost = evaluate(scene, agent_of(run, Parts(scene)), episodes=EPISODES).cost
     compare = f"compare it with every controller: python -m agents evaluate {run.folder}"
     told = f"{cost:.4f} is its cost on {EPISODES} held-out episodes"
     print(told, compare, *notes_of(run), sep="\n")

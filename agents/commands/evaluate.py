@@ -33,7 +33,7 @@ from agents.report.figures import draw_costs, draw_response
 from agents.report.published import printed, read_published, scored_again
 from agents.report.tables import print_ranking, print_table, write_episodes, write_scores
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
-from agents.training.parts import recorded_parts
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError, load_scene, rewarded
 from mm_gym.files import check_outputs
@@ -142,7 +142,7 @@ def report_run(
     if reward is not None:  # asked for, so its file may be run, and the run's own need not be
         settings = {name: value for name, value in settings.items() if name != "reward"}
     parts = recorded_parts(rewarded(run.scene(), reward), settings, trust=trust)
-    learned = parts.controller(policy or load_policy(run.policy), name)
+    learned = agent_of(run, parts, name) if policy is None else parts.controller(policy, name)
     return report([*others, learned], parts.scene, episodes, folder or run.folder)
 
 

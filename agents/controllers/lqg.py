@@ -50,6 +50,9 @@ ROUND_OFF = 1e-12
 MOST_NUMBERS = 500_000
 """Numbers of gains that are kept for an episode's start."""
 
+OF_ACTUATORS = "stretch", "damping", "voltage", "applied_force"
+"""Channels that show an actuator, and not the motion."""
+
 REACTIONS = ("carriage_acceleration", "sphere_acceleration")
 """What `reaction_weights` weighs."""
 
@@ -132,6 +135,44 @@ def design_lqg(
     cost = float(np.sum(riccati * system.process_noise[rows]))
     cost += float(curvature * own @ error[rows] @ own)
     return LQGDesign(system, regulated, gain, filters, error, cost)
+
+
+def design_filter(
+    scene: Scene, at: dict[str, float] | None = None, unmodelled: float = 1e-3
+) -> tuple[LinearSystem, Array]:
+    """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
+
+    Parameters
+    ----------
+    scene
+        The scene; it is linear about rest, with the middle of each range.
+    at
+        Fields to change, by dotted name, as a stretch.
+    unmodelled
+        As for `design_lqg`; phases of harmonics wander.
+
+    Raises
+    ------
+    DesignError
+        If the sensors do not show a mode that does not decay, or nothing of the motion.
+    """
+    plant = plant_of(scene)
+    channels = tuple(name for name in plant.channels if name not in OF_ACTUATORS)
+    if not channels:
+        msg = f"sensors.channels: {', '.join(plant.channels)} show nothing of the motion"
+        raise DesignError(msg)
+    system = plant.state_space([], channels, sampled=True, at=at)
+    system = _with_wandering_phases(scene, system)
+    noise = system.process_noise + np.diag(_unmodelled(scene, unmodelled, len(system.A)))
+    shown = [channel for channel in plant.observed if channel.name in channels]
+    sizes = np.array([1.0 / channel.factor for channel in shown])
+    sensors = system.sensor_noise + np.diag((FLOOR * sizes) ** 2)
+    units = state_units(scene, plant, system), sizes
+    needed = np.array([signal.name in STATES for signal in system.states])
+    if scene.interface.kind == "none" and scene.springs.kind == "none":
+        needed[[1, 3]] = False
+    covariances = noise, sensors, np.zeros_like(system.A)
+    return system, _filter(system, needed, covariances, units=units, steps=1)[0][-1]
 
 
 def regulator(

@@ -10,7 +10,7 @@ from agents.controllers.learned import Learned
 from agents.controllers.names import RANDOM, laws, not_a_law
 from agents.controllers.random_actions import RandomActions
 from agents.policies import ENDINGS, load_policy
-from agents.training.parts import recorded_parts
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
 
 if TYPE_CHECKING:
@@ -54,4 +54,4 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
     acts = {name: record["settings"].get(name) for name in ("base", "authority")}
     acts = {name: value for name, value in acts.items() if value is not None}
     parts = recorded_parts(scene, acts, trust=False)  # its own reward has no part in its actions
-    return parts.controller(load_policy(run.policy), name)
+    return agent_of(run, parts, name)

@@ -132,23 +132,26 @@ def correlate(pair, unit, rows, sums, left, right, result):
 
 
 @borrowing_kernel
-def remember(keep, enter, rows, memory, result):
+def remember(keep, enter, back, rows, memory, result):
     """Move the linear memory on, in each lane.
 
     Parameters
     ----------
-    keep, enter
-        (m, m), (m, n) weights of the memory before, and of the observation.
+    keep, enter, back
+        (m, m), (m, n), (m, k) weights of the memory before, of the observation, and of the last
+        actions; (m, 0) where it does not know them.
     rows
         (n, lanes) the observation.
     memory
-        (m, lanes) read and written.
+        (m + k, lanes) the memory, and the last actions; read and written.
     result
         (m, lanes) the same; written.
     """
+    m = len(keep)
     for j in range(len(keep)):
-        combine(keep[j], ZERO, memory, result[j])
+        combine(keep[j], ZERO, memory[:m], result[j])
         add_products(enter[j], rows, result[j])
+        add_products(back[j], memory[m:], result[j])
     for j in range(len(keep)):
         copy_row(result[j], memory[j])
 
@@ -166,18 +169,18 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
     parameters
         (candidates, N) of each candidate, in the order of `agents.training.network.Network`.
     fixed
-        (r, 4) memory, floor, offset and scale of each correlation unit; (m, m) and (m, n) of the
-        linear memory.
+        (r, 4) memory, floor, offset and scale of each correlation unit; (m, m), (m, n), and (m, k)
+        or (m, 0) of the linear memory.
     sums
-        (2 r + m, candidates * lanes) the correlation units' forgetting sums, and the linear memory;
-        read and written.
+        (2 r + m + k, candidates * lanes) the correlation units' forgetting sums, the linear memory
+        and the last actions, if it knows them; read and written.
     memory
         (n + m + r + 2, lanes) working memory; written.
     sizes
         (n, hidden, k).
     """
     n, hidden, k = sizes
-    units, keep, enter = fixed
+    units, keep, enter, back = fixed
     r, m, lanes = len(units), len(keep), actions.shape[1] // len(parameters)
     inputs = n + m + r
     rows, value, other = memory[:inputs], memory[inputs], memory[inputs + 1]
@@ -187,7 +190,7 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
         for j in range(n):
             copy_row(observed[j, begin:end], rows[j])
         if m > 0:
-            remember(keep, enter, rows[:n], sums[2 * r :, begin:end], rows[n : n + m])
+            remember(keep, enter, back, rows[:n], sums[2 * r :, begin:end], rows[n : n + m])
         for q in range(r):
             pair, unit = own[i : i + 2 * (n + m)], rows[n + m + q]
             own_sums = sums[2 * q : 2 * q + 2, begin:end]
@@ -215,3 +218,5 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
             total = actions[action, begin:end]
             for lane in range(lanes):
                 total[lane] = min(max(total[lane], -ONE), ONE)
+            if back.shape[1] > 0:
+                copy_row(total, sums[2 * r + m + action, begin:end])

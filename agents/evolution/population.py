@@ -77,10 +77,11 @@ class Candidates:
         self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
         lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
         self.env = MovingMassVectorEnv(scene, lanes, info="none")
-        self.sums: Single = np.empty((2 * len(start.units) + len(start.keep), lanes), np.float32)
+        (known, acting), (r, _, _) = (start.keep.shape[0], start.back.shape[1]), start.pairs.shape
+        self.sums: Single = np.empty((2 * r + known + acting, lanes), np.float32)
         fixed = tuple(
             np.ascontiguousarray(array, np.float32)
-            for array in (start.units, start.keep, start.enter)
+            for array in (start.units, start.keep, start.enter, start.back)
         )
         memory = np.empty((n + len(start.keep) + len(start.units) + 2, episodes), np.float32)
         self.arguments = self.parameters, fixed, self.sums, memory, network.sizes

@@ -18,6 +18,7 @@ from gymnasium.error import DependencyNotInstalled
 from agents.evolution.population import Candidates, Population
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
 from agents.training.network import Network
+from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
@@ -68,7 +69,9 @@ class Evolution(Search):
         self.settings: EvolveSettings = settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
-        self.network = Network(start, settings.hidden, odd=scene.actuation.names == ("force",))
+        odd, own = scene.actuation.names == ("force",), settings.scene is not None
+        scales = Scales.measured(scene, start) if own else None
+        self.network = Network(start, settings.hidden, odd, scales)
         self.began_as = IN_WORDS[start.law]
         self.first, self.generator = self.network.first(generator), generator
         self.free = self.network.free

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.gradient.episodes import Episodes
-from agents.gradient.network import Network, hold_stable, parameters_of, policy_of
+from agents.gradient.network import Network, hold_stable, longest, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
 from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
 from agents.network.layers import UNIT
@@ -82,6 +82,7 @@ class Descent(Search):
         self.episodes = Episodes(scene, settings.episodes)
         self.network = Network(self.start, scene.control.steps, settings.episodes)
         self.mean = parameters_of(self.start)
+        self.longest = longest(start.keep)
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
         self.frames = settings.episodes * scene.control.steps
@@ -117,7 +118,7 @@ class Descent(Search):
             spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
             own[name] -= rate / (1.0 - FIRST**count) * self.slopes[name] / spread
         if "keep" in own:
-            hold_stable(own["keep"])
+            hold_stable(own["keep"], self.longest)
         for name, value in own.items():
             self.mean[name] += max(AVERAGED, 1.0 / count) * (value - self.mean[name])
 

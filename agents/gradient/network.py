@@ -23,7 +23,8 @@ REAL = np.float32
 """Of the passes; the physics is in double precision."""
 
 LONGEST = 0.995
-"""Largest eigenvalue of a memory: what is older than some 200 steps is forgotten."""
+"""Largest eigenvalue of a memory that began with no larger one: what is older than some 200 steps
+is forgotten."""
 
 
 ROLES = {
@@ -31,14 +32,20 @@ ROLES = {
     "layers.0.bias": "bias",
     "layers.2.weight": "output",
     "layers.2.bias": "last",
-} | {name: name for name in ("keep", "enter", "pairs", "direct")}
+} | {name: name for name in ("keep", "enter", "back", "pairs", "direct")}
 """By the end of an array's name: what it is to a policy with one hidden layer."""
 
 
 def _roles(policy: Policy) -> dict[str, str]:
     """Return the names of a policy's arrays by their roles, of what is trained."""
-    ends = {name: name.partition(".")[2] for name in policy.arrays}
-    return {ROLES[end]: name for name, end in ends.items() if end in ROLES}
+    found: dict[str, str] = {}
+    for name in policy.arrays:
+        end = name.partition(".")[2]
+        within = end.removeprefix("layers.").partition(".")[2]  # an observer is around all
+        role = ROLES.get(end) or ROLES.get(within)
+        if role is not None:
+            found[role] = name
+    return found
 
 
 def parameters_of(policy: Policy) -> Parameters:
@@ -60,10 +67,15 @@ def policy_of(parameters: Arrays, policy: Policy) -> Policy:
     )
 
 
-def hold_stable(keep: Single) -> None:
+def longest(keep: Single) -> float:
+    """Return the largest eigenvalue that a memory may come to have, which begins as given."""
+    return max([LONGEST, *np.abs(np.linalg.eigvals(keep))])
+
+
+def hold_stable(keep: Single, most: float = LONGEST) -> None:
     """Scale a memory's weights so that it forgets."""
     if keep.size:
-        keep *= min(1.0, LONGEST / np.abs(np.linalg.eigvals(keep)).max())
+        keep *= min(1.0, most / np.abs(np.linalg.eigvals(keep)).max())
 
 
 class Network:
@@ -92,15 +104,20 @@ class Network:
         numbers = np.empty((0, len(UNIT)), np.float32) if correlation is None else correlation.units
         self.kept, self.floor, self.offset, self.scale = numbers.T[:, :, None]
         units = len(numbers)
-        self.memory = policy.remembers - 2 * units
-        self.observed, hidden, _ = policy.sizes
+        self.memory, self.acting = self.parameters.get("back", np.empty((0, 0))).shape
+        if not self.acting:
+            self.memory = policy.remembers - 2 * units
+        self.observed, hidden, actions = policy.sizes
         self.shown = self.observed + self.memory
         sizes = self.shown + units, 2 * units, units, units, hidden, hidden
         records = (np.empty((steps, rows, lanes), REAL) for rows in sizes)
         self.inputs, self.pairs, self.products, self.squares, self.sums, self.hidden = records
+        self.acted = np.empty((steps, actions, lanes), REAL)
+        self.free = np.empty((steps, actions, lanes), np.bool_)
         # Slopes of the cost over what is remembered after a step.
         self.by_memory = np.empty((self.memory, lanes), REAL)
         self.by_products, self.by_squares = np.empty((2, units, lanes), REAL)
+        self.by_acted = np.empty((self.acting, lanes), REAL)
 
     def act(self, step: int, observation: Single) -> Single:
         """Return the actions (k, lanes), not clipped, for observations (n, lanes)."""
@@ -110,6 +127,8 @@ class Network:
             memory = np.matmul(own["enter"], inputs[:n], out=inputs[n : self.shown])
             if step > 0:
                 memory += own["keep"] @ self.inputs[step - 1, n : self.shown]
+                if self.acting:
+                    memory += own["back"] @ self.acted[step - 1]
         if self.kept.size:
             inputs[self.shown :] = self._correlate(step, inputs[: self.shown])
         sums = np.matmul(own["hidden"], inputs, out=self.sums[step])
@@ -118,7 +137,10 @@ class Network:
         square = sums * sums
         hidden = np.divide(27.0 + square, 27.0 + 9.0 * square, out=self.hidden[step])
         hidden *= sums
-        return own["direct"] @ inputs + own["output"] @ hidden + own["last"][:, None]
+        asked = own["direct"] @ inputs + own["output"] @ hidden + own["last"][:, None]
+        np.clip(asked, -1.0, 1.0, out=self.acted[step])
+        self.free[step] = self.acted[step] == asked
+        return asked
 
     def _correlate(self, step: int, shown: Single) -> Single:
         pairs = np.matmul(self.parameters["pairs"], shown, out=self.pairs[step])
@@ -143,6 +165,8 @@ class Network:
         """
         own, add, inputs, n = self.parameters, self.gradient, self.inputs[step], self.observed
         by_asked = by_action.astype(REAL)
+        if self.acting:
+            by_asked += self.free[step] * self.by_acted
         add["last"] += by_asked.sum(axis=1)
         add["direct"] += by_asked @ inputs.T
         add["output"] += by_asked @ self.hidden[step].T
@@ -162,6 +186,10 @@ class Network:
             self.by_memory += by_shown[n:]
             if step > 0:
                 add["keep"] += self.by_memory @ self.inputs[step - 1, n : self.shown].T
+                if self.acting:
+                    add["back"] += self.by_memory @ self.acted[step - 1].T
+            if self.acting:
+                self.by_acted[:] = own["back"].T @ self.by_memory
             add["enter"] += self.by_memory @ inputs[:n].T
             by_shown[:n] += own["enter"].T @ self.by_memory
             self.by_memory[:] = own["keep"].T @ self.by_memory
@@ -187,5 +215,5 @@ class Network:
             np.multiply(slopes, own, out=slopes)
 
     @property
-    def _remembered(self) -> tuple[Single, Single, Single]:
-        return self.by_memory, self.by_products, self.by_squares
+    def _remembered(self) -> tuple[Single, ...]:
+        return self.by_memory, self.by_products, self.by_squares, self.by_acted

@@ -35,4 +35,5 @@ def with_oscillators(start: Start, count: int, generator: np.random.Generator) -
         enter[row : row + 2] = loss * generator.standard_normal((2, n))
     pairs = np.pad(start.pairs, ((0, 0), (0, 0), (0, 2 * count)))
     direct = np.insert(start.direct, [1 + n + m] * 2 * count, 0.0, axis=1)
-    return replace(start, pairs=pairs, direct=direct, keep=keep, enter=enter)
+    back = np.pad(start.back, ((0, size - len(start.back)), (0, 0)))
+    return replace(start, pairs=pairs, direct=direct, keep=keep, enter=enter, back=back)

@@ -13,7 +13,17 @@ import torch
 
 from agents.gradient.episodes import MOST
 from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
-from agents.network.layers import GRU, UNIT, Activation, Append, Clip, Correlation, Dense, Skip
+from agents.network.layers import (
+    GRU,
+    UNIT,
+    Activation,
+    Append,
+    Clip,
+    Correlation,
+    Dense,
+    Observer,
+    Skip,
+)
 from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import part_of
@@ -27,6 +37,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from agents.gradient.settings import GradientSettings
+    from agents.network.layers import Layer
     from agents.training.arrays import Arrays
     from agents.training.starts import Start
     from mm_gym import Scene
@@ -44,7 +55,7 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
         return generator.uniform(-1.0, 1.0, shape).astype(np.float32) / np.float32(np.sqrt(fan))
 
     (r, _, n), h, (k, _) = start.pairs.shape, settings.cell, start.direct.shape
-    inputs = n + r + h
+    inputs, m = n + r + h, len(start.keep)
     last, direct = np.split(start.direct.astype(np.float32), [1], axis=1)
     hidden = (
         Dense(drawn(settings.hidden, inputs, fan=inputs), drawn(settings.hidden, fan=inputs)),
@@ -55,7 +66,11 @@ def with_cell(start: Start, settings: GradientSettings, generator: np.random.Gen
     ends = np.ones(k, np.float32)
     units = Correlation(start.pairs.astype(np.float32), start.units.astype(np.float32))
     skip = Skip(hidden, np.pad(direct, ((0, 0), (0, h))))
-    return Policy((units, Append((cell,)), skip, Clip(-ends, ends)), n)
+    layers: tuple[Layer, ...] = (units, Append((cell,)), skip, Clip(-ends, ends))
+    if m:
+        of = (array.astype(np.float32) for array in (start.keep, start.enter, start.back))
+        layers = (Observer(layers, *of),)
+    return Policy(layers, n - m)
 
 
 class RecurrentDescent(Search):

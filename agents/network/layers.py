@@ -375,6 +375,44 @@ class Append(_Around):
 
 
 @dataclass(frozen=True, eq=False)
+class Observer(_Around):
+    """Append a linear memory s (m,) that knows the action a to the values y that inner layers read.
+
+    That is s = keep @ s + enter @ y + back @ a, with the action of the step before: a Kalman
+    filter whose estimate holds although the action is clipped, and whatever else acts.
+
+    Attributes
+    ----------
+    keep, enter, back
+        (m, m), (m, n) and (m, k).
+    """
+
+    keep: Single
+    enter: Single
+    back: Single
+    kind: ClassVar[str] = "observer"
+
+    @property
+    def remembers(self) -> int:
+        return sum(self.back.shape) + super().remembers
+
+    def outputs(self, inputs: int) -> int:
+        m = len(self.keep)
+        made = outputs_of(self.layers, inputs + m)
+        self.require(keep=(m, m), enter=(m, inputs), back=(m, made))
+        return made
+
+    def forward(self, xp: ModuleType, values: Numbers, memory: Numbers) -> tuple[Numbers, Numbers]:
+        m, own = len(self.keep), sum(self.back.shape)
+        before, action = memory[:, :m], memory[:, m:own]
+        state = before @ self.keep.T + values @ self.enter.T + action @ self.back.T
+        shown = xp.concatenate([values, state], 1)
+        action, inner = run(self.layers, xp, shown, memory[:, own:])
+        after = [state, action, inner] if super().remembers else [state, action]
+        return action, xp.concatenate(after, 1)
+
+
+@dataclass(frozen=True, eq=False)
 class Residual(_Around):
     """Add what inner layers make to a linear controller's action, which they read too.
 
@@ -416,6 +454,7 @@ KINDS: dict[str, type[Layer]] = {
         Regulator,
         Skip,
         Append,
+        Observer,
         Residual,
     )
 }

@@ -19,6 +19,7 @@ from agents.network.layers import (
     Dense,
     Layer,
     LinearMemory,
+    Observer,
     Residual,
     Skip,
     every,
@@ -263,7 +264,8 @@ def network(
     low, high
         (k,) bounds of the action [-].
     optional
-        `keep` and `enter` of a `LinearMemory`, then `pairs` and `units` of a `Correlation`, then
+        `keep` and `enter` of a `LinearMemory`, or with `back` of an `Observer` around all; then
+        `pairs` and `units` of a `Correlation`, then
         `cell`, the three arrays of an `LSTM`; `direct` of a `Skip`; `squashed`, whether a tanh
         follows; `base` and `authority` of a `Residual`. Empty arrays stand for none.
     """
@@ -277,7 +279,7 @@ def network(
         dense += [Activation(activation)] if dense else []
         dense.append(Dense(_single(weight), _single(bias)))
     layers: list[Layer] = []
-    if "keep" in given:
+    if "keep" in given and "back" not in given:
         layers.append(LinearMemory(_single(given["keep"]), _single(given["enter"])))
     if "units" in given:
         layers.append(Correlation(_single(given["pairs"]), _single(given["units"])))
@@ -286,6 +288,9 @@ def network(
     layers += [Skip(tuple(dense), _single(given["direct"]))] if "direct" in given else dense
     layers += [Activation("tanh")] if given.get("squashed") else []
     layers.append(Clip(_single(low), _single(high)))
+    if "back" in given:
+        of = (_single(given[name]) for name in ("keep", "enter", "back"))
+        layers = [Observer(tuple(layers), *of)]
     observed = _observed(layers)
     if "base" in given:
         base = _single(given["base"])
@@ -293,14 +298,22 @@ def network(
     return Policy(tuple(layers), observed)
 
 
-PARTS = (*("keep", "enter", "pairs", "units", "cell", "direct", "squashed", "base", "authority"),)
+PARTS = (
+    *("keep", "enter", "back", "pairs", "units", "cell", "direct", "squashed", "base", "authority"),
+)
 """What `network` takes in addition."""
 
 
 def _observed(layers: Sequence[Layer]) -> int:
     """Return how many numbers the first layer reads."""
     first = layers[0].layers[0] if isinstance(layers[0], Skip) else layers[0]
-    of = {LinearMemory: "enter", Correlation: "pairs", LSTM: "enter", Dense: "weight"}
+    of = {
+        LinearMemory: "enter",
+        Observer: "enter",
+        Correlation: "pairs",
+        LSTM: "enter",
+        Dense: "weight",
+    }
     return getattr(first, of[type(first)]).shape[-1]
 
 

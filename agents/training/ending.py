@@ -41,6 +41,9 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         Cost of no control.
     replaced
         Whether the policy that was written is no control, as all agents were worse.
+    controller, controller_cost
+        Name and cost of the scene's best classical controller, if it was looked for; where it costs
+        less than the best agent, it is what the run returns.
     """
 
     unit: str
@@ -52,6 +55,8 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     began_with: float | None
     no_control: float | None
     replaced: bool = False
+    controller: str | None = None
+    controller_cost: float | None = None
 
     @classmethod
     def of(cls, run: Progress, scene: Scene, **told: object) -> Ending:
@@ -83,6 +88,14 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
             return self.cost is None
         return self.cost > self.no_control * (1.0 + ROUND_OFF)
 
+    @property
+    def returned(self) -> str | None:
+        """Name of the controller that costs less than the best agent, or None."""
+        if self.controller is None or self.controller_cost is None:
+            return None
+        mine = math.inf if self.cost is None else self.cost
+        return self.controller if self.controller_cost < mine * (1.0 - ROUND_OFF) else None
+
     def write(self, run: Run) -> None:
         """Write it to the run's folder."""
         write_text(run.ending, json.dumps(self.model_dump(), indent=2) + "\n")
@@ -91,6 +104,12 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     def notes(self) -> list[str]:
         """What the agent's user has to know, a line each; how far a shortened run came is last."""
         told: list[str] = []
+        if self.returned is not None:
+            told.append(
+                f"note: on the validation episodes {self.returned} costs less than every agent: "
+                f"{_told(self.controller_cost)}, and {_told(self.cost)}; the run stands for it, "
+                "and policy.safetensors has the best of the agents"
+            )
         if self.is_worse:
             kept = "the policy is no control" if self.replaced else "the policy is the best of them"
             told.append(

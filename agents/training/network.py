@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.training.scales import Scales
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 WEIGHT, OUTPUT, DIRECT = 0.5, 0.3, 0.5
 """Size of the changes of a hidden unit's weights, of its part in the action, and of direct weights,
-all of which are of order one."""
+of numbers of order one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +38,14 @@ class Network:
         Number of hidden units.
     odd
         Whether biases stay zero: the mirrored motion then gets the opposite force.
+    scales
+        Of what it reads and does; by default all of order one.
     """
 
     start: Start
     hidden: int
     odd: bool
+    scales: Scales | None = None
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -62,6 +67,7 @@ class Network:
         weights[:, :inputs] = 1.5 / np.sqrt(inputs) * generator.standard_normal((shape[0], inputs))
         if self.odd:
             weights[:, 0] = 0.0
+        weights *= self.sizes_of_parameters[2]
         return np.concatenate(
             [self.start.pairs.ravel(), self.start.direct.ravel(), weights.ravel()]
         )
@@ -72,7 +78,18 @@ class Network:
         hidden *= WEIGHT
         hidden[:, -self.sizes[2] :] = OUTPUT
         pairs *= self.start.spreads[:, None, None]
-        return np.concatenate([pairs.ravel(), DIRECT * direct.ravel(), hidden.ravel()])
+        _, of_direct, of_hidden = self.sizes_of_parameters
+        direct, hidden = DIRECT * direct * of_direct, hidden * of_hidden
+        return np.concatenate([pairs.ravel(), direct.ravel(), hidden.ravel()])
+
+    @property
+    def sizes_of_parameters(self) -> tuple[Values, Values, Values]:
+        """Sizes by which parameters are of order one, of the vector's three parts."""
+        scales = self.scales or Scales.stated(self.start)
+        inputs = 1.0 / np.concatenate([[1.0], scales.inputs])
+        direct = scales.outputs[:, None] * inputs
+        hidden = np.tile(np.concatenate([inputs, scales.outputs]), (self.hidden, 1))
+        return np.ones(self.start.pairs.shape), direct, hidden
 
     @property
     def free(self) -> NDArray[np.bool_]:

@@ -9,7 +9,8 @@ from agents.controllers.learned import Learned
 from agents.controllers.names import laws, not_a_law
 from agents.controllers.residual import Residual
 from agents.controllers.user_defined import user_defined
-from agents.policies import PolicyError
+from agents.policies import PolicyError, load_policy
+from agents.training.ending import read_ending
 from mm_gym import DesignError, SceneError, rewarded
 from mm_gym.user_code import is_path
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from agents.controllers.controller import Controller
     from agents.policies import AnyPolicy
     from agents.training.config import TrainSettings
+    from agents.training.runs import Run
     from mm_gym import Scene
 
 
@@ -46,6 +48,16 @@ def make_parts(settings: TrainSettings) -> Parts:
         If a part cannot be made.
     """
     return _parts(settings.rewarded_scene(), settings.base, settings.authority)
+
+
+def agent_of(run: Run, parts: Parts, name: str = "learned") -> Controller:
+    """Return what a finished run stands for: its policy, or a controller that costs less."""
+    ending = read_ending(run)
+    if ending is None or ending.returned is None:
+        return parts.controller(load_policy(run.policy), name)
+    controller = base_controller(parts.scene, ending.returned)
+    controller.name = name
+    return controller
 
 
 def recorded_parts(scene: Scene, settings: Mapping[str, object], *, trust: bool) -> Parts:

@@ -17,6 +17,7 @@ from agents.training.arrays import (
     load_checkpoint,
     save_checkpoint,
 )
+from agents.training.best import best_controller
 from agents.training.ending import Ending, told_part
 from agents.training.logs import VALIDATION, Log
 from agents.training.progress import Progress
@@ -162,6 +163,8 @@ class Search(ABC):
             time_budget=self.settings.time_budget if self.rounds < total else None,
             began_as=self.began_as,
         )
+        if self.settings.scene is not None:
+            ending.controller, ending.controller_cost = best_controller(self.scene)
         if ending.is_worse:
             without = without_control(self.scene)
             if validation_cost(self.scene, Learned(without)) < progress.least_cost:

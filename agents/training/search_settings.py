@@ -9,7 +9,7 @@ from pydantic import Field
 from agents.training.config import Count, Positive, RunSettings
 from agents.training.forecast import FUTURE
 
-LawName = Literal["auto", "regulator", "lqg", "switching", "tracking", "none"]
+LawName = Literal["auto", "regulator", "lqg", "switching", "tracking", "constant", "none"]
 
 
 class TimedSettings(RunSettings):
@@ -27,9 +27,10 @@ class SearchSettings(TimedSettings):
     law: LawName = "auto"
     """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
     the stretch (both with both actuators) or clipped-optimal control of the damper, "lqg" the LQG
-    of the force, "tracking" an absorber tuned to the frequency it finds, "none" no control; "auto"
-    takes the one for the actuators, unless the LQG or no control clearly costs less on the
-    validation episodes"""
+    of the force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
+    constant command, "none" no control; "auto" takes the one for the actuators of a task, unless
+    the LQG or no control clearly costs less on the validation episodes, and the cheapest for an own
+    scene"""
     hidden: Count = 8
     """units of the hidden layer"""
     extra: Annotated[int, Field(ge=0)] = 0

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,18 +13,20 @@ from agents.controllers.actuators import Command
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
-from agents.controllers.controller import columns
+from agents.controllers.controller import columns, plant_of
 from agents.controllers.learned import Learned
-from agents.controllers.lqg import design_lqg, state_units
+from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
 from agents.controllers.observation import ROWS
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.forecast import force_memory
-from mm_gym import DesignError, compile_scene
+from mm_gym import ActionError, CompileError, DesignError, compile_scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from agents.training.search_settings import LawName, SearchSettings
@@ -58,12 +61,18 @@ UNMODELLED = 1e-3, 1e-2, 0.1, 1.0
 """Of the LQGs that are tried (`design_lqg`): with more the stationary filter is quicker, as an
 episode's first steps need it, and shows more noise."""
 
-CAUTION = 1.0, 10.0, 100.0
+CAUTION = 0.1, 1.0, 10.0, 100.0
 """Factors of the force's weight in these designs: with more the force is clipped less often, of
 which the memory does not know."""
 
+FINELY = 10.0 ** np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])
+"""Factors of the best of these, that are tried then."""
+
 MOST_STATES = 64
 """Of the memory of an LQG: each late frame adds some."""
+
+HELD = np.linspace(-1.0, 1.0, 17)
+"""Constant actions of a stretch or a device that are tried."""
 
 COARSE, FINE = 0.3, 0.01
 """Size of the changes of a switching function's weights, and of those of a frequency's estimate:
@@ -75,6 +84,7 @@ IN_WORDS: dict[str, str] = {
     "lqg": "the LQG of the force",
     "switching": "the clipped LQR of the stretch, or of the damper",
     "tracking": "the absorber tuned to the frequency that it finds",
+    "constant": "the best constant command of the stretch or the damper",
     "none": "no control",
 }
 
@@ -91,8 +101,9 @@ class Start:
         (k, 1 + n + m + r): bias and direct weights of each action.
     spreads
         (r,) size of the changes of each pair's weights.
-    keep, enter
-        (m, m), (m, n): the linear memory, which is not searched.
+    keep, enter, back
+        (m, m), (m, n), and (m, k) or (m, 0): the linear memory, which is not searched; where it
+        knows the action, that of `agents.network.layers.Observer`.
     law
         The name of what it is.
     """
@@ -103,9 +114,10 @@ class Start:
     spreads: Values
     keep: Values = field(default_factory=lambda: np.empty((0, 0)))
     enter: Values = field(default_factory=lambda: np.empty((0, 0)))
+    back: Values = field(default_factory=lambda: np.empty((0, 0)))
     law: LawName = "none"
 
-    def remembering(self, keep: Values, enter: Values) -> Start:
+    def remembering(self, keep: Values, enter: Values, back: Values | None = None) -> Start:
         """Return it with a linear memory that has no part in the action."""
         _, _, shown = self.pairs.shape
         return replace(
@@ -114,6 +126,7 @@ class Start:
             direct=np.insert(self.direct, [1 + shown] * len(keep), 0.0, axis=1),
             keep=keep,
             enter=enter,
+            back=np.empty((len(keep), 0)) if back is None else back,
         )
 
     def policy(self, hidden: Values | None = None) -> Policy:
@@ -137,6 +150,7 @@ class Start:
             direct=direct,
             keep=self.keep,
             enter=self.enter,
+            back=self.back if self.back.size else (),
             pairs=self.pairs,
             units=self.units,
         )
@@ -150,8 +164,10 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     DesignError
         If the law does not apply to the scene. "auto" takes another one then.
     """
-    shown, law, extra = Shown(scene), settings.law, settings.extra
-    start = _best_start(scene, shown) if law == "auto" else _law(scene, law, shown)
+    own = settings.scene is not None
+    shown, law, extra = Shown(scene, filtered=own), settings.law, settings.extra
+    start = _best_start(scene, shown, 1.0 if own else CLEARLY) if law == "auto" else None
+    start = start or _law(scene, law, shown)
     if not start.keep.size:
         start = start.remembering(*_memory(scene, shown, settings.memory))
     drawn = 0.5 * generator.standard_normal((extra, *start.pairs.shape[1:]))
@@ -164,17 +180,19 @@ def start_of(scene: Scene, settings: SearchSettings, generator: np.random.Genera
     )
 
 
-def _best_start(scene: Scene, shown: Shown) -> Start:
-    """Return the start that suits the actuators, or another one that clearly costs less."""
+def _best_start(scene: Scene, shown: Shown, most: float) -> Start:
+    """Return the start that suits the actuators, or the cheapest if it costs `most` times that."""
     costs: dict[float, Start] = {}
-    for law in (natural_law(scene), "lqg", "none"):
+    tried: list[LawName] = [natural_law(scene), "lqg", "none"]
+    tried += ["constant"] if shown.filtered else []
+    for law in tried:
         try:
             start = _law(scene, law, shown)
         except DesignError:
             continue
         costs.setdefault(_cost(scene, start), start)
     least = min(costs)
-    return next(start for cost, start in costs.items() if cost <= CLEARLY * least)
+    return next(start for cost, start in costs.items() if cost <= most * least)
 
 
 def natural_law(scene: Scene) -> LawName:
@@ -187,8 +205,31 @@ def natural_law(scene: Scene) -> LawName:
     return "tracking" if harmonic and scene.actuation.force is None else "switching"
 
 
+class Estimate(NamedTuple):
+    """What tells the state x1, x2, v1, v2 [m, m/s], of an observation and a linear memory.
+
+    Attributes
+    ----------
+    state
+        (4, n + m): the state is nearest to `state` @ (observation, memory).
+    keep, enter
+        (m, m), (m, n): the memory.
+    """
+
+    state: Values
+    keep: Values
+    enter: Values
+
+
 class Shown:
     """What an observation (n,) shows.
+
+    Parameters
+    ----------
+    scene
+        What is observed.
+    filtered
+        Whether switching functions may read a Kalman filter's estimate.
 
     Attributes
     ----------
@@ -200,8 +241,8 @@ class Shown:
         Number of actuators.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        plant = compile_scene(scene)
+    def __init__(self, scene: Scene, *, filtered: bool = False) -> None:
+        plant, self.filtered = compile_scene(scene), filtered
         self.channels = [channel.name for channel in plant.observed]
         self.frame, self.count = len(self.channels), len(self.channels) * plant.history
         self.units = np.array([1.0 / channel.factor for channel in plant.observed])
@@ -220,6 +261,11 @@ class Shown:
         state[:, first : first + self.frame] = inverse
         return state
 
+    @property
+    def now(self) -> Estimate:
+        """What the newest frame alone shows."""
+        return Estimate(self.state, np.empty((0, 0)), np.empty((0, 0)))
+
     def moving(self, time_step: float) -> Values:
         """Return `state`; velocities that no channel shows are differences of two frames'."""
         state = self.state.copy()
@@ -228,6 +274,25 @@ class Shown:
             hidden = ~state[2:].any(axis=1)
             state[2:][hidden] = passed[hidden]
         return state
+
+    def estimates(self, scene: Scene, at: dict[str, float] | None) -> list[Estimate]:
+        """Return Kalman filters of the scene, of which the best is to be found."""
+        plant, found = plant_of(scene), list[Estimate]()
+        for unmodelled in UNMODELLED if self.filtered else ():
+            with suppress(CompileError, DesignError):
+                system, gains = design_filter(scene, at, unmodelled)
+                units, corrected = state_units(scene, plant, system), -gains @ system.C
+                corrected[np.diag_indices_from(corrected)] += 1.0
+                keep = corrected @ system.A * units / units[:, None]
+                columns_of = [self.channels.index(signal.name) for signal in system.outputs]
+                enter = np.zeros((len(keep), self.count))
+                places = [self.count - self.frame + k for k in columns_of]
+                enter[:, places] = gains * self.units[columns_of] / units[:, None]
+                state = np.zeros((4, self.count + len(keep)))
+                state[:, self.count : self.count + 4] = np.diag(units[:4])
+                if len(keep) <= MOST_STATES:
+                    found.append(Estimate(state, keep, enter))
+        return found
 
     def stretch(self) -> Values | None:
         """Return (1 + n,) bias and weights of the stretch, or None if it is not shown."""
@@ -268,6 +333,17 @@ def _none(scene: Scene, shown: Shown) -> Start:
     return Start(np.empty((0, 2, shown.count)), np.empty((0, 4)), direct, np.empty(0))
 
 
+def _constant(scene: Scene, shown: Shown) -> Start:
+    """Return the best of the constant commands of what is not a force."""
+    if scene.actuation.names == ("force",):
+        msg = "law: 'constant' holds a stretch or a damping; the scene has a force alone"
+        raise DesignError(msg)
+    starts = [_none(scene, shown) for _ in HELD]
+    for start, action in zip(starts, HELD, strict=True):
+        start.direct[-1, 0] = action
+    return _best(scene, starts)
+
+
 def _law(scene: Scene, law: LawName, shown: Shown) -> Start:
     return replace(_start(scene, law, shown), law=law)
 
@@ -276,6 +352,8 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     actuation = scene.actuation
     if law == "none":
         return _none(scene, shown)
+    if law == "constant":
+        return _constant(scene, shown)
     if actuation.device is not None:
         if law == "switching" and actuation.names in DAMPERS:
             return _clipped_optimal(scene, shown)
@@ -295,7 +373,9 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     switches = actuation.stretch is not None
     start = _switching(scene, shown) if switches else _none(scene, shown)
     if actuation.force is not None:
-        start.direct[0, 1 : 1 + shown.count] = _regulator(scene) @ shown.state
+        state = np.zeros((4, start.direct.shape[1] - 1))
+        state[:, : shown.count] = shown.state
+        start.direct[0, 1:] = _regulator(scene) @ state
     elif law == "regulator":
         msg = "law: 'regulator' pushes; actuation.force is missing"
         raise DesignError(msg)
@@ -303,14 +383,35 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
 
 
 def _lqg(scene: Scene, shown: Shown) -> Start:
-    """Return the LQG of the least validation cost, each with its stationary filter."""
-    designs = itertools.product(CAUTION, UNMODELLED)
-    found = [_one_lqg(scene, shown, *design) for design in designs]
-    return min(found, key=lambda start: _cost(scene, start))
+    """Return the LQG of the least validation cost, each with its stationary filter.
+
+    The weight of the force is then searched more finely.
+    """
+    found: dict[tuple[float, float], tuple[float, Start]] = {}
+    reasons: list[DesignError] = []
+
+    def try_all(designs: Iterable[tuple[float, float]]) -> tuple[float, float]:
+        for design in designs:
+            try:
+                start = _one_lqg(scene, shown, *design)
+            except DesignError as error:
+                reasons.append(error)
+            else:
+                found[design] = _cost(scene, start), start
+        if not found:
+            raise reasons[0]
+        return min(found, key=lambda design: found[design][0])
+
+    caution, unmodelled = try_all(itertools.product(CAUTION, UNMODELLED))
+    best = try_all((caution * factor, unmodelled) for factor in FINELY)
+    return found[best][1]
 
 
 def _cost(scene: Scene, start: Start) -> float:
-    cost = validation_cost(scene, Learned(start.policy()))
+    try:
+        cost = validation_cost(scene, Learned(start.policy()))
+    except ActionError:  # of an observer that is not stable
+        return np.inf
     return cost if np.isfinite(cost) else np.inf
 
 
@@ -318,7 +419,7 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
     """Return an LQG, whose estimate is the linear memory.
 
     The estimate x is corrected by the observation y, and the regulator's own force is known:
-    x = (1 - F C) (A - B K) x + F y.
+    x = (1 - F C) (A x + B u) + F y, with the force u that was clipped.
     """
     force = scene.actuation.force
     if scene.actuation.stretch is not None or force is None:
@@ -333,12 +434,13 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
         raise DesignError(msg)
     columns_of = [shown.channels.index(signal.name) for signal in system.outputs]
     units, gains = state_units(scene, compile_scene(scene), system), design.filters[-1]
-    closed = system.A - system.B[:, :1] @ design.gain[None]
-    keep = (np.eye(len(closed)) - gains @ system.C) @ closed * units / units[:, None]
-    enter = np.zeros((len(closed), shown.count))
+    corrected = np.eye(len(system.A)) - gains @ system.C
+    keep = corrected @ system.A * units / units[:, None]
+    back = corrected @ system.B[:, :1] * limit / units[:, None]
+    enter = np.zeros((len(keep), shown.count))
     newest = shown.count - shown.frame
     enter[:, [newest + k for k in columns_of]] = gains * shown.units[columns_of] / units[:, None]
-    start = _none(scene, shown).remembering(keep, enter)
+    start = _none(scene, shown).remembering(keep, enter, back)
     start.direct[0, 1 + shown.count :] = -design.gain * units / limit
     return start
 
@@ -366,17 +468,28 @@ def _switching(scene: Scene, shown: Shown) -> Start:
     The springs soften where the wanted internal force F and the offset have unlike signs, and
     stiffen elsewhere.
     """
-    law = ClippedLQR(scene, _design_stretch(scene), WEIGHT)
-    ahead = law.lead.transitions[len(law.lead.transitions) // 2] @ shown.state
-    return _switched_by(np.stack([law.gain @ ahead, ahead[1] - ahead[0]]), shown)
+    stretch = _design_stretch(scene)
+    law = ClippedLQR(scene, stretch, WEIGHT)
+    turned = law.lead.transitions[len(law.lead.transitions) // 2]
+    found: list[Start] = []
+    for seen in (shown.now, *shown.estimates(scene, {"initial.stretch": stretch})):
+        ahead = turned @ seen.state
+        found.append(_switched_by(np.stack([law.gain @ ahead, ahead[1] - ahead[0]]), shown, seen))
+    return _best(scene, found)
 
 
-def _switched_by(pair: Values, shown: Shown) -> Start:
-    """Return one switching function: where two values (2, n) of an observation have like signs."""
+def _best(scene: Scene, starts: list[Start]) -> Start:
+    return starts[0] if len(starts) == 1 else min(starts, key=lambda start: _cost(scene, start))
+
+
+def _switched_by(pair: Values, shown: Shown, seen: Estimate) -> Start:
+    """Return one switching function: where two values (2, n + m) have like signs."""
     pair = pair / np.linalg.norm(pair, axis=1, keepdims=True)
-    direct = np.zeros((shown.actions, 2 + shown.count))
+    direct = np.zeros((shown.actions, 2 + shown.count + len(seen.keep)))
     direct[-1, -1] = GAIN
-    return Start(pair[None], np.array([[0.0, FLOOR, 0.0, 1.0]]), direct, np.array([COARSE]))
+    units, spreads = np.array([[0.0, FLOOR, 0.0, 1.0]]), np.array([COARSE])
+    back = np.empty((len(seen.keep), 0))
+    return Start(pair[None], units, direct, spreads, seen.keep, seen.enter, back)
 
 
 def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
@@ -385,16 +498,17 @@ def _clipped_optimal(scene: Scene, shown: Shown) -> Start:
     The damping or voltage is the greatest where the wanted force and the device's velocity have
     like signs.
     """
-    state = shown.moving(scene.control.time_step)
+    now = shown.now._replace(state=shown.moving(scene.control.time_step))
     of = _clipped_voltage if scene.actuation.voltage is not None else _clipped_damping
     found: list[Start] = []
-    for weight in WEIGHTS:
-        pair = of(scene, weight, state)
-        if not pair.any(axis=1).all():
-            msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
-            msg += ": channels that show it, or displacements with sensors.history of at least 2"
-            raise DesignError(msg)
-        found.append(_switched_by(pair, shown))
+    for weight, seen in itertools.product(WEIGHTS, (now, *shown.estimates(scene, None))):
+        pair = of(scene, weight, seen.state)
+        if pair.any(axis=1).all():
+            found.append(_switched_by(pair, shown, seen))
+    if not found:
+        msg = "sensors.channels: switching needs the velocity of the damper's ends; allowed"
+        msg += ": channels that show it, or displacements with sensors.history of at least 2"
+        raise DesignError(msg)
     return min(found, key=lambda start: _cost(scene, start))
 
 

@@ -58,10 +58,18 @@ def assert_same_outcome(run, other):
 
 class TestNetworks:
     @pytest.mark.parametrize(
-        ("n", "m", "r", "hidden", "k"),
-        [(4, 0, 0, 5, 1), (15, 0, 2, 8, 1), (6, 2, 3, 1, 2), (5, 4, 0, 3, 1)],
+        "sizes",
+        [
+            (4, 0, 0, 5, 1, 0),
+            (15, 0, 2, 8, 1, 0),
+            (6, 2, 3, 1, 2, 0),
+            (5, 4, 0, 3, 1, 0),
+            (5, 4, 2, 3, 2, 2),
+            (3, 1, 0, 4, 1, 1),
+        ],
     )
-    def test_kernel_acts_as_the_policy(self, n, m, r, hidden, k):
+    def test_kernel_acts_as_the_policy(self, sizes):
+        n, m, r, hidden, k, known = sizes  # the last: actions in the memory
         rng = np.random.default_rng(0)
         units = np.stack(
             [np.linspace(0.0, 0.9, r), np.full(r, 1e-3), rng.normal(size=r), np.ones(r)], 1
@@ -73,12 +81,14 @@ class TestNetworks:
             np.ones(r),
             keep=rng.normal(size=(m, m)) / max(m, 1),
             enter=rng.normal(size=(m, n)) / n,
+            back=rng.normal(size=(m, known)),
         )
         network = Network(start, hidden, odd=False)
         vectors = 0.5 * rng.standard_normal((3, network.free.size))
         lanes = 7
-        sums = np.zeros((2 * r + m, 3 * lanes), np.float32)
-        fixed = tuple(array.astype(np.float32) for array in (units, start.keep, start.enter))
+        sums = np.zeros((2 * r + m + known, 3 * lanes), np.float32)
+        given = units, start.keep, start.enter, start.back
+        fixed = tuple(array.astype(np.float32) for array in given)
         policies = [network.policy(vector) for vector in vectors]
         own = [policy.begin(lanes) for policy in policies]
         actions = np.empty((k, 3 * lanes), np.float32)

@@ -1,5 +1,7 @@
 """Are gradients through the physics those of the cost, and is a training what its command says?"""
 
+from dataclasses import replace
+
 import kills
 import numpy as np
 import pytest
@@ -83,6 +85,7 @@ SCENES = {
         HYSTERESIS
         | {"objective.sphere_acceleration_weight": 0.5, "objective.coupling_force_weight": 0.2},
     ),
+    "a memory of the action": ("Hybrid", {}),
     "an own cost": ("CarriageForceDuffing", {}),
     "an own cost over a state of the interface": ("CarriageForce", HYSTERESIS),
 }
@@ -144,12 +147,15 @@ class Replayed:
         return next(self.left, observation), *rest
 
 
-def policy_for(scene, seed=1):
+def policy_for(scene, seed=1, *, knows_action=False):
     """Return a policy with memory and units of random weights, which asks for less than it may."""
     generator = np.random.default_rng(seed)
     settings = GradientSettings(law="none", extra=2)
     start = with_oscillators(start_of(scene, settings, generator), 2, generator)
     start.units[:, 0] = 0.8
+    if knows_action:
+        back = 0.1 * generator.standard_normal((len(start.keep), len(start.direct)))
+        start = replace(start, back=back)
     evolved = Evolved(start, 5, odd=False)
     policy = evolved.policy(evolved.first(generator))
     parameters = parameters_of(policy)
@@ -170,7 +176,8 @@ class TestGradients:
             scene = rewarded(scene, OwnReward(own_cost))
         own = Episodes(scene, LANES)
         own.env = Exact(own) if feedback else Replayed(Exact(own))
-        net = Network(policy_for(scene), STEPS, LANES)
+        policy = policy_for(scene, knows_action="memory of the action" in kind)
+        net = Network(policy, STEPS, LANES)
         cost, draw = own.run(net, range(LANES)), np.random.default_rng(2)
         assert own.free.all()
         own.back(net, 1.0, feedback)

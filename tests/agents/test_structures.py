@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 
 from agents.controllers.constant import uncontrolled
+from agents.controllers.learned import Learned
 from agents.controllers.lqg import LQG, design_lqg
-from agents.scoring import evaluate
+from agents.controllers.names import laws
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.policies import load_policy
+from agents.scoring import evaluate, validation_cost
+from agents.training import search
+from agents.training.best import Best
+from agents.training.ending import read_ending
+from agents.training.parts import Parts, agent_of
+from agents.training.runs import Run
+from agents.training.scales import Scales
+from agents.training.starts import start_of
 from mm_gym import Scene, compile_scene, load_scene
 
 FOLDER = Path(__file__).parents[2] / "configs" / "structures"
@@ -61,3 +73,57 @@ def test_a_harmonic_is_fed_forward_by_an_lqg_whose_phases_wander():
     names = [signal.name for signal in design.system.states]
     assert design.gain[names.index("excitation.0.cosine")] != 0.0
     assert np.isfinite(design.cost)
+
+
+def settings_for(name: str, **changes: object) -> EvolveSettings:
+    small = {"candidates": 4, "episodes": 2, "generations": 1, "evaluations": 1, "hidden": 2}
+    given = {"scene": str(FOLDER / f"{name}.toml"), "name": name, **small, **changes}
+    return EvolveSettings.of(given)
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("frame", "lqg"),
+        pytest.param("stage", "lqg", marks=pytest.mark.slow),
+        pytest.param("five_storeys", "switching", marks=pytest.mark.slow),
+    ],
+)
+def test_search_begins_no_worse_than_the_controller_that_suits(name: str, law: str):
+    scene = structure(name)
+    start = start_of(scene, settings_for(name), np.random.default_rng(0))
+    assert start.law == law
+    known = {"frame": "lqg", "stage": "lqg", "five_storeys": "skyhook-on-off"}[name]
+    wanted = validation_cost(scene, laws(scene)[known](scene))
+    # A clipped action is known to the memory: without that the frame's start cost twice as much.
+    assert validation_cost(scene, Learned(start.policy())) <= 1.001 * wanted
+
+
+def test_sizes_of_what_a_network_reads_and_does_are_of_order_one():
+    scene = structure("stage")
+    start = start_of(scene, settings_for("stage"), np.random.default_rng(0))
+    found = Scales.measured(scene, start)
+    assert found.inputs.shape == (start.pairs.shape[2] + len(start.units),)
+    assert (found.inputs > 0.0).all()
+    # A few tenths of the force: the noise of training is of this size, too.
+    assert 0.05 < found.outputs[0] < 1.0
+    # Observations are over scales of the objective, which here is three times the motion.
+    assert found.inputs[0] < 1.0
+
+
+def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    settings, scene = settings_for("frame", law="none"), structure("frame")
+    best = Best("lqg", validation_cost(scene, LQG(scene)))
+    monkeypatch.setattr(search, "best_controller", lambda _: best)
+    run = Run("frame", tmp_path)
+    evolve(settings, run, bar=False)
+    ending = read_ending(run)
+    assert ending is not None
+    assert ending.returned == "lqg"
+    assert "lqg costs less than every agent" in ending.notes[0]
+    agent = agent_of(run, Parts(scene), "mine")
+    assert agent.name == "mine"
+    assert validation_cost(scene, agent) == best.cost
+    assert validation_cost(scene, Learned(load_policy(run.policy))) > best.cost

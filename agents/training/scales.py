@@ -1,0 +1,84 @@
+"""Sizes of what a network reads and does on a scene, as they are under its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.learned import Learned
+from agents.rollout import Rollout
+from mm_gym import ActionError, MovingMassVectorEnv
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from agents.controllers.controller import Acted, Info, Memory, Observation
+    from agents.training.starts import Start
+    from mm_gym import Scene
+
+    Values = NDArray[np.float64]
+
+LANES, SEED = 32, 5_000_000
+"""Episodes in which sizes are measured, apart from those of any evaluation."""
+
+LEAST = 0.05
+"""Least size of an action: a start that hardly acts, as no control, is changed by this much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Root mean squares, or 1 throughout where a scene states them well.
+
+    Attributes
+    ----------
+    inputs
+        (n + m + r,) of observation, linear memory and correlation units.
+    outputs
+        (k,) of the actions.
+    """
+
+    inputs: Values
+    outputs: Values
+
+    @classmethod
+    def stated(cls, start: Start) -> Scales:
+        """Return those of a scene whose own scales are right."""
+        k, count = start.direct.shape
+        return cls(np.ones(count - 1), np.ones(k))
+
+    @classmethod
+    def measured(cls, scene: Scene, start: Start) -> Scales:
+        """Return those under a start, in episodes of the scene."""
+        watched = _Watched(start)
+        env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled", info="none")
+        try:
+            for _ in Rollout(env, watched, seed=SEED):
+                pass
+        except ActionError:  # a start that is not stable
+            return cls.stated(start)
+        inputs, outputs = np.sqrt(watched.squares / watched.steps), watched.acted / watched.steps
+        units = np.ones(len(start.units))  # are of order one
+        whole = np.concatenate([inputs, units])
+        usable = np.isfinite(whole) & (whole > 0.0)
+        return cls(np.where(usable, whole, 1.0), np.clip(np.sqrt(outputs), LEAST, 1.0))
+
+
+class _Watched(Learned):
+    """A start's policy; it sums the squares of what it reads, remembers and does."""
+
+    def __init__(self, start: Start) -> None:
+        super().__init__(start.policy())
+        self.states = len(start.keep)
+        self.squares: Values = np.zeros(start.pairs.shape[2])
+        self.acted: Values = np.zeros(len(start.direct))
+        self.steps = 0
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        action, after = super().propose(memory, observation, info)
+        read = np.hstack([observation, after["policy"][:, : self.states]])
+        self.squares += np.mean(read**2, axis=0)
+        self.acted += np.mean(action**2, axis=0)
+        self.steps += 1
+        return action, after
