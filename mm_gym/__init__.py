@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mm_gym.errors import SimulationError as SimulationError
     from mm_gym.plant.compile import compile_scene as compile_scene
     from mm_gym.plant.plant import Plant as Plant
+    from mm_gym.plant.rigs import over_rigs as over_rigs
     from mm_gym.precision import work_precision as work_precision
     from mm_gym.scene.scene import Scene as Scene
     from mm_gym.scene.toml_file import load_scene as load_scene
@@ -40,6 +41,7 @@ _MODULES = {
     "SimulationError": "errors",
     "Trajectory": "simulation.trajectory",
     "compile_scene": "plant.compile",
+    "over_rigs": "plant.rigs",
     "load_scene": "scene.toml_file",
     "rewarded": "env.own_reward",
     "simulate": "simulation.simulate",

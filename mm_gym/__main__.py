@@ -24,10 +24,12 @@ from mm_gym.errors import (
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.findings import compile_findings
+from mm_gym.plant.rigs import over_rigs
 from mm_gym.records import ACCELERATION_UNITS, FORCE_UNITS, read_record
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
 from mm_gym.scene.toml_file import check_scene, load_scene
+from mm_gym.scene.toml_text import toml_of
 from mm_gym.simulation.simulate import simulate
 from mm_gym.tasks import ids, is_id, path_of, task_or_scene
 
@@ -77,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, text in (
         ("validate", _validate, "check scene files, and print every finding"),
         ("explain", _explain, "say which model a scene compiles to, and why"),
+        ("rigs", _rigs, "print a scene file with episodes on rigs that differ"),
         ("simulate", _simulate, "simulate one episode without an agent, and print how it ends"),
         ("tune", _tune, "find the stretch and damping that suit a scene best"),
         ("render", _render, "draw one episode without an agent as PNG, or as video (.mp4)"),
@@ -201,6 +204,10 @@ def _schema(options: argparse.Namespace) -> None:  # noqa: ARG001 - all commands
 
 def _explain(options: argparse.Namespace) -> None:
     print(compile_scene(load_scene(options.scene)).explain())
+
+
+def _rigs(options: argparse.Namespace) -> None:
+    print(toml_of(over_rigs(load_scene(options.scene)), Path.cwd()), end="")
 
 
 def _simulate(options: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.actuators import Actuators, Command
-from agents.controllers.controller import Law, require_number
+from agents.controllers.controller import Law, drawn_but, require_number
 from agents.controllers.damping_command import SWITCHINGS, MagnetorheologicalDamper
 from agents.controllers.lqr import design
 from agents.controllers.registry import Entry
@@ -157,7 +157,7 @@ def regulated(scene: Scene, weight: float) -> Scene:
     damped = str(scene.actuation.damped)
     is_voltage = scene.actuation.voltage is not None
     out = "interface." if is_voltage else damped
-    drawn = {name: ends for name, ends in scene.randomization.items() if not name.startswith(out)}
+    drawn = drawn_but(scene, out, "sensors.", "actuation.")
     unit = scene.carriage.stiffness * scene.objective.displacement_scale
     between = "ground" if damped == "carriage.damping" else "masses"
     without: dict[str, object] = {"interface": {"kind": "none"}} if is_voltage else {damped: 0.0}

@@ -148,6 +148,12 @@ def chosen(lanes: NDArray[np.bool_], where: Values, elsewhere: Values) -> Values
     return np.where(lanes.reshape(-1, *[1] * (where.ndim - 1)), where, elsewhere)
 
 
+def drawn_but(scene: Scene, *prefixes: str) -> dict[str, tuple[float, float]]:
+    """Return what a scene draws, but for names that begin so: "sensors." of other sensors."""
+    drawn = scene.randomization.items()
+    return {name: ends for name, ends in drawn if not name.startswith(prefixes)}
+
+
 def plant_of(scene: Scene) -> Plant:
     """Return what a scene compiles to, once for all scenes of one content."""
     key = scene.digest

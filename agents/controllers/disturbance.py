@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import plant_of
+from agents.controllers.controller import drawn_but, plant_of
 from agents.controllers.model import Innovation, Model
 from mm_gym import MovingMassVectorEnv
 
@@ -35,7 +35,8 @@ def deviations(scene: Scene) -> Values:
     ndarray
         (steps, lanes, 4) [m, m, m/s, m/s], of simulated episodes with zero action.
     """
-    scene = scene.replace(**{"sensors": {}, "objective.displacement_limit": None})
+    drawn = drawn_but(scene, "sensors.")
+    scene = scene.replace(sensors={}, randomization=drawn, **{"objective.displacement_limit": None})
     scene = scene.replace(**{"objective.rail_half_length": None})
     env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
     _, info = env.reset(seed=SEED)

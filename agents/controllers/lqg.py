@@ -10,7 +10,13 @@ import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Controller, force_weight, plant_of, require_number
+from agents.controllers.controller import (
+    Controller,
+    drawn_but,
+    force_weight,
+    plant_of,
+    require_number,
+)
 from agents.controllers.lqr import (
     STATES,
     Quadratic,
@@ -237,7 +243,9 @@ def _weight(scene: Scene, at: dict[str, float] | None, every: list[str]) -> Arra
     reactions = reaction_weights(scene)
     names = [name for name, squared in zip(REACTIONS, reactions, strict=True) if squared > 0.0]
     if names:
-        instant = plant_of(scene.replace(sensors={}))  # of sensors without delay
+        instant = plant_of(
+            scene.replace(sensors={}, randomization=drawn_but(scene, "sensors."))
+        )  # of sensors without delay
         shown = instant.state_space(["force"], names, sampled=True, at=at)
         rows = np.zeros((len(names), len(every) + 1))
         for k, signal in enumerate(shown.states):

@@ -18,7 +18,7 @@ from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, SceneError, load_scene, rewarded
 from mm_gym.errors import suggest
-from mm_gym.tasks import ids, task_or_scene
+from mm_gym.tasks import ids, robust_ids, task_or_scene
 from mm_gym.user_code import is_path
 
 if TYPE_CHECKING:
@@ -294,7 +294,7 @@ def agents_of(texts: Iterable[str]) -> dict[str, list[Controller]]:
     found: dict[str, list[Controller]] = {}
     for text in texts:
         for trained in finished_runs(text).values():
-            if trained.name not in ids():
+            if trained.name not in (*ids(), *robust_ids()):
                 msg = (
                     f"{trained.runs[0].folder}: trained on {trained.name}; "
                     "allowed: a run of the scene of a task of mm_gym"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import columns, drawn_but
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.h_infinity import HInfinity
 from agents.controllers.lqg import LQG
@@ -37,7 +37,8 @@ def late(scene: Scene) -> Scene:
         if name not in ("stretch", "applied_force")  # what the actuators report themselves
     }
     return scene.replace(
-        **{"sensors.delay": DELAY, "sensors.noise": noise | dict(scene.sensors.noise)}
+        randomization=drawn_but(scene, "sensors."),
+        **{"sensors.delay": DELAY, "sensors.noise": noise | dict(scene.sensors.noise)},
     )
 
 
@@ -45,7 +46,8 @@ def at_once(scene: Scene) -> Scene:
     """Return the scene with sensors that show the motion, and nothing else, exactly and at once."""
     motion = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
     sensors = {"channels": motion, "delay": 0, "history": 1, "noise": {}}
-    return scene.replace(**{f"sensors.{name}": value for name, value in sensors.items()})
+    changed = {f"sensors.{name}": value for name, value in sensors.items()}
+    return scene.replace(randomization=drawn_but(scene, "sensors."), **changed)
 
 
 def tuned(scene: Scene) -> list[Feedback]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.controllers.controller import drawn_but
 from agents.controllers.matching_stretch import FREQUENCY
 from agents.evaluation.aggregates import tail_mean
 from agents.rollout import Rollout
@@ -117,9 +118,11 @@ def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, fl
             channel.name: float(np.hypot(own.get(channel.name, 0.0), level / channel.factor))
             for channel in channels
         }
-        found[NOISE, level] = scene.replace(**{"sensors.noise": noise})
+        drawn = drawn_but(scene, "sensors.noise.")
+        found[NOISE, level] = scene.replace(randomization=drawn, **{"sensors.noise": noise})
     for delay in DELAYS:
-        found[DELAY, float(delay)] = scene.replace(**{"sensors.delay": delay})
+        drawn = drawn_but(scene, "sensors.delay")
+        found[DELAY, float(delay)] = scene.replace(randomization=drawn, **{"sensors.delay": delay})
     for file, unit in _files(records):
         found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, unit)
     return found
@@ -148,15 +151,9 @@ def _files(records: Records | None) -> list[tuple[Path, str | None]]:
     return [] if records is None else [(file, records.unit) for file in records.files]
 
 
-def _drawn_elsewhere(scene: Scene) -> dict[str, tuple[float, float]]:
-    """Return what a scene draws, but for its excitation."""
-    drawn = scene.randomization.items()
-    return {name: ends for name, ends in drawn if not str(name).startswith("excitation.")}
-
-
 def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
     """Return the scene with a record in place of its excitation."""
-    drawn = _drawn_elsewhere(scene)
+    drawn = drawn_but(scene, "excitation.")
     target = scene.excitation[0].target if scene.excitation else "ground"
     part = {"kind": "record", "file": str(file.absolute()), "target": target, "unit": unit}
     return scene.replace(excitation=[part], randomization=drawn)
@@ -281,7 +278,7 @@ def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
 
 def _shaken(scene: Scene, lanes: dict[str, Array], steps: int) -> Scene:
     """Return the scene at rest under a harmonic force whose numbers are drawn."""
-    drawn = _drawn_elsewhere(scene)
+    drawn = drawn_but(scene, "excitation.")
     harmonic = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
     stretch = {} if scene.springs.kind == "none" else {"stretch": scene.initial.stretch}
     return scene.replace(

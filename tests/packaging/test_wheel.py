@@ -46,7 +46,8 @@ def test_wheel_holds_every_module_and_nothing_generated(wheel):
 
 
 def test_wheel_holds_the_tasks_and_their_schema(wheel, tmp_path):
-    files = {f"mm_gym/tasks/{path.name}" for path in (ROOT / "mm_gym" / "tasks").glob("*.*")}
+    tasks = (ROOT / "mm_gym" / "tasks").rglob("*.*")
+    files = {path.relative_to(ROOT).as_posix() for path in tasks if "__pycache__" not in path.parts}
     assert {"mm_gym/tasks/pre_stretch.toml", "mm_gym/tasks/scene.schema.json"} <= files
     assert files == {name for name in wheel.namelist() if name.startswith("mm_gym/tasks/")}
     shutil.unpack_archive(wheel.filename, tmp_path, "zip")

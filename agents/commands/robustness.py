@@ -1,0 +1,63 @@
+"""Score controllers and agents on rigs that differ, and write ``docs/robustness.md``.
+
+Each variant of a task, as ``PreStretchNoiseRobust``, draws a rig for each episode. Controllers are
+tuned on validation episodes of the variant and told the middle of what is drawn. ``--runs`` adds
+finished runs, trained on the variant or on the task itself. Scores of other variants stay as they
+are.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from agents.errors import command, leave
+from agents.evaluation.contestants import agents_of
+from agents.evaluation.rigs import EPISODES, scores_of
+from agents.evaluation.scores import SCORES
+from agents.report.robustness_page import PAGE, page
+from mm_gym import SceneError, load_scene
+from mm_gym.files import write_text
+from mm_gym.tasks import robust_ids, short_name, task_called
+
+DATA = SCORES.with_name("robustness_scores.json")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What to score."""
+
+    tasks: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
+    """names as HybridRobust; all variants by default"""
+    runs: tuple[str, ...] = ()
+    """folders of finished runs, or patterns of folders in quotes"""
+
+
+@command
+def main() -> None:
+    """Score from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    variants, agents = robust_ids(), agents_of(arguments.runs)
+    scores = json.loads(DATA.read_text()) if DATA.exists() else {}
+    for variant in map(task_called, arguments.tasks or variants):
+        if variant not in variants:
+            allowed = ", ".join(map(short_name, variants))
+            msg = f"tasks: got {short_name(variant)!r}; allowed: {allowed}"
+            raise SceneError(msg)
+        began = time.perf_counter()
+        rows = scores_of(variant, agents)
+        digest = load_scene(variant).digest
+        scores[variant] = {"scene_digest": digest, "episodes": EPISODES, "rows": rows}
+        ordered = {name: scores[name] for name in variants if name in scores}
+        write_text(DATA, json.dumps(ordered, indent=1) + "\n")
+        write_text(PAGE, page(ordered))
+        print(f"{variant}: {time.perf_counter() - began:.0f} s")
+    print(f"written: {PAGE}")
+
+
+if __name__ == "__main__":
+    leave(main())

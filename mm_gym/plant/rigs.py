@@ -1,0 +1,89 @@
+"""A scene over a distribution of rigs: what a laboratory's differ in from the scene, and by day."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.scene import DELAY, bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mm_gym.scene.scene import Scene
+
+UNSURE = {
+    "carriage": ("mass", "stiffness", "damping"),
+    "sphere": ("mass",),
+    "interface": ("stiffness", "damping", "static_coefficient", "kinetic_coefficient"),
+    "springs": ("stiffness",),
+}
+"""Part -> its fields that rigs differ in."""
+
+REPORTED = ("stretch", "damping", "voltage", "applied_force")
+"""Channels that an actuator reports itself, without noise."""
+
+
+def over_rigs(
+    scene: Scene, *, spread: float = 0.2, delay: int = 2, noise: float = 0.01, lag: float = 1.0
+) -> Scene:
+    """Return a scene whose episodes are on rigs that differ in what is not known of a rig.
+
+    Parameters
+    ----------
+    scene
+        The scene. What it states stays the middle of masses, stiffnesses, damping and friction.
+    spread
+        Largest relative deviation of each of these [-], independent of the others.
+    delay
+        Largest delay of the sensors in control steps.
+    noise
+        Largest standard deviation of each measured channel over its scale [-], added to the noise
+        that the scene states.
+    lag
+        Largest lag of each actuator in control steps, added to the lag that the scene states.
+
+    Raises
+    ------
+    SceneError
+        If the scene does not allow one of the ranges: the field, and why.
+    CompileError
+        If no plant covers the scene.
+    """
+    ranges: dict[str, tuple[float, float]] = {}
+    for name, (low, high) in _unsure(scene):
+        ranges[name] = _short(low * (1.0 - spread)), _short(high * (1.0 + spread))
+    ranges[DELAY] = 0.0, float(delay)
+    for channel in compile_scene(scene).observed:
+        if channel.name not in REPORTED and noise > 0.0:
+            own = scene.sensors.noise.get(channel.name, 0.0)
+            ranges[f"sensors.noise.{channel.name}"] = own, _short(own + noise / channel.factor)
+    for name, actuator in scene.actuation:
+        if actuator is not None and lag > 0.0:
+            most = _short(actuator.lag + lag * scene.control.time_step)
+            ranges[f"actuation.{name}.lag"] = actuator.lag, most
+    of_rig = ("sensors.", "actuation.")
+    stated = {
+        name: _short(0.5 * (low + high))
+        for name, (low, high) in ranges.items()
+        if name.startswith(of_rig) and name != DELAY
+    }
+    return scene.replace(
+        **{DELAY: (delay + 1) // 2},
+        **stated,
+        randomization={**scene.randomization, **ranges},
+    )
+
+
+def _unsure(scene: Scene) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield the dotted name and the range of each positive number that rigs differ in."""
+    for part, fields in UNSURE.items():
+        for field in fields:
+            name, value = f"{part}.{field}", scene.value_of(f"{part}.{field}")
+            if value:
+                yield name, bounds(scene.range_of(name, value))
+
+
+def _short(value: float) -> float:
+    """Return a number with six digits, for a reader."""
+    return float(f"{value:.6g}")

@@ -1,0 +1,91 @@
+"""Controllers over a distribution of rigs, and the page of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from agents.__main__ import main
+from agents.commands import robustness
+from agents.controllers.actuators import Actuators
+from agents.controllers.controller import drawn_but
+from agents.controllers.observed_state import ObservedState
+from agents.controllers.trajectories import Trajectories
+from agents.evaluation.rigs import rigs_of, scores_of, task_of
+from agents.evaluation.studies import variants
+from agents.report.robustness_page import PAGE, page
+from mm_gym import DesignError, MovingMassVectorEnv, load_scene
+from mm_gym.tasks import robust_ids
+
+VARIANT = "mm_gym/CarriageForceRobust-v0"
+
+
+def test_a_controller_is_told_the_middle_of_what_is_drawn():
+    scene = load_scene(VARIANT)
+    actuators, source = Actuators(scene), ObservedState(scene)
+    assert actuators.lag_factor == pytest.approx(-np.expm1(-0.01 / 0.005))
+    assert source.delay == 1
+    assert source.noise == pytest.approx(
+        [scene.sensors.noise[name] for name in scene.sensors.channels]
+    )
+
+
+def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
+    rows = scores_of(VARIANT, {})
+    assert {row["role"] for row in rows} == {"zero", "constant", "controller"}
+    scenes = rigs_of(VARIANT)
+    assert scenes["late 0"] == load_scene(task_of(VARIANT))
+    zero = rows[0]
+    for row in rows:
+        assert row["low"] < row["rigs"] < row["high"] < row["worst"]
+    # Without control the delay changes nothing.
+    assert zero["late 0"] == zero["late 2"]
+    # The Kalman filter that is told one step of delay does best with it.
+    lqg = next(row for row in rows if row["controller"] == "LQG")
+    assert lqg["late 1"] < min(lqg["late 0"], lqg["late 2"])
+    others = [row for row in rows if not row["controller"].startswith("LQG")]
+    assert lqg["rigs"] < min(row["rigs"] for row in others)
+
+
+def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
+    assert PAGE.read_text("utf-8") == page(json.loads(robustness.DATA.read_text()))
+    for name in ("DATA", "PAGE"):
+        monkeypatch.setattr(robustness, name, tmp_path / name)
+    monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForceRobust"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code is None
+    assert f"## {VARIANT}" in (tmp_path / "PAGE").read_text("utf-8")
+    monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForce"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "tasks: got 'CarriageForce'; allowed: " in capsys.readouterr().err
+
+
+def test_scores_are_of_the_present_variants():
+    scores = json.loads(robustness.DATA.read_text())
+    assert list(scores) == [name for name in robust_ids() if name in scores]
+    for name, found in scores.items():
+        assert found["scene_digest"] == load_scene(name).digest, (
+            f"python -m agents robustness {name}"
+        )
+
+
+def test_clairvoyant_plans_refuse_a_drawn_lag():
+    scene = load_scene(VARIANT)
+    env = MovingMassVectorEnv(scene, 2)
+    env.reset(seed=0)
+    with pytest.raises(DesignError, match=r"randomization\.actuation\.force: allowed for plans"):
+        Trajectories(scene, env.plant, env.get_state())
+
+
+def test_studies_replace_what_is_drawn():
+    found = variants(load_scene(VARIANT))
+    for (study, level), scene in found.items():
+        if study.startswith("delay"):
+            assert "sensors.delay" not in scene.randomization
+            assert scene.sensors.delay == level
+    assert drawn_but(load_scene(VARIANT), "sensors.", "actuation.").keys() == {
+        *("carriage.mass", "carriage.stiffness", "carriage.damping"),
+        *("sphere.mass", "interface.damping"),
+    }
