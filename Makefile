@@ -11,6 +11,8 @@ COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cac
 	tests/packaging/test_first_start.py tests/packaging/test_kernel_cache.py tests/packaging/test_other_numba.py \
 	tests/numerics/test_vectors_of_lanes.py tests/numerics/test_elementary.py tests/numerics/test_transposition.py \
 	tests/numerics/test_golden.py tests/numerics/test_switched.py tests/env/test_threads.py
+# Words that the glossary has replaced, each with the field's word.
+WORDS := docs/replaced_words.txt
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
 .PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check docs bench tasks results clean
@@ -49,6 +51,8 @@ check: $(INSTALLED)
 	$(RUN) -m pyright --pythonpath $(RUN)
 	$(VENV)/bin/lint-imports
 	$(VENV)/bin/codespell
+	$(VENV)/bin/codespell -D $(WORDS) -S "$(WORDS),docs/_build,docs/gallery,*.json" -r "$$(sed -n '/ .*->/s/->.*/|/p' $(WORDS) | tr -d '\n')[\w'-]+" \
+		README.md docs agents mm_gym configs benchmarks .github
 
 # The site, in docs/_build/html: examples are run, warnings are errors.
 docs: $(INSTALLED)

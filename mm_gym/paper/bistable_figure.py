@@ -1,7 +1,7 @@
 """A figure in the paper's style of a case that the paper names and leaves out: a bistable carriage.
 
 Equation 7 of the paper has alpha = 1 and beta = 2e6 1/m^2. With alpha < 0 < beta the carriage has
-two places of rest, at |x1| = sqrt(-alpha / beta), and an unstable one between them.
+two stable equilibria, at |x1| = sqrt(-alpha / beta), and an unstable one between them.
 """
 
 # pyright: basic, reportArgumentType=false, reportCallIssue=false
