@@ -26,8 +26,12 @@ from agents.controllers.tuned import classical_laws, makers
 from agents.evaluation.plans import Effort, Planner
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.scoring import evaluate
+from agents.training.config import TrainSettings
+from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.starts import start_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
@@ -245,18 +249,25 @@ def device_power(scene, env):
     return -sum(forces) * velocity, sum(map(np.abs, forces)) * np.abs(velocity)
 
 
-def require_passive(scene, controller, episodes):
+def require_passive(scene, controller, episodes, shown=None):
     """Run a controller, and check that the device absorbs power at every step's end.
 
-    A force that is the difference of n others has their round-off.
+    A force that is the difference of n others has their round-off. The controller is shown those
+    channels of the same motion, by default the scene's.
     """
-    env = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
+    env = seen = MovingMassVectorEnv(scene, episodes, autoreset_mode="Disabled")
     observation, info = env.reset(seed=5)
-    memory = controller.begin(env)
+    if shown is not None:
+        own = scene.replace(**{"sensors.channels": shown})
+        seen = MovingMassVectorEnv(own, episodes, autoreset_mode="Disabled")
+        observation, info = seen.reset(seed=5)
+    memory = controller.begin(seen)
     most = 0.0
     for _ in range(scene.control.steps):
         action, memory = controller.act(memory, observation, controller.known(info))
         observation, *_, info = env.step(action)
+        if seen is not env:
+            observation, *_, info = seen.step(action)
         power, size = device_power(scene, env)
         assert (power >= -1e-14 * size.max()).all(), controller.name
         most = max(most, power.max())
@@ -306,15 +317,25 @@ def test_device_only_absorbs_power_in_ten_thousand_episodes(of):
         require_passive(scene, controller, 10_000)
 
 
+SMALL = {"candidates": 8, "episodes": 8, "generations": 5, "threads": 1}
+TRAININGS = {
+    "evolution": (evolve, partial(EvolveSettings, **SMALL)),
+    "gradient": (descend, partial(GradientSettings, episodes=8, iterations=5)),
+    "ppo": (train, partial(TrainSettings, lanes=64, steps=64_000)),
+}
+
+
 @pytest.mark.slow
-def test_device_only_absorbs_power_under_an_evolved_network(tmp_path):
+@pytest.mark.parametrize("kind", TRAININGS)
+def test_device_only_absorbs_power_under_a_trained_network(tmp_path, kind):
     changes = {**SHOWN, "control.steps": 250}
-    small = {"candidates": 8, "episodes": 8, "generations": 5, "evaluations": 1, "threads": 1}
-    settings = EvolveSettings(task=DAMPER, name="passive", changes=changes, **small)
+    shown = SHOWN["sensors.channels"][:-2]  # accelerations have no gradients
+    settings = {**changes, "sensors.channels": shown}
+    begin, settings_of = TRAININGS[kind]
     run = Run("passive", tmp_path)
-    evolve(settings, run, bar=False)
-    scene = load_scene(DAMPER).replace(**changes)
-    require_passive(scene, Learned(load_policy(run.policy)), 10_000)
+    begin(settings_of(task=DAMPER, name="passive", changes=settings, evaluations=1), run, bar=False)
+    trained = Learned(load_policy(run.policy))
+    require_passive(load_scene(DAMPER).replace(**changes), trained, 10_000, shown)
 
 
 def test_network_begins_as_clipped_optimal_control():

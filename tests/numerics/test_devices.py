@@ -1,6 +1,7 @@
 """Do scenes with devices keep their bounds, alone and in all combinations?"""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -73,6 +74,27 @@ def test_bounds_of_slopes_hold_and_rise_with_what_is_said(kind, hardens):
                     more[k] = 1.1 * p[k]
                 grown = bound(more) - bound(p)
                 assert grown >= 0.0 if name in interface.rising else grown <= 0.0, name
+
+
+@pytest.mark.parametrize("kind", ["bouc_wen", "magnetorheological"])
+def test_bounds_of_slopes_are_those_of_interfaces_with_own_states(kind):
+    """Exactly over the slip; over the offset where nothing dashes the own states."""
+    interface, rng = INTERFACES[kind], np.random.default_rng(1)
+    force, rates = plain(interface.force), plain(interface.rates)
+    for _ in range(20):
+        p = parameters_of(interface, rng)
+        own = tuple(rng.uniform(-0.1, 0.1, 2))
+        slope = force(p, 0.0, 1.0, own) - force(p, 0.0, 0.0, own)
+        assert slope == pytest.approx(interface.damping(p), rel=1e-12)
+        for name in ("damping", "damping_per_volt", "stiffness_ratio"):
+            if name in interface.parameters:
+                p[interface.parameters.index(name)] = 0.0
+        slopes = []
+        for yielded, way in product((-1.0, 0.0, 1.0), (-1e-6, 1e-6)):
+            begins = np.array([yielded if kind == "bouc_wen" else 0.0, 0.0])
+            ends = begins + rates(p, 0.0, way, begins)
+            slopes.append((force(p, way, 0.0, ends) - force(p, 0.0, 0.0, begins)) / way)
+        assert max(slopes) == pytest.approx(interface.stiffness(p), rel=1e-4)
 
 
 def scene_of(**changes):

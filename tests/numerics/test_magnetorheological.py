@@ -164,11 +164,13 @@ def test_control_steps_keep_the_tolerance(tolerance: float) -> None:
 
 def test_loose_steps_are_of_low_order() -> None:
     """Its shear turns round within micrometres: a pair of high order takes longer there."""
-    support = compile_scene(scene_of()).support
-    for tolerance, is_high in ((1e-2, False), (1e-3, False), (1e-9, True)):
-        plan = plan_of(support, Settings(tolerance, substeps=1))
-        assert plan is not None
-        assert plan.tableau.is_combined is is_high
+    hardening = {"kind": "linear", "stiffness": 60.0, "cubic_coefficient": 1e3}
+    for springs in ({}, {"springs": hardening}):
+        support = compile_scene(scene_of(**springs)).support
+        for tolerance, is_high in ((1e-2, False), (1e-3, False), (1e-9, True)):
+            plan = plan_of(support, Settings(tolerance, substeps=1))
+            assert plan is not None
+            assert plan.tableau.is_combined is is_high
 
 
 @pytest.mark.parametrize("seed", [6, 20, 24, 31, 34])
