@@ -189,7 +189,8 @@ def _refuse_without_well(p: NDArray[np.float64]) -> None:
     if not Spring.of(p).has_well:
         msg = (
             f"carriage.linear_coefficient: got {p[at.ALPHA]} with cubic_coefficient = "
-            f"{p[at.BETA]}; allowed: one of them greater than 0; no place holds the carriage"
+            f"{p[at.BETA]}, where the carriage has no stable equilibrium; allowed: one of them "
+            "greater than 0"
         )
         raise SceneError(msg)
 

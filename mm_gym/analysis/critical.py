@@ -86,7 +86,7 @@ def _rounded_up(row: NDArray[np.float64], velocity: float) -> float:
             return enlarged
         margin *= 2.0
     msg = (
-        f"critical_reference_velocity: near {velocity:g} m/s the sphere is as good as locked, and "
+        f"critical_reference_velocity: near {velocity:g} m/s the sphere is nearly locked, and "
         "round-off decides whether it slips"
     )
     raise SimulationError(msg)

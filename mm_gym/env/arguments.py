@@ -44,8 +44,8 @@ def scene_of(
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
         msg = (
-            f"scene: got {type(scene).__name__}; allowed: a Scene, a task's id or the path of a "
-            "TOML file"
+            f"scene: got {type(scene).__name__}; allowed: a Scene, the id of a task or the path of "
+            "a TOML file"
         )
         raise SceneError(msg)
     if changes is not None:

@@ -52,7 +52,7 @@ class LaneAccess:
         if name in {"render", "drawn", "close"}:
             value = cast("Callable[..., object]", value)(*args, **kwargs)
         elif callable(value) or name.startswith("_"):
-            msg = f"{name}: no lane can run it by itself; call it on the vector environment"
+            msg = f"{name}: a single lane cannot run it; call it on the vector environment"
             raise AttributeError(msg)
         if name in {"render", "drawn", "state"} and value is not None:
             return tuple(cast("NDArray[Any]", value))

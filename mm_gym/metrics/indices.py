@@ -99,7 +99,7 @@ def indices(
         msg = f"reference: got {others} motions; allowed: {lanes}, as in the response, or 1"
         raise SimulationError(msg)
     if not reference.peak_displacement.all():
-        msg = "reference: a carriage that does not move is none; allowed: motions with x1 not 0"
+        msg = "reference: got a carriage that does not move; allowed: motions with x1 not 0"
         raise SimulationError(msg)
     r, ref = response, reference
     scale = ref.peak_displacement * r.weight

@@ -251,7 +251,7 @@ def _factor(part: Recorded, file: str, motion: Record) -> float:
         period = scale_to.period / part.time_scale
         measure = peak_responses(motion.times, motion.values, period, scale_to.damping)[0].item()
     if not measure > 0.0:
-        msg = f"{file}: all samples are 0; allowed: a record that can be scaled to something"
+        msg = f"{file}: all samples are 0; allowed: a record that can be scaled"
         raise SceneError(msg)
     return 1.0 / measure
 

@@ -350,7 +350,7 @@ class Plant:
                 msg = f"stretch: got {stretch!r}; allowed: a finite number of at least 1"
                 raise SceneError(msg)
             if middle[at.STRETCH] == LINEAR:
-                msg = "stretch: springs.kind = 'linear' has none; leave it out"
+                msg = "stretch: springs.kind = 'linear' has no stretch; leave it out"
                 raise SceneError(msg)
             middle[at.STRETCH] = stretch
         return middle

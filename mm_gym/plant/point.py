@@ -48,8 +48,8 @@ def lane_at(
     if support.damped_row:
         row[support.damped_row] = row[at.DAMPING]
     if row[at.L0] > 0.0 and abs(row[at.X2] - row[at.X1]) >= row[at.STRETCH] * row[at.L0]:
-        furthest = row[at.STRETCH] * row[at.L0]
-        msg = f"about: got an offset of {row[at.X2] - row[at.X1]:g} m; allowed: below {furthest:g}"
+        furthest, got = row[at.STRETCH] * row[at.L0], row[at.X2] - row[at.X1]
+        msg = f"about: got a relative displacement of {got:g} m; allowed: below {furthest:g}"
         raise SceneError(msg)
     plain(write_regimes)(row[:, None], 0, 1)
     slip = abs(row[at.V2] - row[at.V1])
@@ -84,7 +84,7 @@ def require_parameters(support: Support, values: Array) -> None:
 def _value(support: Support, name: str, value: object) -> float:
     row = support.row_of(name)
     if row < at.FORCE:
-        msg = f"at.{name}: the point's state is about = (x1, x2, v1, v2)"
+        msg = f"at.{name}: state the point by about = (x1, x2, v1, v2)"
         raise SceneError(msg)
     low, high = float(support.low[row]), float(support.high[row])
     number = isinstance(value, int | float | np.number) and not isinstance(value, bool)

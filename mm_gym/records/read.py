@@ -101,6 +101,6 @@ def _read(
 
 def _stated_unit(file: Path, options: Options) -> str:
     if options.unit is None:
-        msg = f"unit: missing; {file} is not of PEER's format. Allowed: {', '.join(UNITS)}"
+        msg = f"unit: missing; {file} is not in PEER's format AT2. Allowed: {', '.join(UNITS)}"
         raise SceneError(msg)
     return options.unit

@@ -120,7 +120,7 @@ def _plant_of(scene: Scene | Plant, ground: ArrayLike | None) -> Plant:
     if ground is None:
         return scene if isinstance(scene, Plant) else compile_scene(scene)
     if isinstance(scene, Plant):
-        msg = "ground: a plant is compiled for its own excitation; give the scene in its place"
+        msg = "ground: a plant is compiled for its own excitation; pass the scene instead"
         raise SimulationError(msg)
     return shaken(scene, ground)
 

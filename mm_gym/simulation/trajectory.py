@@ -132,7 +132,7 @@ class Trajectory:
             subtracted = channel.subtracted
             return values - self.state[:, subtracted] if subtracted in range(4) else values
         if name == "stretch" and self.parameters[at.STRETCH] == LINEAR:
-            msg = "channel: got 'stretch'; springs.kind = 'linear' has none"
+            msg = "channel: got 'stretch'; springs.kind = 'linear' has no stretch"
             raise SimulationError(msg)
         if name in ("damping", "voltage"):
             if name not in self.actuators:

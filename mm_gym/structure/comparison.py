@@ -291,7 +291,7 @@ def _row(time: Array, name: str, unit: str, full: Array, reduced: Array) -> Row:
     rms = root_mean_square(time, full)
     peaks = float(np.abs(full).max()), float(np.abs(reduced).max())
     if rms == 0.0:
-        msg = f"ground: does not move the structure: {name} is 0 at all times"
+        msg = f"ground: this motion does not move the structure: {name} is 0 at all times"
         raise StructureError(msg)
     difference = root_mean_square(time, reduced - full) / rms
     return Row(name, unit, *peaks, rms, root_mean_square(time, reduced), difference)

@@ -156,8 +156,8 @@ class Structure:
         if np.any(np.abs(others - squares[number]) <= EQUAL * squares[number]):
             msg = (
                 f"structure.mode: got {mode}; another mode has the same frequency, "
-                f"{frequencies[number]:g} rad/s, so that their shapes are not unique; "
-                "allowed: a mode with a frequency of its own"
+                f"{frequencies[number]:g} rad/s, so their mode shapes are not unique; "
+                "allowed: a mode whose frequency no other mode has"
             )
             raise StructureError(msg)
         shape = shapes[:, number]
@@ -310,7 +310,7 @@ def _influence(value: ArrayLike | None, count: int) -> Array:
         msg = f"structure.influence: got shape {numbers.shape}; allowed: ({count},)"
         raise StructureError(msg)
     if not numbers.any():
-        msg = "structure.influence: got zeros alone; allowed: some number that is not 0"
+        msg = "structure.influence: got only zeros; allowed: at least one number that is not 0"
         raise StructureError(msg)
     return numbers
 

@@ -110,7 +110,7 @@ def require_fixed(scene: Scene, name: str) -> None:
     """Raise `DesignError` if a field, or that of the springs' stiffness, is drawn."""
     for tuned in (name, tuned_field(scene)):
         if tuned in scene.randomization:
-            msg = f"randomization.{tuned}: it is what is tuned; leave it out"
+            msg = f"randomization.{tuned}: a tuned field cannot be drawn; leave it out"
             raise DesignError(msg)
 
 

@@ -66,7 +66,7 @@ def test_an_escape_and_a_spring_without_a_well_have_no_asymptote(interface):
     with pytest.raises(SimulationError, match="escape"):
         asymptotic_offset(escapes)
     for scene in (UNSTABLE, escapes.replace(**{"carriage.linear_coefficient": -1.0})):
-        with pytest.raises(SceneError, match="no place holds the carriage"):
+        with pytest.raises(SceneError, match="the carriage has no stable equilibrium"):
             asymptotic_offset(scene.replace(interface=interface))
 
 

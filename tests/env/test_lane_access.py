@@ -60,7 +60,7 @@ def test_attributes_of_the_environment_are_not_set_without_effect(twins, name):
 
 @pytest.mark.parametrize("name", ["step", "reset", "set_state", "_prepare"])
 def test_methods_that_a_lane_cannot_run_alone_are_refused(twins, name):
-    with pytest.raises(AttributeError, match=f"{name}: no lane can run it by itself"):
+    with pytest.raises(AttributeError, match=f"{name}: a single lane cannot run it"):
         twins[0].call(name)
 
 

@@ -178,7 +178,7 @@ def test_scene_is_a_scene_a_name_or_a_path():
     assert {MovingMassEnv(scene).scene.digest for scene in given} == {CARRIAGE_FORCE.digest}
     assert Path(file).is_file()
     with pytest.raises(
-        SceneError, match="scene: got int; allowed: a Scene, a task's id or the path"
+        SceneError, match="scene: got int; allowed: a Scene, the id of a task or the path"
     ):
         MovingMassEnv(3)
 

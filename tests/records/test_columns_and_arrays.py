@@ -357,7 +357,7 @@ def test_other_files_are_refused_by_their_content(tmp_path, name, content):
 
 
 def test_unit_is_needed_for_arrays(tmp_path):
-    with pytest.raises(SceneError, match=r"unit: missing; .*m\.npz is not of PEER's format"):
+    with pytest.raises(SceneError, match=r"unit: missing; .*m\.npz is not in PEER's format"):
         read(tmp_path, numpy_archive({"a": SERIES}), "m.npz", unit=None)
 
 
