@@ -393,7 +393,9 @@ def test_a_stretch_is_refused_where_there_is_none() -> None:
     scene = scene_of(VISCOUS)
     with pytest.raises(SceneError, match=r"stretch: springs\.kind = 'linear' has no stretch"):
         compile_scene(scene).linear(2.0)
-    with pytest.raises(SimulationError, match=r"'stretch'; springs\.kind = 'linear' has no stretch"):
+    with pytest.raises(
+        SimulationError, match=r"'stretch'; springs\.kind = 'linear' has no stretch"
+    ):
         simulate(scene, duration=0.01).channel("stretch")
     with pytest.raises(DesignError, match=r"springs\.kind: 'linear' has no stretch"):
         stretch_for(scene, 50.0)
