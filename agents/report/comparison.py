@@ -97,7 +97,8 @@ def paired_cells(row: Row) -> tuple[str, str, str]:
     """Return how a row compares with the reference in the same episodes, with the interval."""
     if row.change is None:
         return "", "", ""
-    value, low, high = (f"{100.0 * number:+.1f} %" for number in row.change)
+    # Adding 0 makes -0 a 0.
+    value, low, high = (f"{round(100.0 * number, 1) + 0.0:+.1f} %" for number in row.change)
     return value, f"{low} to {high}", percent(row.won)
 
 
