@@ -64,7 +64,7 @@ class Sweep(Part):
     start_frequency: Positive
     """[rad/s]"""
     end_frequency: Positive
-    """[rad/s]; kept once it is reached"""
+    """[rad/s]; constant after it is reached"""
     duration: Positive
     """[s] from the start frequency to the end frequency, at least 0.5 / the highest frequency, and
     rounded up to whole sample intervals; a sample interval is at most 0.5 / the highest frequency,
@@ -179,7 +179,7 @@ class Impulse(Part):
     target: Target = "force"
     """an impulse on the carriage, or a jump of the ground's velocity"""
     size: NumberOrRange
-    """[N s] or [m/s]; from a range, each impulse draws its own"""
+    """[N s] or [m/s]; if it is a range, each impulse draws a size"""
     rate: NonNegative = 0.0
     """mean number of impulses per second [1/s], at random times (Poisson)"""
     time: NonNegative | None = None
@@ -286,11 +286,11 @@ class Recorded(Sampled):
         | Name
         | None
     ) = None
-    """in place of file a list of files, or a pattern such as "motions/*.at2", whose files are in
-    alphabetical order; each episode has one of them, with equal chances"""
+    """instead of file: a list of files, or a pattern such as "motions/*.at2", whose files are in
+    alphabetical order; each episode draws one of them, with equal chances"""
     inertial_mass: float | None = None
     """[kg]: with target "force", the record is an acceleration a of the ground, and the force is
-    -inertial_mass * a; negative where a mode moves less than its device, see `mm_gym.structure`"""
+    -inertial_mass * a; negative if a mode moves less than its device, see `mm_gym.structure`"""
     unit: Annotated[
         Literal[ForceUnit, AccelerationUnit] | None, BeforeValidator(_unit_of_target)
     ] = None
@@ -301,7 +301,7 @@ class Recorded(Sampled):
     """number, from 1, or name of the column with the samples; by default the only one, or the
     second of two. Without time_step the first column has the times [s]"""
     skip: Annotated[int, Field(ge=0)] = 0
-    """lines at the beginning of a text that are not looked at"""
+    """number of lines to leave out at the beginning of a text"""
     variable: Annotated[str, Field(min_length=1)] | None = None
     """name of the array in a .mat or .npz file, or of the field of a struct, as in "run.acc"; by
     default the only one"""

@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 
 class Carriage(Part):
-    """The mass to be kept still, held by a spring and a damper."""
+    """The mass whose vibration is to be reduced, on a spring and a damper."""
 
     mass: NonNegative = 0.1
     """m1 [kg]; 0 for a massless carriage, which needs a damper or a viscous interface"""
@@ -39,7 +39,7 @@ class Sphere(Part):
 
 
 class NoInterface(Part):
-    """No force between sphere and carriage but that of springs."""
+    """No interface: only springs, if any, act between sphere and carriage."""
 
     kind: Literal["none"] = "none"
 
@@ -91,13 +91,13 @@ class DryFriction(Part):
 
 
 class Stribeck(Part):
-    """Smooth friction that falls with the slip velocity: creep at rest, a damper far above v_s."""
+    """Smooth friction that falls with the slip velocity: slow creep, a damper far above v_s."""
 
     kind: Literal["stribeck"] = "stribeck"
     static_coefficient: Positive
-    """mu1 [-]: of slow slip, but faster than v_r"""
+    """mu1 [-]: friction coefficient of slow slip, which is still faster than v_r"""
     kinetic_coefficient: Positive
-    """mu2 [-]: of fast slip; at most mu1"""
+    """mu2 [-]: friction coefficient of fast slip; at most mu1"""
     reference_velocity: Positive
     """v_r [m/s]: slower slip is creep, with a damping of mu1 F_N / v_r"""
     stribeck_velocity: Positive
@@ -112,7 +112,7 @@ class Stribeck(Part):
 
 
 class BoucWen(Part):
-    """Hysteretic interface: a spring that yields, with a memory of its own; at rest it is k."""
+    """Hysteretic interface: a yielding spring with its own state and the stiffness k at rest."""
 
     kind: Literal["bouc_wen"] = "bouc_wen"
     stiffness: Positive
@@ -122,7 +122,7 @@ class BoucWen(Part):
     stiffness_ratio: Annotated[float, Field(ge=0, le=1)] = 0.0
     """alpha [-]: stiffness long after yielding over that before"""
     exponent: Annotated[float, Field(ge=1)] = 2.0
-    """n [-]: how sharp the yielding is"""
+    """n [-]: sharpness of the yielding; larger is sharper"""
     shape: Annotated[float, Field(ge=0.5)] = 0.5
     """beta [-]: 1/2 unloads as stiff as before yielding; less would be a source of energy"""
     damping: NonNegative = 0.0
@@ -139,30 +139,30 @@ class Magnetorheological(Part):
     """Magnetorheological damper, driven by a voltage: the modified Bouc-Wen model.
 
     The defaults are those of Spencer, Dyke, Sain and Carlson (1997) for a damper of 3 kN, with all
-    forces divided by 1,000; lengths, times and volts are theirs.
+    forces divided by 1,000; lengths, times and volts are as published.
     """
 
     kind: Literal["magnetorheological"] = "magnetorheological"
     voltage: NonNegative = 0.0
-    """u [V]; if it is actuated, that with which an episode begins"""
+    """u [V]; if it is actuated, the voltage at the start of an episode"""
     damping: NonNegative = 2.1
-    """c0 [N s/m] without voltage: of fast flow"""
+    """c0 [N s/m] without voltage: damping of fast flow"""
     damping_per_volt: NonNegative = 0.35
-    """what u adds to c0 [N s/(m V)]"""
+    """increase of c0 with u [N s/(m V)]"""
     series_damping: Positive = 28.3
     """c1 [N s/m] without voltage: of slow flow, in series with all but the accumulator"""
     series_damping_per_volt: NonNegative = 0.295
-    """what u adds to c1 [N s/(m V)]"""
+    """increase of c1 with u [N s/(m V)]"""
     hysteresis: NonNegative = 14.0
     """alpha [N/m] without voltage: force over z"""
     hysteresis_per_volt: NonNegative = 69.5
-    """what u adds to alpha [N/(m V)]"""
+    """increase of alpha with u [N/(m V)]"""
     stiffness: NonNegative = 4.69
     """k0 [N/m]: in parallel with the hysteresis"""
     accumulator_stiffness: NonNegative = 0.5
     """k1 [N/m]"""
     accumulator_offset: float = 0.0
-    """x0 [m]: where the accumulator is relaxed; the published 0.143 is a force at rest"""
+    """x0 [m]: where the accumulator is relaxed; the published 0.143 gives a constant force"""
     gain: Positive = 301.0
     """A [-]: z over the offset before yielding"""
     gamma: Positive = 3.63e6
@@ -180,7 +180,7 @@ class NoSprings(Part):
 
 
 class LinearSprings(Part):
-    """Plain springs, which together pull with k2 (1 + beta offset^2) offset."""
+    """Plain springs, whose total force is k2 (1 + beta offset^2) offset, with offset x2 - x1."""
 
     kind: Literal["linear"] = "linear"
     stiffness: Positive

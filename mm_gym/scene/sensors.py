@@ -45,11 +45,11 @@ class Sensors(Part):
     noise: dict[Channel, NonNegative] = Field(default_factory=dict[Channel, NonNegative])
     """standard deviation of a channel's Gaussian noise, in the channel's SI unit"""
     bias: dict[Channel, float] = Field(default_factory=dict[Channel, float])
-    """what a channel shows too much, in its SI unit"""
+    """constant error added to a channel, in its SI unit"""
     delay: Annotated[int, Field(ge=0, le=1000)] = 0
     """age of the newest frame, in control steps"""
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    """probability with which a control step brings no frame: the last one is shown again"""
+    """probability that no frame arrives in a control step: the last one is shown again"""
     history: Annotated[int, Field(ge=1, le=1000)] = 1
     """number of frames observed; a frame holds all channels at one control step"""
 
