@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
+from sphinx.errors import ExtensionError
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -17,6 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 from animations import animate_tasks  # noqa: E402 - Sphinx runs this file by itself
+from links import broken  # noqa: E402
 from scene_fields import scene_fields  # noqa: E402
 
 from mm_gym.drawing import COLOURS  # noqa: E402
@@ -95,8 +97,16 @@ def escape_bars(*arguments: object) -> None:
     lines[:] = text.split("\n")
 
 
+def check_links(app: Sphinx, error: Exception | None) -> None:
+    """End the build with an error where a link of the site leads nowhere."""
+    wrong = [] if error or app.builder.format != "html" else broken(Path(app.outdir))
+    if wrong:
+        raise ExtensionError("\n".join(["broken links", *wrong]))
+
+
 def setup(app: Sphinx) -> None:
     """Make what is drawn and written anew for each build."""
     app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("build-finished", check_links)
     animate_tasks()
     (HERE / "reference" / "scene-fields.md").write_text(scene_fields(), encoding="utf-8")
