@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.controllers.constant import ConstantAction, best_constant
 from agents.controllers.tuned import designed, makers
+from agents.evaluation.headroom import interval
 from agents.scoring import HELD_OUT_SEED, evaluate
 from mm_gym import load_scene
 from mm_gym.tasks import short_name
@@ -69,11 +70,10 @@ def scores_of(variant: str, agents: Mapping[str, Sequence[Controller]]) -> list[
 
 def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:
     found = {name: evaluate(s, controller, episodes=EPISODES) for name, s in scenes.items()}
-    penalties = np.sort(found["rigs"].penalties)
-    spread = np.std(penalties) / np.sqrt(len(penalties))
-    mean, worst = np.mean(penalties), penalties[-round(WORST * len(penalties)) :]
-    ends = {"low": mean - 1.96 * spread, "high": mean + 1.96 * spread, "worst": np.mean(worst)}
+    over = found["rigs"]
+    low, high = interval(over.penalties)
+    costliest = np.sort(over.penalties)[-round(WORST * EPISODES) :]
     costs = {name: one.cost for name, one in found.items()}
-    costs |= {name: float(np.sqrt(max(value, 0.0))) for name, value in ends.items()}
+    costs |= {"low": low, "high": high, "worst": float(np.sqrt(costliest.mean()))}
     short = {name: float(f"{cost:.6g}") for name, cost in costs.items()}
     return {"role": role, "controller": controller.name, **short}

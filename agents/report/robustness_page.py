@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from inspect import signature
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from agents.evaluation.rigs import DELAYS, EPISODES, task_of
@@ -56,9 +57,8 @@ def _cells(row: Row) -> list[str]:
 
 def _compared(variant: str, rows: Sequence[Row]) -> list[str]:
     """Return the best controller and agents of a variant, and what the rigs cost; else nothing."""
-    best = min((row for row in rows if row["role"] == "controller"), key=_cost, default=None)
-    own = min((row for row in rows if row["role"] == "over the rigs"), key=_cost, default=None)
-    special = min((row for row in rows if row["role"] == "specialist"), key=_cost, default=None)
+    best, own = _least(rows, "controller", "rigs"), _least(rows, "over the rigs", "rigs")
+    special = _least(rows, "specialist", "late 0")
     if best is None or own is None or special is None:
         return []
     latest = f"late {DELAYS[-1]}"
@@ -70,5 +70,6 @@ def _compared(variant: str, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _cost(row: Row) -> float:
-    return row["rigs"]
+def _least(rows: Sequence[Row], role: str, where: str) -> Row | None:
+    """Return the row of a role that costs least somewhere, if there is one."""
+    return min((row for row in rows if row["role"] == role), key=itemgetter(where), default=None)

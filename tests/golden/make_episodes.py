@@ -9,7 +9,7 @@ import sys
 import gymnasium
 import numpy as np
 
-import mm_gym  # noqa: F401 - registers the tasks
+from mm_gym.tasks import ids
 
 LANES = 4
 
@@ -31,5 +31,4 @@ def episode(name):
 
 
 if __name__ == "__main__":
-    tasks = [name for name in gymnasium.registry if name.startswith("mm_gym/")]
-    json.dump({name: episode(name) for name in tasks}, sys.stdout, indent=1)
+    json.dump({name: episode(name) for name in ids()}, sys.stdout, indent=1)
