@@ -204,14 +204,14 @@ def test_regulator_is_that_of_an_own_riccati_equation():
     design = pytest.importorskip("agents.controllers.lqr").design
     scene = scene_of(**{"objective.stroke_weight": 0.1, "objective.effort_weight": 0.05})
     a, b = sampled(*matrices(scene), scene.control.time_step)
-    objective, weight = scene.objective, np.array([[0.05 / 4.0**2]])
+    objective, effort = scene.objective, np.array([[0.05 / 4.0**2]])
     stroke = objective.stroke_weight / objective.stroke_scale**2 * np.array([[1, -1], [-1, 1]])
     weight = np.zeros((4, 4))
     weight[:2, :2] = stroke
     weight[0, 0] += objective.displacement_weight / objective.displacement_scale**2
     weight[2, 2] = objective.velocity_weight / objective.velocity_scale**2
-    cost = solve_discrete_are(a, b, weight, weight)
-    gain = np.linalg.solve(weight + b.T @ cost @ b, b.T @ cost @ a)
+    cost = solve_discrete_are(a, b, weight, effort)
+    gain = np.linalg.solve(effort + b.T @ cost @ b, b.T @ cost @ a)
     np.testing.assert_allclose(design(scene).gain, gain, rtol=1e-9, atol=1e-9 * np.abs(gain).max())
 
 
