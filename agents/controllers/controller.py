@@ -200,14 +200,14 @@ def force_weight(scene: Scene) -> float:
     if actuator is None:
         msg = (
             "actuation.force: missing; "
-            "a regulator needs a force (a stretch or a damping does not enter the linear plant: it "
+            "a regulator needs a force (a stretch or a damping is no input of the linear plant: it "
             "multiplies the state)"
         )
         raise DesignError(msg)
     if scene.actuation.device is not None:
         msg = (
-            f"actuation.{scene.actuation.names[-1]}: a regulator moves the force alone; a damping "
-            "multiplies the state, so it does not enter the linear plant"
+            f"actuation.{scene.actuation.names[-1]}: a regulator commands only the force; a "
+            "damping multiplies the state, so it is no input of the linear plant"
         )
         raise DesignError(msg)
     if actuator.command == "rate":

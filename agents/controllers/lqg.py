@@ -359,7 +359,7 @@ def _filter(
         msg = f"the filter's Riccati equation has no stabilising solution: {error}"
         raise DesignError(msg) from error
     if not np.abs(poles).max() < 1.0:
-        msg = "the filter has no stabilising solution: nothing random moves a mode without decay"
+        msg = "the filter has no stabilising solution: no noise moves a mode that does not decay"
         raise DesignError(msg)
 
     def updated(before: Array) -> tuple[Array, Array]:

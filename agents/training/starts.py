@@ -336,7 +336,7 @@ def _none(scene: Scene, shown: Shown) -> Start:
 def _constant(scene: Scene, shown: Shown) -> Start:
     """Return the best of the constant commands of what is not a force."""
     if scene.actuation.names == ("force",):
-        msg = "law: 'constant' holds a stretch or a damping; the scene has a force alone"
+        msg = "law: 'constant' needs a stretch or a damping; the scene has only a force"
         raise DesignError(msg)
     starts = [_none(scene, shown) for _ in HELD]
     for start, action in zip(starts, HELD, strict=True):
@@ -377,7 +377,7 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
         state[:, : shown.count] = shown.state
         start.direct[0, 1:] = _regulator(scene) @ state
     elif law == "regulator":
-        msg = "law: 'regulator' pushes; actuation.force is missing"
+        msg = "law: 'regulator' needs a force; actuation.force is missing"
         raise DesignError(msg)
     return start
 
@@ -423,7 +423,7 @@ def _one_lqg(scene: Scene, shown: Shown, caution: float, unmodelled: float) -> S
     """
     force = scene.actuation.force
     if scene.actuation.stretch is not None or force is None:
-        msg = "law: 'lqg' pushes, and tunes no springs; actuation.stretch is there"
+        msg = "law: 'lqg' commands only a force; remove actuation.stretch"
         raise DesignError(msg)
     weight = caution * scene.objective.effort_weight
     cautious = scene.replace(**{"objective.effort_weight": weight})
