@@ -457,12 +457,10 @@ class WeightedLQG(LQG):
         super().__init__(scene.replace(**objective), unmodelled=numbers["unmodelled"])
         names = [signal.name for signal in self.design.system.states]
         self.motion = [names.index(name) for name in STATES]
-        self.numbers, self.rail = dict(numbers), scene.objective.rail_half_length
+        self.numbers, self.rail = dict(numbers), scene.objective.rail_half_length or np.inf
 
     def further_force(self, estimate: Array) -> Array:
         """Return the force (lanes,) that keeps off the ends of the rail [N]."""
-        if self.rail is None:
-            return np.zeros(len(estimate))
         x1, x2, v1, v2 = estimate[:, self.motion].T
         soon, numbers = x2 - x1 + self.numbers["ahead"] * (v2 - v1), self.numbers
         free = numbers["free"] * self.rail
@@ -481,11 +479,17 @@ def free_numbers(scene: Scene) -> dict[str, Free]:
     if scene.springs.kind != "none":
         numbers["stroke"] = Free(objective.stroke_weight or 0.1, 1.0)
     numbers["unmodelled"] = Free(UNMODELLED, 1.5)
-    if objective.rail_half_length is not None:
-        numbers["free"] = Free(0.6, 0.2, ratio=False, low=0.0, high=1.0)
-        numbers["ahead"] = Free(2.0 * scene.control.time_step, 0.7)
-        numbers["bumper"] = Free(3.0, 1.0)
+    numbers["free"] = Free(0.6, 0.2, ratio=False, low=0.0, high=1.0)
+    numbers["ahead"] = Free(2.0 * scene.control.time_step, 0.7)
+    numbers["bumper"] = Free(3.0, 1.0)
     return numbers
+
+
+def _without_rail(scene: Scene) -> str | None:
+    """Return why there is nothing to keep off, or None; without a rail the LQG is enough."""
+    if scene.objective.rail_half_length is None:
+        return "which keeps off the ends of a rail; objective.rail_half_length: missing"
+    return without_weight(scene)
 
 
 WEIGHTED = Tunable("weighted-lqg", free_numbers, WeightedLQG)
@@ -499,7 +503,7 @@ ENTRIES = (
         53,
         "filter",
         WeightedLQG.name,
-        refuses=without_weight,
+        refuses=_without_rail,
         tunable=WEIGHTED,
     ),
 )

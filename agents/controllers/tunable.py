@@ -15,6 +15,8 @@ from mm_gym.files import read_json
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    import numpy as np
+
     from agents.controllers.controller import Controller
     from mm_gym import Scene
 
@@ -47,10 +49,11 @@ class Free:
     low: float = -inf
     high: float = inf
 
-    def value(self, coordinate: float) -> float:
-        """Return the number at a coordinate of the search, which is 0 at the first."""
+    def value(self, coordinate: float, start: float | None = None) -> float:
+        """Return the number at a coordinate, which is 0 at the start; by default at the first."""
+        start = self.first if start is None else start
         moved = self.spread * coordinate
-        value = self.first * exp(min(moved, log(1e6))) if self.ratio else self.first + moved
+        value = start * exp(min(moved, log(1e6))) if self.ratio else start + moved
         return min(max(value, self.low), self.high)
 
 
@@ -124,14 +127,32 @@ class Tunable:
         return {name: one.value(float(coordinate)) for (name, one), coordinate in pairs}
 
     def best(self, scene: Scene) -> Controller:
-        """Return the controller with the numbers found for the scene, else with the first ones.
+        """Return the controller with its best numbers."""
+        return self.design(scene, self.numbers(scene))
+
+    def numbers(self, scene: Scene) -> dict[str, float]:
+        """Return the numbers found for the scene, else the first ones.
 
         Numbers of another design, with other names, are not used.
         """
+        free = self.free(scene)
         for known in read_found().values():
             found = known.controllers.get(self.name)
             if found is None or known.scene_digest != scene.digest:
                 continue
-            if set(found.numbers) == set(self.free(scene)):
-                return self.design(scene, found.numbers)
-        return self.first(scene)
+            if set(found.numbers) == set(free):
+                return found.numbers
+        return {name: one.first for name, one in free.items()}
+
+    def near(self, scene: Scene, spread: float, generator: np.random.Generator) -> Controller:
+        """Return the controller with numbers drawn around its best ones.
+
+        The spread is over that of a search's first trials.
+        """
+        pairs, numbers = self.free(scene).items(), self.numbers(scene)
+        drawn = spread * generator.standard_normal(len(numbers))
+        moved = {
+            name: one.value(float(z), numbers[name])
+            for (name, one), z in zip(pairs, drawn, strict=True)
+        }
+        return self.design(scene, moved)

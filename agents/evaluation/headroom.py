@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
+from agents.controllers.controller import columns
 from agents.controllers.feedback import Feedback
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.random_actions import RandomActions
+from agents.controllers.registry import entries
 from agents.controllers.tuned import (
     best_without_memory,
     classical_laws,
@@ -42,6 +44,10 @@ CLASSICAL = ("law", "predictive")
 
 The best controller of a task is the best of these, predictive control included.
 """
+
+VARIED, BEST, AROUND = 150, 3, (0.2, 0.5, 1.0)
+"""Designs with other numbers that are tried as starts of plans, those of which an episode keeps so
+many, and the spreads of the numbers over those of a search's first trials."""
 
 LEARNED = "learned"
 """Role of a trained agent, which `python -m agents ranking` adds."""
@@ -91,10 +97,43 @@ def headroom(
     rows = [row_of(role, result) for role, result in results if role != LEARNED]
     rows[3:3] = passive_rows(scene)
     starts = {result.name: result.applied for _, result in results}
+    starts |= varied(scene, seed)
     if kept is not None:
         starts[KEPT] = kept
     row, plans = planned(scene, starts, seed)
     return Headroom([*rows, row], plans)
+
+
+def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, NDArray[np.float64]]:
+    """Return what controllers with other numbers did, as starts of plans: the best of each episode.
+
+    Numbers that suit all episodes suit none best. Those of `VARIED` designs of each controller that
+    has free numbers are drawn around the best ones.
+
+    Returns
+    -------
+    dict
+        Name -> what was applied (steps, episodes, k), for the `BEST` designs of each episode.
+    """
+    generator, starts = np.random.default_rng(seed), {}
+    for entry in entries(scene):
+        if entry.tunable is None or entry.refuses(scene) is not None:
+            continue
+        costs = np.full((BEST, episodes), np.inf)
+        applied = np.zeros((BEST, scene.control.steps, episodes, len(columns(scene))))
+        for k in range(VARIED):
+            try:
+                one = entry.tunable.near(scene, AROUND[k % len(AROUND)], generator)
+            except DesignError:
+                continue
+            found = evaluate(scene, one, episodes=episodes)
+            worst = costs.argmax(axis=0)
+            lanes = np.flatnonzero(found.episode_costs < costs[worst, np.arange(episodes)])
+            costs[worst[lanes], lanes] = found.episode_costs[lanes]
+            applied[worst[lanes], :, lanes] = found.applied[:, lanes].swapaxes(0, 1)
+        for k in np.flatnonzero(np.isfinite(costs).all(axis=1)):
+            starts[f"{entry.name} with other numbers {k + 1}"] = applied[k]
+    return starts
 
 
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
