@@ -150,6 +150,10 @@ INERTIAL_DRIVE = Tunable(
     "inertial-drive",
     free_numbers,
     lambda scene, numbers: Feedback(scene, InertialDrive(scene, numbers)),
+    by_lane=frozenset(
+        {"band", "hysteresis", "reach", "reach_growth", "retreat", "retreat_growth", "lead"}
+        | {"push", "push_growth", "push_gain", "return", "return_gain"}
+    ),
 )
 
 ENTRIES = (

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, inf, log
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from mm_gym import SceneError
@@ -15,13 +16,18 @@ from mm_gym.files import read_json
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    import numpy as np
+    from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller
     from mm_gym import Scene
 
 NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"
 """What `python -m agents tune-controllers` found for the tasks."""
+
+Coordinate = TypeVar("Coordinate", float, "NDArray[np.float64]")
+
+MOST = 14.0
+"""Logarithm of the largest change of a ratio, a million."""
 
 MOST_BYTES = 2**20
 """Largest file of numbers."""
@@ -49,12 +55,15 @@ class Free:
     low: float = -inf
     high: float = inf
 
-    def value(self, coordinate: float, start: float | None = None) -> float:
-        """Return the number at a coordinate, which is 0 at the start; by default at the first."""
+    def value(self, coordinate: Coordinate, start: float | None = None) -> Coordinate:
+        """Return the number at a coordinate, which is 0 at the start; by default at the first.
+
+        Arrays of coordinates give arrays.
+        """
         start = self.first if start is None else start
         moved = self.spread * coordinate
-        value = start * exp(min(moved, log(1e6))) if self.ratio else start + moved
-        return min(max(value, self.low), self.high)
+        value = start * np.exp(np.minimum(moved, MOST)) if self.ratio else start + moved
+        return np.clip(value, self.low, self.high)
 
 
 class Found(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
@@ -111,11 +120,14 @@ class Tunable:
         Returns the free numbers of a scene's design by name.
     design
         Makes the controller of such numbers.
+    by_lane
+        Numbers that the design also takes as arrays (lanes,): other ones in each episode.
     """
 
     name: str
     free: Callable[[Scene], Mapping[str, Free]]
-    design: Callable[[Scene, Mapping[str, float]], Controller]
+    design: Callable[[Scene, Mapping[str, Any]], Controller]
+    by_lane: frozenset[str] = frozenset()
 
     def first(self, scene: Scene) -> Controller:
         """Return the controller with the numbers that it is designed with before any search."""
@@ -124,7 +136,7 @@ class Tunable:
     def at(self, scene: Scene, coordinates: Sequence[float]) -> dict[str, float]:
         """Return the numbers at coordinates of a search."""
         pairs = zip(self.free(scene).items(), coordinates, strict=True)
-        return {name: one.value(float(coordinate)) for (name, one), coordinate in pairs}
+        return {name: float(one.value(float(coordinate))) for (name, one), coordinate in pairs}
 
     def best(self, scene: Scene) -> Controller:
         """Return the controller with its best numbers."""
@@ -152,7 +164,7 @@ class Tunable:
         pairs, numbers = self.free(scene).items(), self.numbers(scene)
         drawn = spread * generator.standard_normal(len(numbers))
         moved = {
-            name: one.value(float(z), numbers[name])
+            name: float(one.value(float(z), numbers[name]))
             for (name, one), z in zip(pairs, drawn, strict=True)
         }
         return self.design(scene, moved)

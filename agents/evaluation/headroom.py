@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from agents.controllers.controller import Controller
+    from agents.controllers.tunable import Tunable
     from agents.scoring import Evaluation
     from mm_gym import Scene
 
@@ -48,6 +49,9 @@ The best controller of a task is the best of these, predictive control included.
 VARIED, BEST, AROUND = 150, 3, (0.2, 0.5, 1.0)
 """Designs with other numbers that are tried as starts of plans, those of which an episode keeps so
 many, and the spreads of the numbers over those of a search's first trials."""
+
+CHILDREN, LEAST = 300, 0.05
+"""Designs tried where each episode has numbers of its own, and their least spread."""
 
 LEARNED = "learned"
 """Role of a trained agent, which `python -m agents ranking` adds."""
@@ -119,6 +123,10 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, N
     for entry in entries(scene):
         if entry.tunable is None or entry.refuses(scene) is not None:
             continue
+        if entry.tunable.by_lane:
+            for k in range(BEST):
+                name = f"{entry.name} with numbers of each episode {k + 1}"
+                starts[name] = adapted(scene, entry.tunable, generator, episodes)
         costs = np.full((BEST, episodes), np.inf)
         applied = np.zeros((BEST, scene.control.steps, episodes, len(columns(scene))))
         for k in range(VARIED):
@@ -134,6 +142,34 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, N
         for k in np.flatnonzero(np.isfinite(costs).all(axis=1)):
             starts[f"{entry.name} with other numbers {k + 1}"] = applied[k]
     return starts
+
+
+def adapted(
+    scene: Scene, tunable: Tunable, generator: np.random.Generator, episodes: int = EPISODES
+) -> NDArray[np.float64]:
+    """Return what a controller applied (steps, episodes, k) with the best numbers of each episode.
+
+    Each episode has a search of its own: an evolution strategy of one parent and one child. Its
+    spread grows by a half after a success and shrinks by a tenth after a failure: it is steady at
+    a fifth of successes (Rechenberg 1973).
+    """
+    free, numbers = tunable.free(scene), tunable.numbers(scene)
+    names = sorted(tunable.by_lane)
+    parent = np.zeros((len(names), episodes))
+    spread = np.full(episodes, AROUND[1])
+    best = evaluate(scene, tunable.design(scene, numbers), episodes=episodes)
+    costs, applied = best.episode_costs, best.applied.copy()
+    for _ in range(CHILDREN):
+        child = parent + spread * generator.standard_normal(parent.shape)
+        own = {
+            name: free[name].value(z, numbers[name]) for name, z in zip(names, child, strict=True)
+        }
+        found = evaluate(scene, tunable.design(scene, numbers | own), episodes=episodes)
+        better = found.episode_costs < costs
+        parent, costs = np.where(better, child, parent), np.minimum(found.episode_costs, costs)
+        applied[:, better] = found.applied[:, better]
+        spread = np.clip(spread * np.where(better, 1.5, 0.9), LEAST, AROUND[-1])
+    return applied
 
 
 def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
