@@ -26,7 +26,7 @@ from agents.network.c_source import c_source, seconds_of
 from agents.network.interface import Interface
 from agents.network.onnx import onnx_bytes
 from agents.policies import ENDINGS, PolicyError, load_policy
-from agents.training.parts import recorded_parts
+from agents.training.parts import NO_BASE, recorded_parts
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
 from mm_gym import load_scene
@@ -114,7 +114,7 @@ def read_exported(arguments: Arguments) -> Exported:
 def _of_run(run: Run, *, trust: bool) -> Exported:
     policy, record, scene = load_policy(run.policy), run.read(), run.scene()
     name = record["settings"].get("base")
-    if name is None:
+    if name is None or name == NO_BASE:
         return Exported(policy, Interface.of_scene(scene))
     settings = {"base": name, "authority": record["settings"]["authority"]}
     parts = recorded_parts(scene, settings, trust=trust)

@@ -12,6 +12,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 
 from agents.training import algorithm_settings as kinds
+from agents.training.parts import NO_BASE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,7 +74,7 @@ def make_model(settings: TrainSettings, log: Path, lanes: VecEnv) -> BaseAlgorit
         **special(chosen, policy, lanes.action_space.shape[0]),  # pyright: ignore[reportArgumentType, reportOptionalSubscript]
         policy_kwargs=policy,
     )
-    if settings.base is not None:
+    if settings.base not in {None, NO_BASE}:
         _begin_at_zero(model)
     return model
 

@@ -136,7 +136,8 @@ class TrainSettings(RunSettings):
     algorithm: Algorithm = "ppo"
     """its settings are those of the table of its name"""
     base: str | None = None
-    """controller that the agent is added to: a name, or "FILE.py:NAME"; see docs/training.md"""
+    """controller that the agent is added to: a name, "FILE.py:NAME", or "none"; by default none,
+    and the best one of an own scene; see docs/training.md"""
     authority: Annotated[float, Field(gt=0, le=2)] = 0.5
     """most that an agent adds to its base's action, whose range is -1 to 1"""
     lanes: Annotated[int, Field(ge=1, le=1 << LANE_BITS)] = 128
@@ -151,9 +152,9 @@ class TrainSettings(RunSettings):
     threads: Count = 1
     """of the gradient computation; more hardly help networks of this size"""
     normalise_observations: bool = False
-    """subtract their running mean and divide by their spread"""
+    """subtract their running mean and divide by their spread; always of an own scene"""
     normalise_rewards: bool = False
-    """divide by the spread of the discounted return"""
+    """divide by the spread of the discounted return; always of an own scene"""
     ppo: PPOSettings = PPOSettings()
     sac: SACSettings = SACSettings()
     td3: TD3Settings = TD3Settings()

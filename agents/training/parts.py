@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from mm_gym import Scene
 
 
+NO_BASE = "none"
+"""What asks for an agent that is added to no controller."""
+
+
 @dataclass(frozen=True, eq=False)
 class Parts:
     """The scene with the run's own reward, if any, and the controller that the agent adds to."""
@@ -104,4 +108,5 @@ def base_controller(scene: Scene, base: str) -> Controller:
 
 
 def _parts(scene: Scene, base: str | None, authority: float) -> Parts:
-    return Parts(scene, None if base is None else base_controller(scene, base), authority)
+    added = None if base is None or base == NO_BASE else base_controller(scene, base)
+    return Parts(scene, added, authority)

@@ -26,6 +26,7 @@ from agents.training.ending import Ending, told_part
 from agents.training.lanes import make_lanes
 from agents.training.logs import FOLDER as LOGS
 from agents.training.logs import VALIDATION
+from agents.training.own_scene import for_own_scene
 from agents.training.parts import make_parts
 from agents.training.progress import Progress
 from mm_gym.files import write_bytes
@@ -77,6 +78,7 @@ def train(
         If a file of the folder cannot be written.
     """
     algorithm_class(settings.algorithm)
+    settings = for_own_scene(settings, run)
     parts = make_parts(settings)
     lanes = make_lanes(settings, parts)
     with run.locked():
@@ -124,7 +126,7 @@ def _train_in_lanes(validation: Validation, lanes: VecEnv, *, bar: bool) -> None
         done=model.num_timesteps,
         total=settings.steps,
         time_budget=settings.time_budget if model.num_timesteps < settings.steps else None,
-        began_as=untrained if settings.base is None else settings.base,
+        began_as=untrained if parts.base is None else settings.base,
     ).write(run)
     write_bytes(run.policy, progress.best["policy"].tobytes())
 

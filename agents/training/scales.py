@@ -14,7 +14,7 @@ from mm_gym import ActionError, MovingMassVectorEnv
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from agents.controllers.controller import Acted, Info, Memory, Observation
+    from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
     from agents.training.starts import Start
     from mm_gym import Scene
 
@@ -63,6 +63,13 @@ class Scales:
         whole = np.concatenate([inputs, units])
         usable = np.isfinite(whole) & (whole > 0.0)
         return cls(np.where(usable, whole, 1.0), np.clip(np.sqrt(outputs), LEAST, 1.0))
+
+
+def size_of_actions(scene: Scene, controller: Controller) -> float:
+    """Return the root mean square of a controller's actions in episodes of a scene, at least 0."""
+    env = MovingMassVectorEnv(scene, LANES, autoreset_mode="Disabled")
+    squares = [np.mean(step.action**2) for step in Rollout(env, controller, seed=SEED)]
+    return float(np.sqrt(np.mean(squares)))
 
 
 class _Watched(Learned):

@@ -15,10 +15,13 @@ from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
-from agents.training import search
+from agents.training import own_scene, search
+from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
+from agents.training.config import TrainSettings
 from agents.training.ending import read_ending
-from agents.training.parts import Parts, agent_of
+from agents.training.parts import Parts, agent_of, make_parts
+from agents.training.reinforcement import train
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.starts import start_of
@@ -127,3 +130,37 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
     assert agent.name == "mine"
     assert validation_cost(scene, agent) == best.cost
     assert validation_cost(scene, Learned(load_policy(run.policy))) > best.cost
+
+
+def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    scene = structure("frame")
+    monkeypatch.setattr(own_scene, "best_controller", lambda _: Best("lqg", 0.1))
+    small = {"lanes": 4, "steps": 400, "evaluations": 1, "ppo": {"rollout": 50, "batch_size": 50}}
+    settings = TrainSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "frame", **small})
+    run = Run("frame", tmp_path)
+    train(settings, run, bar=False)
+    record = run.read()["settings"]
+    assert record["base"] == "lqg"
+    assert record["normalise_observations"]
+    assert record["normalise_rewards"]
+    # 24 control steps to a period, of which two are looked ahead; half of the actions of the LQG.
+    assert record["ppo"]["discount"] == pytest.approx(1.0 - 1.0 / 48.0, abs=1e-3)
+    assert np.exp(record["ppo"]["initial_log_std"]) < np.exp(-0.5)
+    ending = read_ending(run)
+    assert ending is not None
+    assert ending.cost is not None
+    assert ending.cost <= validation_cost(scene, LQG(scene))
+    train(settings, run, bar=False)  # the same command goes on, with the base of the record
+
+
+def test_what_a_user_asks_for_and_tasks_are_left_alone(tmp_path: Path):
+    run, frame = Run("frame", tmp_path), {"scene": str(FOLDER / "frame.toml")}
+    task = TrainSettings()
+    assert own_scene.for_own_scene(task, run) is task
+    asked = TrainSettings.of({**frame, "base": "none", "ppo": {"discount": 0.95}})
+    found = own_scene.for_own_scene(asked, run)
+    assert (found.base, found.ppo.discount) == ("none", 0.95)
+    assert found.ppo.initial_log_std == PPOSettings().initial_log_std
+    assert make_parts(found).base is None

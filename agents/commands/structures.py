@@ -1,0 +1,116 @@
+"""Search on every structure of ``configs/structures`` with default settings, and table the costs.
+
+For example ``python -m agents structures --seconds 300``. A structure that is tabled already is
+left as it is: ``docs/structure_scores.json`` has them, and the table of docs/structures.md follows
+from it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from agents.controllers.names import laws
+from agents.errors import command, leave
+from agents.evolution.search import evolve
+from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import descend
+from agents.gradient.settings import GradientSettings
+from agents.scoring import evaluate
+from agents.training.best import best_controller
+from agents.training.config import CONFIGS, TrainSettings
+from agents.training.parts import agent_of, recorded_parts
+from agents.training.reinforcement import train
+from agents.training.runs import Run
+from mm_gym import DesignError, load_scene
+from mm_gym.files import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+DOCS = Path(__file__).parents[2] / "docs"
+SCORES, PAGE = DOCS / "structure_scores.json", DOCS / "structures.md"
+BEGIN, END = "<!-- scores: python -m agents structures -->", "<!-- end of scores -->"
+
+EPISODES = 100
+"""Held-out episodes."""
+
+SEARCHES: dict[str, tuple[Any, Callable[..., None]]] = {
+    "evolved": (EvolveSettings, evolve),
+    "gradient": (GradientSettings, descend),
+    "PPO": (TrainSettings, train),
+}
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What is searched, and for how long."""
+
+    seconds: float = 300.0
+    """of each search"""
+    structures: tuple[str, ...] = ()
+    """names of files in configs/structures; by default all"""
+
+
+@command
+def main() -> None:
+    """Search from the command line."""
+    arguments = tyro.cli(Arguments, description=__doc__)
+    rows = json.loads(SCORES.read_text("utf-8")) if SCORES.exists() else {}
+    files = sorted((CONFIGS / "structures").glob("*.toml"))
+    for file in files:
+        if arguments.structures and file.stem not in arguments.structures:
+            continue
+        digest = load_scene(file).digest
+        if rows.get(file.stem, {}).get("scene_digest") == digest:
+            continue
+        rows[file.stem] = {"scene_digest": digest, **_row(file, arguments.seconds)}
+        print(file.stem, rows[file.stem])
+        write_text(SCORES, json.dumps(dict(sorted(rows.items())), indent=2) + "\n")
+    text = PAGE.read_text("utf-8")
+    before, _, rest = text.partition(BEGIN)
+    write_text(PAGE, f"{before}{BEGIN}\n\n{table(rows)}\n\n{END}{rest.partition(END)[2]}")
+
+
+def _row(file: Path, seconds: float) -> dict[str, Any]:
+    """Return the held-out costs of all that is compared on a structure."""
+    scene, row = load_scene(file), dict[str, Any](seconds=seconds)
+    best = best_controller(scene)
+    row["best controller"] = best.name
+    for what, name in (("no control", "no-control"), ("best", best.name)):
+        row[what] = evaluate(scene, laws(scene)[name](scene), episodes=EPISODES).cost
+    for what, (kind, search) in SEARCHES.items():
+        settings = kind.of({"scene": str(file), "name": what, "time_budget": seconds})
+        with TemporaryDirectory() as folder:
+            run = Run(what, folder)
+            try:
+                search(settings, run, bar=False)
+            except DesignError:  # no gradient is known
+                row[what] = None
+                continue
+            parts = recorded_parts(scene, run.read()["settings"], trust=False)
+            row[what] = evaluate(scene, agent_of(run, parts), episodes=EPISODES).cost
+    return row
+
+
+def table(rows: dict[str, dict[str, Any]]) -> str:
+    """Return the table of the costs in Markdown."""
+    lines = [
+        "| structure | no control | best controller | | evolved | gradient | PPO | s of each |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, row in sorted(rows.items()):
+        numbers = ["-" if row[what] is None else f"{row[what]:.4g}" for what in SEARCHES]
+        known = f"{row['no control']:.4g} | {row['best']:.4g} | {row['best controller']}"
+        cells = " | ".join([name.replace("_", " "), known, *numbers, f"{row['seconds']:g}"])
+        lines.append(f"| {cells} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,78 @@
+"""Settings of reinforcement learning that follow from a scene of one's own.
+
+A task's own scale, time step and base were chosen when its settings were found. Of another scene
+nothing is known, so that they are measured: rewards of any size make the value function useless,
+exploration at a third of the force drowns a controller that uses a twentieth of it, and a discount
+of 0.97 forgets within a sixth of a period where a period has two hundred control steps.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.controllers.controller import plant_of
+from agents.training.algorithm_settings import PPOSettings
+from agents.training.best import best_controller
+from agents.training.parts import NO_BASE, base_controller
+from agents.training.scales import LEAST, size_of_actions
+
+if TYPE_CHECKING:
+    from agents.training.config import TrainSettings
+    from agents.training.runs import Run
+    from mm_gym import Scene
+
+PERIODS = 2.0
+"""Of the slowest mode that are looked ahead."""
+
+DISCOUNTS = 0.9, 0.998
+"""Least and largest."""
+
+EXPLORED = 0.5
+"""Exploration's size over that of the base's actions."""
+
+QUIET, LOUD = 0.01, 0.6
+"""Least and largest standard deviation of the exploration."""
+
+
+def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
+    """Return settings with what is left at its default measured, if the scene is one's own.
+
+    A run that goes on keeps the base of its record.
+    """
+    if settings.scene is None:
+        return settings
+    scene, chosen, base = settings.rewarded_scene(), settings.chosen, settings.base
+    if base is None and os.path.lexists(run.record):
+        base = run.read()["settings"].get("base") or NO_BASE
+    base = base or best_controller(scene).name
+    changes: dict[str, object] = {}
+    defaults = type(chosen)()
+    if chosen.discount == defaults.discount:
+        changes["discount"] = discount_of(scene)
+    if isinstance(chosen, PPOSettings) and base != NO_BASE:
+        assert isinstance(defaults, PPOSettings)  # noqa: S101 - of the same class
+        if chosen.initial_log_std == defaults.initial_log_std:
+            size = max(LEAST, size_of_actions(scene, base_controller(scene, base)))
+            spread = np.clip(EXPLORED * size / settings.authority, QUIET, LOUD)
+            changes["initial_log_std"] = round(float(np.log(spread)), 3)
+    return settings.model_copy(
+        update={
+            "base": base,
+            "normalise_observations": True,
+            "normalise_rewards": True,
+            settings.algorithm: chosen.model_copy(update=changes),
+        }
+    )
+
+
+def discount_of(scene: Scene) -> float:
+    """Return the discount that looks ahead for some periods of the slowest mode."""
+    poles = np.linalg.eigvals(plant_of(scene).linear()[0])
+    turning = np.abs(poles.imag[np.abs(poles.imag) > 0.0])
+    if not turning.size:
+        return DISCOUNTS[1]
+    ahead = PERIODS * 2.0 * np.pi / (turning.min() * scene.control.time_step)
+    return round(float(np.clip(1.0 - 1.0 / ahead, *DISCOUNTS)), 4)
