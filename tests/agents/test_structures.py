@@ -20,6 +20,7 @@ from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
 from agents.training.config import TrainSettings
 from agents.training.ending import read_ending
+from agents.training.misfits import misfits
 from agents.training.parts import Parts, agent_of, make_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run
@@ -164,3 +165,21 @@ def test_what_a_user_asks_for_and_tasks_are_left_alone(tmp_path: Path):
     assert (found.base, found.ppo.discount) == ("none", 0.95)
     assert found.ppo.initial_log_std == PPOSettings().initial_log_std
     assert make_parts(found).base is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_structures_fit_their_own_motion(name: str):
+    assert misfits(structure(name)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"objective.displacement_scale": 100.0}, "objective.displacement_scale: without control"),
+        ({"sensors.noise": {"carriage_displacement": 1.0}}, "sensors.noise.carriage_displacement"),
+        ({"control.time_step": 0.2}, "control.time_step: got 0.2 s, 2.38"),
+    ],
+)
+def test_what_does_not_fit_is_told(changes: dict[str, object], told: str):
+    found = misfits(structure("frame").replace(**changes))
+    assert any(line.startswith(told) for line in found)
