@@ -9,7 +9,9 @@ from pydantic import Field
 from agents.training.config import Count, Positive, RunSettings
 from agents.training.forecast import FUTURE
 
-LawName = Literal["auto", "regulator", "lqg", "switching", "tracking", "constant", "none"]
+LawName = Literal[
+    "auto", "regulator", "lqg", "switching", "weighted", "tracking", "constant", "none"
+]
 
 
 class TimedSettings(RunSettings):
@@ -26,8 +28,9 @@ class SearchSettings(TimedSettings):
 
     law: LawName = "auto"
     """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
-    the stretch (both with both actuators) or clipped-optimal control of the damper, "lqg" the LQG
-    of the force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
+    the stretch (both with both actuators) or clipped-optimal control of the damper,
+    "weighted" the clipped LQR with the free weights of `tune-controllers`, "lqg" the LQG of the
+    force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
     constant command, "none" no control; "auto" takes the one for the actuators of a task, unless
     the LQG or no control clearly costs less on the validation episodes, and the cheapest for an own
     scene"""

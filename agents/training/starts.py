@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.clipped_lqr import ClippedLQR
+from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
 from agents.controllers.controller import columns, plant_of
@@ -83,6 +83,7 @@ IN_WORDS: dict[str, str] = {
     "regulator": "the LQR of the force",
     "lqg": "the LQG of the force",
     "switching": "the clipped LQR of the stretch, or of the damper",
+    "weighted": "the clipped LQR of the stretch with free weights",
     "tracking": "the absorber tuned to the frequency that it finds",
     "constant": "the best constant command of the stretch or the damper",
     "none": "no control",
@@ -371,7 +372,7 @@ def _start(scene: Scene, law: LawName, shown: Shown) -> Start:
     if law == "tracking":
         return _tracking(scene, shown)
     switches = actuation.stretch is not None
-    start = _switching(scene, shown) if switches else _none(scene, shown)
+    start = _switching(scene, shown, law) if switches else _none(scene, shown)
     if actuation.force is not None:
         state = np.zeros((4, start.direct.shape[1] - 1))
         state[:, : shown.count] = shown.state
@@ -462,14 +463,20 @@ def _design_stretch(scene: Scene) -> float:
     return command.low + STRETCH * (command.high - command.low)
 
 
-def _switching(scene: Scene, shown: Shown) -> Start:
-    """Return the clipped LQR in the limit of a small weight, as one switching function.
+def _switching(scene: Scene, shown: Shown, name: LawName) -> Start:
+    """Return a clipped LQR in the limit of a small weight, as one switching function.
 
     The springs soften where the wanted internal force F and the offset have unlike signs, and
     stiffen elsewhere.
     """
-    stretch = _design_stretch(scene)
-    law = ClippedLQR(scene, stretch, WEIGHT)
+    if name == "weighted":
+        if scene.actuation.force is not None:
+            msg = "law: 'weighted' switches springs alone; actuation.force is there"
+            raise DesignError(msg)
+        law = weighted_clipped_lqr(scene, WEIGHTED.numbers(scene))
+    else:
+        law = ClippedLQR(scene, _design_stretch(scene), WEIGHT)
+    stretch = law.about
     turned = law.lead.transitions[len(law.lead.transitions) // 2]
     found: list[Start] = []
     for seen in (shown.now, *shown.estimates(scene, {"initial.stretch": stretch})):

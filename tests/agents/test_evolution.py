@@ -17,7 +17,7 @@ from agents.evolution.population import LANES, Population
 from agents.evolution.search import Evolution, evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
-from agents.scoring import VALIDATION_SEED, evaluate
+from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.training.network import Network
 from agents.training.runs import Run, RunError
 from agents.training.starts import Start, start_of
@@ -146,12 +146,22 @@ class TestNetworks:
         policy = network.policy(vector)
         np.testing.assert_allclose(policy.act(-observation), -policy.act(observation))
 
+    def test_tuned_weights_make_a_better_start(self):
+        scene, rng = scene_of("PreStretchShock"), np.random.default_rng(0)
+        costs = [
+            validation_cost(scene, Learned(start_of(scene, EvolveSettings(law=law), rng).policy()))
+            for law in ("switching", "weighted")
+        ]
+        assert costs[1] < 0.99 * costs[0]
+
     @pytest.mark.parametrize(
         ("task", "law", "message"),
         [
             ("CarriageForce", "switching", "actuation.stretch is missing"),
             ("PreStretchShock", "regulator", "actuation.force is missing"),
             ("PreStretchShock", "tracking", "sensors.history: got 1"),
+            ("CarriageForce", "weighted", "actuation.stretch is missing"),
+            ("Hybrid", "weighted", "switches springs alone; actuation.force is there"),
         ],
     )
     def test_law_for_other_actuators_is_refused(self, task, law, message):
