@@ -102,6 +102,29 @@ def test_bounds_of_slopes_are_those_of_interfaces_with_own_states(kind):
         assert max(slopes) == pytest.approx(interface.stiffness(p), rel=1e-4)
 
 
+@pytest.mark.parametrize("hardens", [False, True], ids=["alone", "with springs that harden"])
+def test_power_of_hysteresis_goes_into_its_springs_damper_and_yield(hardens):
+    """The balance of an episode would not tell: what is stored is taken off what is dissipated."""
+    interface, rng = INTERFACES["bouc_wen"], np.random.default_rng(0)
+    interface = with_hardening_springs(interface) if hardens else interface
+    force, rates, energy = (
+        plain(getattr(interface, name)) for name in ("force", "rates", "energy")
+    )
+    for _ in range(50):
+        p = parameters_of(interface, rng)
+        values = dict(zip(interface.parameters, p, strict=True))
+        x, slip, z = rng.uniform(-1.0, 1.0, 3)
+        bent, _ = rates(p, x, slip, (z, 0.0))
+        stored = [energy(p, x + h * slip, slip, (z + h * bent, 0.0)) for h in (-1e-5, 1e-5)]
+        share, n = values["shape"], values["exponent"]
+        against = share * abs(slip * z) + (1.0 - share) * slip * z
+        pull = (1.0 - values["stiffness_ratio"]) * values["stiffness"]
+        pull *= values["yield_displacement"]
+        lost = values["damping"] * slip**2 + pull * abs(z) ** n * against
+        rate = (stored[1] - stored[0]) / 2e-5  # its error is of the third derivative: some 1e-10
+        assert force(p, x, slip, (z, 0.0)) * slip == pytest.approx(rate + lost, rel=1e-8, abs=1e-8)
+
+
 def scene_of(**changes):
     return Scene(
         carriage={"damping": 1.0},

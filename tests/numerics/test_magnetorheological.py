@@ -278,6 +278,32 @@ def test_energy_balances_and_the_device_only_loses_it(springs: dict[str, Any]) -
     assert np.abs(work.stretch).max() > 0.0
 
 
+def test_power_goes_into_its_springs_dashpots_and_yield() -> None:
+    """The balance of an episode would not tell: what is stored is taken off what is dissipated."""
+    force, rates, energy = (
+        plain(getattr(magnetorheological, name)) for name in ("force", "rates", "energy")
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        values = dict(zip(magnetorheological.PARAMETERS, rng.uniform(0.5, 1.0, 13), strict=True))
+        p = list(values.values())
+        x, v, *own = rng.uniform(-1.0, 1.0, 4)
+        flow, bent = rates(p, x, v, own)
+
+        def stored(h: float, motion: Any = (x, v, own, flow, bent), p: Any = p) -> float:
+            x, v, (y, z), flow, bent = motion
+            return energy(p, x + h * v, v, (y + h * flow, z + h * bent))
+
+        u, z, sheared = values["voltage"], own[1], v - flow
+        c0 = values["damping"] + u * values["damping_per_volt"]
+        c1 = values["series_damping"] + u * values["series_damping_per_volt"]
+        alpha = values["hysteresis"] + u * values["hysteresis_per_volt"]
+        yielding = values["gamma"] * abs(sheared) * abs(z) + values["beta"] * sheared * z
+        lost = c0 * sheared**2 + c1 * flow**2 + alpha / values["gain"] * yielding * z**2
+        rate = stored(0.5) - stored(-0.5)  # exact: it is of second order
+        assert force(p, x, v, own) * v == pytest.approx(rate + lost, rel=1e-10, abs=1e-10)
+
+
 @pytest.mark.parametrize("voltage", [0.0, 2.25])
 def test_device_never_puts_energy_in_at_a_constant_voltage(voltage: float) -> None:
     """What it stores counts: in 4,000 control steps of many lanes, the sum falls in each."""
