@@ -183,3 +183,53 @@ def test_structures_fit_their_own_motion(name: str):
 def test_what_does_not_fit_is_told(changes: dict[str, object], told: str):
     found = misfits(structure("frame").replace(**changes))
     assert any(line.startswith(told) for line in found)
+
+
+def random_structure(seed: int) -> Scene:
+    """Return a carriage of 1 g to 1e6 kg and 0.1 Hz to 1 kHz, with noisy and late sensors."""
+    rng = np.random.default_rng(seed)
+    mass, steps = 10.0 ** rng.uniform(-3.0, 6.0), 10.0 ** rng.uniform(0.7, 2.0)
+    turning = 2.0 * np.pi * 10.0 ** rng.uniform(-1.0, 3.0)
+    time_step = 2.0 * np.pi / (turning * steps)
+    motion = 9.81 / turning**2 * 10.0 ** rng.uniform(-2.0, -1.0)
+    force = 0.05 * mass * turning**2 * motion
+    limit, damping = force * 10.0 ** rng.uniform(-0.5, 1.0), 10.0 ** rng.uniform(-2.0, -0.7)
+    second = "carriage_acceleration" if rng.random() < 0.5 else "carriage_velocity"
+    noise = {"kind": "noise", "rms": force, "sample_time": time_step}
+    return Scene.of(
+        {
+            "carriage": {
+                "mass": mass,
+                "stiffness": mass * turning**2,
+                "damping": damping * mass * turning,
+            },
+            "interface": {"kind": "none"},
+            "excitation": [
+                noise | {"low_frequency": 0.3 * turning, "high_frequency": 2.0 * turning}
+            ],
+            "actuation": {"force": {"limit": limit, "rate_limit": limit * turning}},
+            "objective": {
+                "displacement_scale": 0.3 * motion,
+                "velocity_scale": 0.3 * motion * turning,
+                "effort_weight": 10.0 ** rng.uniform(-3.0, -1.0),
+            },
+            "control": {"time_step": time_step, "steps": int(min(600.0, 12.0 * steps))},
+            "sensors": {
+                "channels": ["carriage_displacement", second],
+                "noise": {"carriage_displacement": 0.03 * motion * rng.random()},
+                "delay": int(rng.integers(0, 3)),
+            },
+        }
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+def test_start_is_as_good_as_controllers_on_structures_never_seen(seed: int):
+    scene = random_structure(seed)
+    start = start_of(scene, settings_for("frame"), np.random.default_rng(0))
+    cost = validation_cost(scene, Learned(start.policy()))
+    made = laws(scene)
+    # The filter of the memory is stationary from the first step on: some 0.3 % of the cost.
+    for name in ("no-control", "lqr", "lqg"):
+        assert cost <= 1.02 * validation_cost(scene, made[name](scene))
