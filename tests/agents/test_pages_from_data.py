@@ -29,6 +29,10 @@ NO_RESULT = {
     "an early end is worse than": "follows from the definition above it",
     "to plan for the mean": "why an estimate is no bound",
     "0.4": "a grey",
+    "made for another scene than": "an error",
+    "cost less than its own": "says what a cell is",
+    "is left out They are of the trainings": "says what the page leaves out",
+    "evaluate docs/policies/PreStretch": "a command",
 }
 """Part of a sentence -> why it is no result."""
 
