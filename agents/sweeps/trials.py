@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
 from pydantic import BaseModel, Field, JsonValue, Strict
 
-from agents.controllers.learned import Learned
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
-from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.algorithm_settings import Algorithm, Count
 from agents.training.config import (
@@ -25,7 +23,7 @@ from agents.training.config import (
     good_settings,
     short_name,
 )
-from agents.training.parts import make_parts
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, read_as
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
@@ -263,18 +261,16 @@ def do_trial(text: str, folder: str | Path) -> None:
 
 
 def _cost_of_training(settings: RunSettings, run: Run) -> float:
-    """Train, and return the policy's cost on the held-out episodes."""
-    if not isinstance(settings, TrainSettings):
+    """Train, and return the cost on the held-out episodes of what the run stands for."""
+    if isinstance(settings, TrainSettings):
+        from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of workers alone
+
+        train(settings, run, bar=False)
+    else:
         _, search = SEARCHES[algorithm_of(settings)]
         search(settings, run, bar=False)
-        agent = Learned(load_policy(run.policy))
-        return evaluate(settings.rewarded_scene(), agent, episodes=EPISODES).cost
-    from agents.training.reinforcement import train  # noqa: PLC0415 - torch, of the workers alone
-
-    train(settings, run, bar=False)
-    parts = make_parts(settings)
-    agent = parts.controller(load_policy(run.policy))
-    return evaluate(parts.scene, agent, episodes=EPISODES).cost
+    parts = recorded_parts(settings.load_scene(), run.read()["settings"], trust=True)
+    return evaluate(parts.scene, agent_of(run, parts), episodes=EPISODES).cost
 
 
 def variant_of(trial: RunSettings) -> str:

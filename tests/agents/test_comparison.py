@@ -368,14 +368,18 @@ def test_controllers_that_do_not_apply_say_why_and_the_others_are_scored(
     tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "force.toml").write_text(f"{UNSEEN}actuation.force.limit = 4.0\n")
+    (tmp_path / "force.toml").write_text(
+        f"{UNSEEN}actuation.force = {{ limit = 4.0, between = 'masses' }}\n"
+        "objective.stroke_weight = 1.0\n"
+    )
     policy(1.0).save(tmp_path / "four.npz")
     compared = read_field(["baselines", "lqr", "no-control", "four.npz"], ["force.toml"])
     (found,) = measure(compared, EPISODES)
     assert found.labels == ("best constant", "no control", "no-control")
     assert np.array_equal(found.sample.penalties[1], found.sample.penalties[2])
-    assert set(found.not_scored) == {"LQR", "velocity feedback", "LQG", "lqr", "four.npz"}
-    for name in ("LQR", "velocity feedback", "LQG", "lqr"):
+    unseen = {"LQR", "velocity feedback", "LQG", "lqr", "energy shaping"}
+    assert set(found.not_scored) == unseen | {"four.npz"}
+    for name in unseen:
         assert found.not_scored[name].startswith("sensors.channels: ")
     assert "got 4 observed numbers" in found.not_scored["four.npz"]
     assert found.labels[found.chosen or 0] == "no control"
@@ -405,7 +409,7 @@ def test_no_stretch_is_tuned_by_sensors_that_do_not_show_the_sphere(tmp_path) ->
     )
     (found,) = measure(read_field(["baselines"], [str(file)]), EPISODES)
     assert {"best constant", "no control"} <= set(found.labels)
-    assert len(found.labels) + len(found.not_scored) == 7
+    assert len(found.labels) + len(found.not_scored) == 8
 
 
 def test_report_of_a_run_says_why_baselines_have_no_score(capsys) -> None:

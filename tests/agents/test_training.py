@@ -16,6 +16,7 @@ from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, limit_penalty, validation_cost
 from agents.training.arrays import load_checkpoint
 from agents.training.config import TrainSettings, read_settings
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
 from mm_gym import SceneError
@@ -205,7 +206,8 @@ def test_validation_charges_the_same_terminal_cost_as_the_report(tmp_path: Path)
     settings = changed(steps=800, evaluations=1, scene=str(file))
     train(settings, run)
     cost = run.validations()[1].min()
-    learned, scene = Learned(load_policy(run.policy)), settings.load_scene()
+    scene = settings.load_scene()
+    learned = agent_of(run, recorded_parts(scene, run.read()["settings"], trust=False))
     assert cost == evaluate(scene, learned, seed=VALIDATION_SEED, episodes=100).cost
     # Most episodes begin beyond the limit, so the cost is above that of the limit itself.
     assert cost**2 > limit_penalty(scene)

@@ -116,7 +116,7 @@ def test_wrong_names_grounds_and_masses_are_refused():
         simulate(Scene(), ground=[1.0, 2.0, 3.0])
     with pytest.raises(SimulationError, match="ground: got NaN"):
         simulate(Scene(), ground=[[0.0, np.nan], [1.0, 0.0]])
-    with pytest.raises(SimulationError, match="give the scene"):
+    with pytest.raises(SimulationError, match="pass the scene"):
         simulate(compile_scene(Scene()), ground=[[0.0, 1.0], [1.0, 0.0]])
     with pytest.raises(SimulationError, match=r"carriage\.mass"):
         _ = simulate(Scene(carriage={"mass": 0.0})).acceleration
