@@ -17,9 +17,9 @@ size = units * 2 * (n + m) + k * (1 + n + m + units) + hidden * (1 + n + m + uni
 def drawn(*shape):
     return draw.normal(0.0, 0.5, shape).astype(np.float32)
 
-fixed = np.abs(drawn(units, 4)), drawn(m, m), drawn(m, n)
+fixed = np.abs(drawn(units, 4)), drawn(m, m), drawn(m, n), drawn(m, k)
 parameters = drawn(candidates, size)
-sums = np.zeros((2 * units + m, candidates * lanes), np.float32)
+sums = np.zeros((2 * units + m + k, candidates * lanes), np.float32)
 memory = np.zeros((n + m + units + 2, lanes), np.float32)
 actions = np.zeros((k, candidates * lanes), np.float32)
 for _ in range(20):
