@@ -15,7 +15,7 @@ COMPILER_TESTS := tests/packaging/test_cache_trouble.py tests/packaging/test_cac
 WORDS := docs/replaced_words.txt
 CLIENTS := rl_zoo3 rllib skrl sweep tianshou torchrl
 
-.PHONY: demo test test-slow test-processors test-clients $(CLIENTS) test-numba check docs bench tasks results clean
+.PHONY: demo test test-slow test-browser test-processors test-clients $(CLIENTS) test-numba check docs bench tasks results clean
 .DELETE_ON_ERROR:
 .PRECIOUS: .venv-numba-%/.installed
 
@@ -23,10 +23,14 @@ demo: $(INSTALLED)
 	$(RUN) -m agents demo
 
 test: $(INSTALLED)
-	$(RUN) -m pytest -n auto --dist loadfile -m "not slow"
+	$(RUN) -m pytest -n auto --dist loadfile -m "not slow and not browser"
 
 test-slow: $(INSTALLED)
-	$(RUN) -m pytest -n auto --dist loadfile
+	$(RUN) -m pytest -n auto --dist loadfile -m "not browser"
+
+# The web page of a report, in Chromium.
+test-browser: $(INSTALLED)
+	$(RUN) -m pytest -m browser tests/agents/test_web_page.py
 
 # As other processors would run them, and twice while eight busy processes run: an hour or two.
 test-processors: $(INSTALLED)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 OUTPUT = ROOT / ".processors"
-TESTS = ["-m", "pytest", "-n", "auto", "--dist", "loadfile", "-m", "not slow", "-q"]
+TESTS = ["-m", "pytest", "-n", "auto", "--dist", "loadfile", "-m", "not slow and not browser", "-q"]
 BUSY = 8
 SETTINGS = {
     "plain": {},

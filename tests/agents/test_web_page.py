@@ -212,6 +212,7 @@ def file(page, tmp_path_factory):
     return path
 
 
+@pytest.mark.browser
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("width", [390, 1280])
 def test_page_is_drawn_without_an_error_or_a_request(browser, file, width, dark):
@@ -229,6 +230,7 @@ def test_page_is_drawn_without_an_error_or_a_request(browser, file, width, dark)
     assert browser.run("getComputedStyle(document.body).backgroundColor") != ground
 
 
+@pytest.mark.browser
 def test_charts_answer_to_the_pointer_and_keys(browser, file):
     browser.open(file, 1280, 2000)
     chart = "document.querySelectorAll('svg.chart')"
@@ -258,6 +260,7 @@ def test_charts_answer_to_the_pointer_and_keys(browser, file):
     assert browser.complaints() == []
 
 
+@pytest.mark.browser
 def test_animation_plays_pauses_and_shows_its_time_in_the_charts(browser, file):
     browser.open(file, 1280, 2000)
     place = "document.querySelector('.animation circle').getAttribute('cx')"
