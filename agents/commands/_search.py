@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from agents.scoring import evaluate
 from agents.training.ending import notes_of
-from agents.training.misfits import warnings_for
+from agents.training.misfits import print_misfits
 from agents.training.parts import Parts, agent_of
 from agents.training.runs import Run
 
@@ -24,9 +24,7 @@ EPISODES = 100
 def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]) -> None:
     """Search, and print the cost on the held-out episodes."""
     run = Run(settings.name)
-    if settings.scene is not None:
-        for line in warnings_for(settings.rewarded_scene()):
-            print(line)
+    print_misfits(settings)
     with run.advised():
         search(settings, run)
         scene = settings.rewarded_scene()

@@ -15,7 +15,7 @@ from agents.commands.evaluate import SINGLE, report_run
 from agents.errors import command, leave
 from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ending import notes_of
-from agents.training.misfits import warnings_for
+from agents.training.misfits import print_misfits
 from agents.training.reinforcement import train
 from agents.training.runs import Run
 
@@ -46,9 +46,7 @@ def train_and_report(
         Of the report: how many, and what the agent is called there.
     """
     run = Run(settings.name)
-    if settings.scene is not None:
-        for line in warnings_for(settings.rewarded_scene()):
-            print(line)
+    print_misfits(settings)
     with run.advised():
         train(settings, run)
         report_run(run, episodes, name=name, others=others, trust=True)

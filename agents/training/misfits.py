@@ -14,6 +14,7 @@ from agents.training.scales import LANES, SEED
 from mm_gym import MovingMassVectorEnv
 
 if TYPE_CHECKING:
+    from agents.training.config import RunSettings
     from mm_gym import Scene
 
 FITS = 0.01, 100.0
@@ -70,6 +71,9 @@ def misfits(scene: Scene) -> list[str]:
     return found
 
 
-def warnings_for(scene: Scene) -> list[str]:
-    """Return the same as warnings of commands."""
-    return [f"warning: {line}" for line in misfits(scene)]
+def print_misfits(settings: RunSettings) -> None:
+    """Print the same as warnings, if the scene is one's own."""
+    if settings.scene is not None:
+        print(
+            *(f"warning: {line}\n" for line in misfits(settings.rewarded_scene())), sep="", end=""
+        )
