@@ -1,6 +1,7 @@
 """Published numbers of controllers, reproduced: the table of docs/controllers.md.
 
-LQR: one mass, whose continuous gains are the limit of ours for short control steps.
+LQR: one mass, and a quarter car with a force between its masses; continuous gains are the limit of
+ours for short control steps.
 
 Semi-active: a quarter car crosses a bump of 0.05 m and 0.5 m at 20 km/h (technical report of VISTA,
 Virtual Suspension Test Bench, v1.30, 2026). Controllers run at 1 kHz, the valve has a lag of 15 ms
@@ -9,7 +10,7 @@ demonstration says in which order things happen: at each millisecond the control
 the valve, by the backward Euler method, and a quarter of a millisecond of motion.
 """
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from mm_gym import Scene, simulate
 
 PAGE = (Path(__file__).parents[2] / "docs" / "controllers.md").read_text("utf-8")
 
-STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
+STEPS = (8e-3, 4e-3, 2e-3, 1e-3)
 """Control steps [s] of the designs that are extrapolated to a step of zero."""
 
 
@@ -44,12 +45,12 @@ def mass(stiffness, damping, weights, step):
     )
 
 
-def continuous(stiffness, damping, weights):
-    """Gains, and P, of the regulator in continuous time: the sampled ones, extrapolated."""
-    designs = [design(mass(stiffness, damping, weights, step)) for step in STEPS]
+def continuous(scene_of):
+    """Gains, and P, of the regulator in continuous time: those of each step, extrapolated."""
+    designs = [design(scene_of(step)) for step in STEPS]
     # A sum over steps is the integral over time divided by the step.
     values = [
-        np.concatenate([d.gain.ravel(), step * d.cost[np.triu_indices(2)]])
+        np.concatenate([d.gain.ravel(), step * d.cost[np.triu_indices(len(d.cost))]])
         for d, step in zip(designs, STEPS, strict=True)
     ]
     for order in range(1, len(STEPS)):  # Richardson: each halving takes a power of the step away
@@ -85,10 +86,70 @@ def row(source, quantity, printed, ours, digits):
     ],
 )
 def test_regulators_of_one_mass_have_the_printed_gains(source, plant, names, printed, digits):
-    for name, value, ours, places in zip(names, printed, continuous(*plant), digits, strict=False):
+    gains = continuous(partial(mass, *plant))
+    for name, value, ours, places in zip(names, printed, gains, digits, strict=False):
         # Half a unit of the last place that is printed, or stated.
         assert abs(ours - value) < 0.5 * 10.0**-places, name
         assert row(source, name, value, ours, places) in PAGE
+
+
+BODY, WHEEL, SUSPENSION, TYRE = 600.0, 75.0, 30.0, 300.0
+"""The paper's quarter car [kg, N/m]."""
+
+
+def quarter_car(damping, step):
+    """The quarter car with a force between its masses, for a cost of its energy.
+
+    The paper weighs s^2, x1^2, v1^2 and v2^2 by the suspension's k, the tyre's K and the masses m
+    and M, and u^2 by 1. A reward has no weight of v2^2. But rates of quadratic functions of the
+    state add the same to the cost of every controller that comes to rest, and change no gain. Let
+    F = M a2, and ~ mean "is, but for such a rate". Without a damper
+
+        M v2^2 + m v1^2 ~ -s F + K x1^2 ~ k s^2 - s u + K x1^2
+        F^2 = (u - k s)^2
+
+    so that -s u can be written as F^2, u^2 and s^2. A damper c adds to F^2 terms in s' u and s'^2:
+
+        s' F ~ 0, s'^2 ~ -s F / M + (1 + m / M) v1^2 - (K / M) x1^2
+    """
+    share = 2.0 * SUSPENSION - damping**2 / BODY
+    on_stroke = 2.0 * SUSPENSION - (SUSPENSION**2 - damping**2 * SUSPENSION / BODY) / share
+    return Scene(
+        carriage={"mass": WHEEL, "stiffness": TYRE, "damping": 0.0},
+        sphere={"mass": BODY},
+        interface={"kind": "viscous", "damping": damping},
+        springs={"kind": "linear", "stiffness": SUSPENSION},
+        actuation={"force": {"limit": 1.0, "between": "masses"}},
+        objective={
+            "displacement_weight": 2.0 * TYRE - damping**2 * TYRE / (BODY * share),
+            "displacement_scale": 1.0,
+            "velocity_weight": damping**2 * (1.0 + WHEEL / BODY) / share,
+            "velocity_scale": 1.0,
+            "stroke_weight": on_stroke,
+            "stroke_scale": 1.0,
+            "coupling_force_weight": 1.0 / share,
+            "coupling_force_scale": 1.0,
+            "effort_weight": 1.0 - 1.0 / share,
+        },
+        control={"time_step": step},
+    )
+
+
+@pytest.mark.parametrize(
+    ("damping", "printed"),
+    [
+        (0.0, (0.49590136, -1.14546156, 35.69758159, -11.83173935)),
+        (60.0, (0.49590136, -1.5503297, 10.16911434, -1.10355288)),
+    ],
+)
+def test_regulator_of_a_quarter_car_has_the_printed_gains(damping, printed):
+    gains = continuous(partial(quarter_car, damping))[:4]
+    names = ("x2 [N/m]", "x1 [N/m]", "v2 [N s/m]", "v1 [N s/m]")
+    source = f"LQR of a quarter car, {damping:.0f} N s/m [P4]"
+    # Theirs is positive towards the body, ours towards the wheel.
+    for name, value, ours in zip(names, printed, -gains[[1, 0, 3, 2]], strict=True):
+        assert abs(ours - value) < 0.5e-8, name  # half a unit of the last place that is printed
+        assert row(source, f"gain of {name}", value, ours, 8) in PAGE
 
 
 HEIGHT, LENGTH, BEGIN = 0.05, 0.09, 1.0
