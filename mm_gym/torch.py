@@ -12,13 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.sensitivity import Sensitivities, central_differences, difference_steps
-from mm_gym.step.channels import CHANNELS
-from mm_gym.step.task import state_cost, state_weights
+from mm_gym.sensitivity import Outputs, Sensitivities
 
 try:
     import torch
@@ -176,10 +173,11 @@ class Episodes:
         start, plant = self.env.get_state(), self.env.plant
         lanes: tuple[Any, Any] = start["values"], start["streams"]
         self._physics = Sensitivities(plant.support, (plant.model, plant.task), lanes)
-        rows = [*plant.support.state_rows, *(a.row for a in self._physics.actuators)]
-        self._outputs = _Outputs(self.env, rows, difference_steps(self.env.scene, self._physics))
+        self._outputs = Outputs(self.env, self._physics)
         asked = sum(a.has_memory_of_command for a in self._physics.actuators)
-        self._state = torch.zeros(len(observation), len(rows) + asked, dtype=torch.float64)
+        self._state = torch.zeros(
+            len(observation), len(self._outputs.rows) + asked, dtype=torch.float64
+        )
         empty = torch.zeros(len(observation), len(plant.observed), dtype=torch.float64)
         # Slopes of frames, oldest first: of those on the way, and of those observed.
         self._measured, self._received = [empty] * (plant.most_delay + 1), [empty] * plant.history
@@ -204,7 +202,7 @@ class Episodes:
         how = self._physics, self.fade, self.most
         self._state = _applied(_Move, how, self._state, action)
         observation, rewards, *_ = self.env.step(action.detach().numpy())
-        slopes = _tensor(self._outputs.slopes())  # (lanes, channels + 1, rows)
+        slopes = _tensor(np.moveaxis(self._outputs.slopes(), -1, 0))  # (lanes, channels + 1, rows)
         motion = self._state[:, : slopes.shape[2]]
         changes = torch.einsum("lij,lj->li", slopes, motion)
         self._measured = [*self._measured[1:], changes[:, :-1]]
@@ -276,33 +274,3 @@ class _Move(Function):
             limit = most * sizes.median().clamp_min(torch.finfo(sizes.dtype).tiny)
             state = state * (limit / sizes.clamp_min(limit))[:, None]
         return None, fade * state, torch.einsum("li,lij->lj", slope, by_action)
-
-
-class _Outputs:
-    """What lanes show and cost at a control step's end, and its slopes over rows of the lanes."""
-
-    def __init__(self, env: MovingMassVectorEnv, rows: Sequence[int], steps: Array) -> None:
-        self.env, self.rows, self.steps = env, rows, steps
-        self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
-
-    def slopes(self) -> Array:
-        """Return the slopes (lanes, channels + 1, rows) at the present step's end."""
-        values = np.asarray(self.env.get_state()["values"])
-        found = central_differences(self._values, values, self.rows, self.steps)
-        return np.ascontiguousarray(np.moveaxis(found, -1, 0))
-
-    def _values(self, lanes: Array) -> Array:
-        """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""
-        plant, own = self.env.plant, self.env.scene.own_reward
-        plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
-        shown = [
-            factor * (lanes[c.row] - (0.0 if c.subtracted == at.NO_ROW else lanes[c.subtracted]))
-            for c, factor in self.channels
-        ]
-        if own is not None:
-            return np.stack([*shown, own.costs(lanes)])
-        weights = plain(state_weights)(plant.task)
-        cost = plain(state_cost)(weights, lanes[at.X1], lanes[at.X2], lanes[at.V1])
-        if plant.scores_reactions:
-            cost = cost + (plant.scored_reactions(lanes) ** 2).sum(axis=0)
-        return np.stack([*shown, cost])

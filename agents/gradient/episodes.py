@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.lqr import motion_weight, state_weight
+from agents.controllers.lqr import state_weight
 from agents.controllers.observation import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
-from mm_gym.sensitivity import Sensitivities, central_differences, difference_steps
+from mm_gym.sensitivity import Outputs, Sensitivities
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,8 +49,7 @@ class Episodes:
     Raises
     ------
     DesignError
-        If an episode may end early, a channel's slope over the state is not known, or the motion
-        has no weight.
+        If an episode may end early, or the motion has no weight.
     """
 
     def __init__(self, scene: Scene, lanes: int) -> None:
@@ -64,11 +63,12 @@ class Episodes:
         self.shown = _shown(self.env, self.physics)
         size, self.motion = len(self.physics.actuators), len(self.physics.state_rows)
         own, reacts = scene.own_reward is not None, self.env.plant.scores_reactions
-        self.slopes = _Slopes(self.env, self.physics) if own or reacts else None
-        weight_of = motion_weight if reacts else state_weight
+        # Where all is linear or quadratic in the state, its slopes are known; else by differences.
+        derived = own or reacts or self.shown is None
+        self.outputs = Outputs(self.env, self.physics) if derived else None
         self.weight = np.zeros((self.motion, self.motion))
-        if not own:
-            self.weight[:4, :4] = weight_of(scene)
+        if not derived:
+            self.weight[:4, :4] = state_weight(scene)
         self.effort = 0.0 if own else objective.effort_weight
         self.states: Values = np.empty((self.steps, self.motion, lanes))
         self.actions: Values = np.empty((self.steps, size, lanes))
@@ -86,8 +86,7 @@ class Episodes:
         """Return the mean of -reward of the episodes of the seeds, as `evaluate` has."""
         observation = self._begin(seeds)
         self.jacobians, self.newest, total = [], [], 0.0
-        if self.slopes is not None:
-            self.slopes.found = []
+        self.slopes: list[Values] = []
         for step in range(self.steps):
             self.newest.append(step - self._ages(step))
             asked = network.act(step, observation.T)
@@ -97,10 +96,10 @@ class Episodes:
             self.jacobians.append((found.state, found.action))
             self.states[step] = found.end[:, : self.motion].T
             observation, rewards, *_ = self.env.step(actions.T)
-            if self.slopes is not None:
-                self.slopes.add()
+            if self.outputs is not None:
+                self.slopes.append(self.outputs.slopes())
                 total -= float(np.mean(rewards))
-        if self.slopes is not None:
+        if self.outputs is not None:
             return total / self.steps
         motion = np.mean(np.sum(self.states * (self.weight @ self.states), axis=1))
         return float(motion + self.effort * np.mean(self.actions**2) * self.actions.shape[1])
@@ -132,7 +131,7 @@ class Episodes:
         network.begin_back()
         part = 2.0 / (self.lanes * self.steps)
         history, every = self.env.plant.history, np.arange(self.lanes)
-        rows, size = self.shown.shape
+        rows, size = len(self.env.plant.observed), self.jacobians[0][0].shape[1]
         state: Values = np.zeros((size, self.lanes))
         # Of each step the ages of the frames observed, the newest first.
         ages = [
@@ -145,9 +144,9 @@ class Episodes:
         scale[: self.motion] = np.sqrt(np.mean(self.states**2, axis=(0, 2)))
         for step in range(self.steps - 1, -1, -1):
             state[: self.motion] += part * (self.weight @ self.states[step])
-            if self.slopes is not None:
-                slopes = self.slopes.found[step]
-                state[: len(slopes)] += 0.5 * part * slopes
+            if self.outputs is not None:
+                cost = self.slopes[step][-1]
+                state[: len(cost)] += 0.5 * part * cost
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
@@ -160,39 +159,13 @@ class Episodes:
             shown = network.back(step, action)
             for age, frame in zip(ages[step], shown.reshape(history, rows, -1)[::-1], strict=True):
                 frames[age, :, every] += frame.T
-            state += feedback * (self.shown.T @ frames[0])
+            if self.shown is not None:
+                state += feedback * (self.shown.T @ frames[0])
+            elif step > 0:  # the frame is of the end of the step before
+                by_motion = np.einsum("crl,cl->rl", self.slopes[step - 1][:-1], frames[0])
+                state[: len(by_motion)] += feedback * by_motion
             frames[:-1] = frames[1:]
             frames[-1] = 0.0
-
-
-class _Slopes:
-    """Slopes of an own cost, or of the cost of accelerations, by central differences.
-
-    What follows from the motion is derived anew at each difference.
-
-    Attributes
-    ----------
-    found
-        Of each step, (n, lanes): over x1, x2 [1/m], v1, v2 [s/m], z [-] if the interface has a
-        state of its own, and each actuator [1/N, -].
-    """
-
-    def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
-        self.env, self.rows = env, [*physics.state_rows, *(a.row for a in physics.actuators)]
-        self.steps = difference_steps(env.scene, physics)
-        self.found: list[Values] = []
-
-    def add(self) -> None:
-        """Add the slopes at the present step's end."""
-        values: Values = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
-        self.found.append(central_differences(self._costs, values, self.rows, self.steps))
-
-    def _costs(self, lanes: Values) -> Values:
-        plant, own = self.env.plant, self.env.scene.own_reward
-        if own is None:
-            return (plant.scored_reactions(lanes) ** 2).sum(axis=0)
-        plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
-        return own.costs(lanes)
 
 
 def _bounded(sizes: Values) -> Values:
@@ -202,8 +175,11 @@ def _bounded(sizes: Values) -> Values:
     return most / np.maximum(sizes, most)
 
 
-def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values:
-    """Return the slopes (channels, state) of a frame over the state of the Jacobians."""
+def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values | None:
+    """Return the slopes (channels, state) of a frame over the state of the Jacobians.
+
+    They are None where a channel is no linear function of the state.
+    """
     names = [actuator.name for actuator in physics.actuators]
     remembered = sum(actuator.has_memory_of_command for actuator in physics.actuators)
     motion = len(physics.state_rows)
@@ -214,8 +190,6 @@ def _shown(env: MovingMassVectorEnv, physics: Sensitivities) -> Values:
         elif APPLIED.get(channel.name) in names:
             slopes[row, motion + names.index(APPLIED[channel.name])] = 1.0
         elif channel.name not in (*APPLIED, *FROM_OUTSIDE):
-            allowed = ", ".join((*ROWS, *APPLIED, *FROM_OUTSIDE))
-            msg = f"sensors.channels: got {channel.name!r}; allowed for gradients: {allowed}"
-            raise DesignError(msg)
+            return None
         slopes[row] *= channel.factor
     return slopes

@@ -5,6 +5,7 @@ written too.
 """
 
 from mm_gym.sensitivity.actuators import Actuator as Actuator
+from mm_gym.sensitivity.differences import Outputs as Outputs
 from mm_gym.sensitivity.differences import central_differences as central_differences
 from mm_gym.sensitivity.differences import difference_steps as difference_steps
 from mm_gym.sensitivity.jacobian import Jacobian as Jacobian

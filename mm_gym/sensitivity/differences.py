@@ -6,11 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import plain
+from mm_gym.lanes import layout as at
+from mm_gym.step.channels import CHANNELS
+from mm_gym.step.task import state_cost, state_weights
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
+    from mm_gym.env.vector import MovingMassVectorEnv
     from mm_gym.scene.scene import Scene
     from mm_gym.sensitivity.jacobian import Sensitivities
 
@@ -42,3 +48,47 @@ def central_differences(
     values = function(changed)
     pairs = values.reshape(*values.shape[:-1], len(rows), 2, count)
     return (pairs[..., 0, :] - pairs[..., 1, :]) / (2.0 * steps[:, None])
+
+
+class Outputs:
+    """What lanes show and cost at a control step's end, and its slopes over the motion.
+
+    Accelerations and forces follow from the motion, from what is applied and from the excitation;
+    they are derived anew at each difference.
+
+    Parameters
+    ----------
+    env
+        The environment of the lanes.
+    physics
+        What follows their motion.
+    """
+
+    def __init__(self, env: MovingMassVectorEnv, physics: Sensitivities) -> None:
+        self.env = env
+        self.rows = [*physics.state_rows, *(actuator.row for actuator in physics.actuators)]
+        self.steps = difference_steps(env.scene, physics)
+        self.channels = [(CHANNELS[c.name], c.factor) for c in env.plant.observed]
+
+    def slopes(self) -> Array:
+        """Return the slopes (channels + 1, rows, lanes) at the present step's end."""
+        values = np.asarray(self.env.get_state()["values"])
+        return central_differences(self._values, values, self.rows, self.steps)
+
+    def _values(self, lanes: Array) -> Array:
+        """Return what lanes (rows, n) show, over its scale, and their cost: (channels + 1, n)."""
+        plant, own = self.env.plant, self.env.scene.own_reward
+        if plant.support.damped_row:
+            lanes[plant.support.damped_row] = lanes[at.DAMPING]
+        plant.entries.derive(plant.task, plant.model, lanes, 0, lanes.shape[1])
+        shown = [
+            factor * (lanes[c.row] - (0.0 if c.subtracted == at.NO_ROW else lanes[c.subtracted]))
+            for c, factor in self.channels
+        ]
+        if own is not None:
+            return np.stack([*shown, own.costs(lanes)])
+        weights = plain(state_weights)(plant.task)
+        cost = plain(state_cost)(weights, lanes[at.X1], lanes[at.X2], lanes[at.V1])
+        if plant.scores_reactions:
+            cost = cost + (plant.scored_reactions(lanes) ** 2).sum(axis=0)
+        return np.stack([*shown, cost])

@@ -110,6 +110,12 @@ SCENES = {
             "sensors.channels": ["carriage_acceleration", "sphere_offset", "applied_force"],
         }
     ),
+    "accelerations, a damper of the carriage": load_scene("mm_gym/SemiActiveDamper-v0").replace(
+        **{
+            "actuation.damping": {"of": "carriage", "minimum": 0.1, "maximum": 20.0, "lag": 0.03},
+            "sensors": {"channels": ["carriage_acceleration", "sphere_acceleration"]},
+        }
+    ),
     "Bouc-Wen": load_scene("mm_gym/CarriageForce-v0").replace(**BOUC_WEN),
     "own cost": rewarded(load_scene("mm_gym/PreStretchNoise-v0"), own_cost),
 }
