@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.evaluation.conclusions import THRESHOLDS
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD
-from agents.report.figures import logarithmic
+from agents.report.figures import logarithmic, study_label
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -88,9 +88,9 @@ def draw_aggregates(comparison: Comparison, path: Path) -> None:
         left.set_yticks(-np.arange(len(overall)), [one.label for one in overall])
         left.grid(visible=False, axis="y")
         left.margins(x=0.05, y=0.1)
-        left.set_xlabel("interquartile mean of s, 95 % intervals")
+        left.set_xlabel("interquartile mean of s [-], 95 % intervals")
         right.set(
-            xlabel="score s (0: best constant, 1: best known)", ylabel="part of all scores above s"
+            xlabel="score s (0: best constant, 1: best found)", ylabel="fraction of scores above s"
         )
         right.set_ylim(-0.02, 1.02)
         legend_below(figure, right, 3)
@@ -112,7 +112,7 @@ def draw_robustness(result: TaskResult, path: Path) -> None:
             for k, label in enumerate(result.labels):
                 points = _points(result, label, title)
                 panel.plot(*np.array(points).T, **_look(k), marker=".", label=label)
-            panel.set_title(title)
+            panel.set_xlabel(study_label(title))
             panel.margins(x=0.04)
             logarithmic(panel)
             if title == RECORD:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.controller import columns
+from agents.evaluation.studies import DELAY, NOISE, RECORD
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
@@ -104,6 +105,14 @@ def logarithmic(axes: Axes, which: str = "y") -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
+
+
+def study_label(study: str) -> str:
+    """Return the label of the axis over which a study of robustness is drawn."""
+    part = study.removeprefix("carriage.")
+    labels = {NOISE: "sensor noise over scale [-]", DELAY: "delay [control steps]"}
+    labels[RECORD] = "recorded motion"
+    return labels.get(study, f"carriage {part} over the scene's [-]")
 
 
 def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path: Path) -> None:

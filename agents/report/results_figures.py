@@ -8,33 +8,34 @@ import numpy as np
 
 from agents.evaluation.aggregates import performance_profile
 from agents.evaluation.studies import NOMINAL
-from agents.report.figures import logarithmic
+from agents.report.figures import logarithmic, study_label
 from agents.sweeps.on_task import STUDIES, algorithms_of
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
+    from agents.scoring import Evaluation
     from agents.sweeps.on_task import OnTask
 
 THRESHOLDS = np.linspace(-0.2, 1.05, 126)
 """Scores at which the performance profile is taken."""
 
-WINDOW = 90
+WINDOW = 60
 """Control steps of an episode that are shown."""
 
 MOST, MARGIN = 2.0, 1.01
-"""Most cost on a learning curve, over that of the best law; and its least, below all costs."""
+"""Most cost on a learning curve, over the reference's; and its least, below all costs."""
 
 BEST = "best on each task"
 """Label of the line that has the best algorithm's trainings of each task."""
 
-LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "best law"}
-"""How the best law's line looks."""
+LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "reference controller"}
+"""How the reference controller's line looks."""
 
 
 def draw_results(known: Sequence[OnTask], folder: Path) -> list[Path]:
@@ -77,7 +78,7 @@ def _entries(panel: Axes) -> int:
 
 
 def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
-    """Return how the line of an algorithm or of the best law looks, the same on all figures."""
+    """Return how the line of an algorithm or of the reference looks, the same on all figures."""
     if algorithm == LAW["label"]:
         return LAW
     number = [*algorithms_of(known), BEST].index(algorithm)
@@ -86,7 +87,7 @@ def _look(known: Sequence[OnTask], algorithm: str) -> dict[str, Any]:
 
 
 def _profile(known: Sequence[OnTask], path: Path) -> None:
-    """Draw which part of all trainings and tasks has more than a score."""
+    """Draw which fraction of all trainings and tasks has more than a score."""
     figure, (panel,) = panels(2.6, 1, 1)
     everywhere = [name for name in algorithms_of(known) if all(_has(one, name) for one in known)]
     rows = {name: [one.scores(_costs(one, name)) for one in known] for name in everywhere}
@@ -97,7 +98,7 @@ def _profile(known: Sequence[OnTask], path: Path) -> None:
         panel.plot(THRESHOLDS, parts, **_look(known, name))
     panel.set(
         xlabel="score s (0: best constant, 1: clairvoyant optimum)",
-        ylabel="part of trainings above s",
+        ylabel="fraction of trainings above s",
     )
     panel.set_ylim(-0.02, 1.02)
     legend_below(figure, panel, len(rows))
@@ -121,7 +122,7 @@ def _robustness(known: Sequence[OnTask], path: Path) -> None:
             _study(panel, one, study, known)
         own[0].set_title(one.name, loc="left")
     for panel, study in zip(axes[-len(STUDIES) :], STUDIES, strict=True):
-        panel.set_xlabel(study if study != "carriage.stiffness" else "stiffness over the scene's")
+        panel.set_xlabel(study_label(study))
     for panel in axes[:: len(STUDIES)]:
         panel.set_ylabel("cost [-]")
     legend_below(figure, max(axes, key=_entries), len(STYLES) + 1)
@@ -143,23 +144,35 @@ def _study(panel: Axes, one: OnTask, study: str, known: Sequence[OnTask]) -> Non
 
 def _episodes(known: Sequence[OnTask], path: Path) -> None:
     """Draw displacement and stretch around the largest displacement, a column a task."""
-    shown = [one for one in known if one.examples]
-    if not shown:
-        return
-    figure, axes = panels(3.4, 2, len(shown), sharex="col")
-    for column, one in enumerate(shown):
-        upper, lower = axes[column], axes[len(shown) + column]
-        peak = int(np.abs(one.examples[1].displacement[:, 0]).argmax())
-        first = min(max(peak - WINDOW // 3, 0), len(one.examples[1].time) - WINDOW)
+    shown = {one.name: one.examples for one in known if one.examples}
+    if shown:
+        with_strips(shown, path)
+
+
+def with_strips(shown: Mapping[str, Sequence[Evaluation]], path: Path) -> None:
+    """Draw the displacements of an episode in one panel, and each stretch in a strip of its own.
+
+    Each task has the episode under the reference controller, the best agent and the plan.
+    """
+    labels = ("reference controller", "best agent", "plan")
+    figure, axes = panels(
+        4.4, 1 + len(labels), len(shown), sharex="col", heights=(2.2, *(1.0 for _ in labels))
+    )
+    for column, (name, examples) in enumerate(shown.items()):
+        upper, *strips = axes[column :: len(shown)]
+        peak = int(np.abs(examples[1].displacement[:, 0]).argmax())
+        first = min(max(peak - WINDOW // 3, 0), len(examples[1].time) - WINDOW)
         part = slice(first, first + WINDOW)
-        labels = ("best law", "best agent", "plan from the agent's")
-        for k, (label, result) in enumerate(zip(labels, one.examples, strict=True)):
-            look = {"color": COLOURS[k], "linestyle": STYLES[k], "label": label, "linewidth": 0.9}
-            upper.plot(result.time[part], result.displacement[part, 0], **look)
-            lower.plot(result.time[part], result.applied[part, 0, -1], **look)
-        upper.set_title(one.name)
-        lower.set_xlabel("time [s]")
+        for k, (label, result) in enumerate(zip(labels, examples, strict=True)):
+            look = {"color": COLOURS[k], "label": label, "linewidth": 0.9}
+            upper.plot(result.time[part], result.displacement[part, 0], STYLES[k], **look)
+            # An actuator holds still over the control step that ends at each instant.
+            stretch = result.applied[part, 0, -1]
+            strips[k].plot(result.time[part], stretch, STYLES[k], drawstyle="steps-pre", **look)
+        upper.set_title(name)
+        strips[-1].set_xlabel("time [s]")
     axes[0].set_ylabel("x1 / scale [-]")
-    axes[len(shown)].set_ylabel("stretch λ [-]")
+    for strip in axes[len(shown) :: len(shown)]:
+        strip.set_ylabel("λ [-]")
     legend_below(figure, axes[0], 3)
     save(figure, path)

@@ -1,4 +1,4 @@
-"""What is known on a task: its best law, finished trainings, changed scenes and an episode."""
+"""What is known on a task: its reference, finished trainings, changed scenes and an episode."""
 
 from __future__ import annotations
 
@@ -231,7 +231,10 @@ def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     result, law = min(results, key=lambda pair: pair[0].cost)
     trainings, agents = trainings_of(trials, folder)
     middle = {of.algorithm: agents[of.algorithm][of.median] for of in trainings}
-    rows = [Entry("best law", [law]), *(Entry(name, [one]) for name, one in middle.items())]
+    rows = [
+        Entry("reference controller", [law]),
+        *(Entry(name, [one]) for name, one in middle.items()),
+    ]
     best = middle[best_of(trainings).algorithm]
     return OnTask(
         task,

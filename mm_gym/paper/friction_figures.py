@@ -37,6 +37,10 @@ FRICTION_VELOCITIES = np.arange(1000) * 1e-3 + 1e-6
 """v_r of figure 10 [m/s]."""
 
 
+MARKS, SPACING = ("o", "s", "^", "D", "v", "P", "X"), 40
+"""Marks of figure 10's curves, and how many points are between two of them."""
+
+
 def figure_7() -> Figure:
     """Draw the friction force of equation 9 over the slip velocity, for mu1 > mu2 and chi > 0.
 
@@ -191,7 +195,11 @@ def figure_10() -> Figure:
 def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float64]) -> None:
     for i, (label, system) in enumerate(curves.items()):
         offsets = bifurcation(system, "interface.reference_velocity", velocities)
-        axes.plot(velocities, MILLI * offsets, ".", color=COLOURS[i], markersize=1.8, label=label)
+        # A mark at every fortieth point tells the curves apart without their colours.
+        look = {"color": COLOURS[i], "marker": MARKS[i], "markersize": 4.0, "label": label}
+        axes.plot(velocities, MILLI * offsets, ".", color=COLOURS[i], markersize=1.5)
+        first = SPACING * i // len(MARKS)
+        axes.plot(velocities, MILLI * offsets, ls="none", markevery=(first, SPACING), **look)
     critical = critical_reference_velocity(next(iter(curves.values())))
     axes.axvline(critical, color="0.4", linewidth=0.8, linestyle=":")
     axes.text(
@@ -202,6 +210,6 @@ def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float6
         va="bottom",
         color="0.3",
     )
-    axes.legend(markerscale=5.0, handletextpad=0.2, loc="upper right")
+    axes.legend(handletextpad=0.2, loc="upper right")
     axes.set_xlim(0.0, 1.0)
-    axes.set(xlabel="reference velocity $v_r$ [m/s]", ylabel="offset $x_2 - x_1$ at rest [mm]")
+    axes.set(xlabel="reference velocity $v_r$ [m/s]", ylabel="$x_2 - x_1$ at rest [mm]")

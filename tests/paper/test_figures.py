@@ -191,3 +191,11 @@ def test_figure_10_has_a_above_b_and_seven_and_five_curves():
     above, below = panel("fig10", "A"), panel("fig10", "B")
     assert above.get_position().y0 > below.get_position().y1
     assert [len(axes.get_legend().get_texts()) for axes in (above, below)] == [7, 5]
+
+
+@pytest.mark.parametrize("letter", ["A", "B"])
+def test_curves_of_figure_10_are_told_apart_without_colour(letter):
+    axes = panel("fig10", letter)
+    marked = [line for line in axes.get_lines() if line.get_marker() not in {".", "None"}]
+    marks = [line.get_marker() for line in marked]
+    assert len(set(marks)) == len(marks) == len(axes.get_legend().get_texts())
