@@ -34,9 +34,10 @@ SECTIONS = {
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
 HEADER = """# Benchmarks
 
-Written by `make bench`, or section by section by the command that each begins with. Unless a
-section says otherwise, every ratio is the median over rounds in which the candidates took turns,
-and ± is half the interquartile range. Peers that are not installed are left out.
+`make bench` writes this page. A comment at the head of each section in the source of this page has
+the command that writes the section alone. Unless a section says otherwise, every ratio is the
+median over rounds in which the candidates took turns, and ± is half the interquartile range. Peers
+that are not installed are left out.
 """
 MARK = "<!-- python -m benchmarks --write {} -->"
 

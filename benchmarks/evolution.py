@@ -33,11 +33,11 @@ def evolution() -> str:
     header = ("task", "seconds", f"cost, median of {SEEDS} seeds", "least", "most", "M frames/s")
     rate = lanes_per_second() / 1e6
     text = (
-        f"A network of 4-16-1 acts for {rate:.0f} M lanes a second on one core, {CANDIDATES} "
-        f"networks of {EPISODES} lanes. `python -m agents evolve TASK --time-budget SECONDS` with "
-        "its default settings, two threads and a warm cache; the time is that of the search, with "
-        "its validations and the reading of compiled code, and whatever other programs of a shared "
-        "machine take of it. Cost on the same 100 held-out episodes."
+        f"Networks of 4-16-1 compute {rate:.0f} M actions a second on one core ({CANDIDATES} "
+        f"networks of {EPISODES} lanes each). The table has the costs on the same 100 held-out "
+        "episodes after `python -m agents evolve TASK --time-budget SECONDS` with default "
+        "settings, two threads and a warm cache. The time by the clock includes validations, the "
+        "reading of compiled code, and delays by other programs on a shared machine."
     )
     return "\n".join(["## Evolution", "", text, "", table(header, rows), ""])
 

@@ -91,17 +91,19 @@ COMBINATIONS = {
 
 INTRODUCTION = f"""## Every combination
 
-{LANES:,} lanes, one core, {STEPS} control steps of {1e3 * TIME_STEP:g} ms, under random forces on
-the carriage, or without force under noise of the ground. mm_gym is its public `step` with views, at
-a `solver.tolerance`. It is compared with the classical Runge-Kutta method, written for the
-combination, vectorised, and advancing the state alone, in the fewest of {SUBSTEPS[0]} to
-{SUBSTEPS[-1]} substeps. Both count at their fastest of {ROUNDS} rounds in which they took turns,
-in processor time. Errors are the largest of {COMPARED:,} lanes at the end, relative to the largest
-position or velocity, against mm_gym's tightest; within {LEAST:g} nothing is told apart.
+{LANES:,} lanes on one core make {STEPS} control steps of {1e3 * TIME_STEP:g} ms, under random
+forces on the carriage, or without force under noise of the ground. mm_gym is measured by its public
+`step` with views, at a `solver.tolerance`. It is compared with the classical Runge-Kutta method,
+which is written and vectorised for the combination and advances the state alone, in the fewest of
+{SUBSTEPS[0]} to {SUBSTEPS[-1]} substeps that attain the error. Both count with their fastest
+processor time of {ROUNDS} rounds, in which they took turns. Errors are the largest of {COMPARED:,}
+lanes after the last step, relative to the largest position or velocity. They are measured against
+mm_gym at its tightest tolerance, and not distinguished below {LEAST:g}.
 
-Million steps/s; in brackets mm_gym's speed as a multiple, and the substeps. RK4 is listed where its
-error is at most the tolerance, and where it is at most mm_gym's; - where no number of substeps
-attains that, as where friction drops at the onset of slip inside a substep.
+The tables list million steps/s. In brackets are the speed of mm_gym as a multiple of that of RK4,
+and the substeps of RK4. One column has RK4 with an error of at most the tolerance, the other with
+an error of at most that of mm_gym. "-" means that no number of substeps attains it, for example
+because friction drops at the onset of slip inside a substep.
 """
 HEADER = (
     "carriage",

@@ -28,10 +28,10 @@ STEPS = 64
 PARAMETERS = ("carriage.mass", "carriage.stiffness", "carriage.damping", "sphere.mass")
 
 INTRODUCTION = """The environment's step is `MovingMassVectorEnv.step`, with reward, observation and
-ends. Next to it is the motion alone with its Jacobians, without anything else of that step; for a
-linear plant, whose Jacobians are the same in every step, this can take less. What is prepared
-before the first step is included, in each case shared by {steps} steps. The ratios are to the
-environment's step.
+ends. It is compared with the motion and its Jacobians alone, without reward, observation and ends.
+For a linear plant, whose Jacobians are the same in every step, this can take less time than the
+step. The preparations before the first step are included, shared among {steps} steps. The ratios
+are to the environment's step.
 """
 
 WAYS = ("by hand, ns a lane", "by tangents, ns a lane")
@@ -41,10 +41,11 @@ HAND_WRITTEN = {
 }
 """The kernels in `mm_gym.sensitivity`, each with a task that it serves."""
 
-COMPARISON = """A derivative is a tangent unless a hand-written one is 1.5 times as fast. With
-friction or springs of finite stretch the motion is expanded over numbers with tangents. That serves
-all plants; where a kernel written by hand serves them too, both were measured in turns. The
-difference is that of the first step's derivatives, relative to the largest in each column.
+COMPARISON = """A derivative is computed by tangents (forward mode) unless a kernel by hand is 1.5
+times as fast. With friction or springs of finite stretch the motion is a Taylor series of numbers
+with tangents. These serve all plants. Where a hand-written kernel exists too, both were measured in
+turns. The difference is that between the derivatives of the first step, relative to the largest of
+each column.
 """
 
 

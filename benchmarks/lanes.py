@@ -64,20 +64,21 @@ LEAST = 1e-12
 
 INTRODUCTION = f"""## Many lanes: speed over accuracy
 
-{LANES:,} lanes, one core, {STEPS} control steps under random actions. The error is the largest of
-all lanes at their end, relative to the largest position or velocity. mm_gym is its public `step`,
-with reward, termination and observation; the others are bare kernels that advance the state alone,
-given what is drawn: noise, earthquake and impulses as sampled by mm_gym, impulses in the nearest
-substep. Each step counts at its fastest of {ROUNDS} rounds in which the candidates took turns, in
-processor time. Within {LEAST:g} nothing is told apart.
+{LANES:,} lanes on one core make {STEPS} control steps under random actions. The error is the
+largest of all lanes after the last step, relative to the largest position or velocity. mm_gym is
+measured by its public `step`, with reward, termination and observation. The others are bare kernels
+that advance the state alone. They get the noise, earthquakes and impulses that mm_gym has drawn,
+each impulse in the nearest substep. Each step counts with its fastest processor time of {ROUNDS}
+rounds, in which the candidates took turns. Errors below {LEAST:g} are not distinguished.
 
-heyoka advances one batch, whose numbers stay in the cache; listed is the fastest of batches of
-{", ".join(map(str, HEYOKA_LANES))} lanes. Each control step is a call from Python, since its action
-is new: that call is in its times. Where the action is held for all {STEPS} control steps, one call
-makes them all: a table of its own, which has mm_gym with one control step as long.
+heyoka advances one batch, whose numbers stay in the cache. The table has the fastest of batches of
+{", ".join(map(str, HEYOKA_LANES))} lanes. Each control step has a new action and is therefore one
+call from Python, which its times include. If the action is held for all {STEPS} control steps,
+heyoka makes them in one call. These times have a table of their own, in which mm_gym makes one
+control step of the whole length.
 
-Listed are million steps/s of the fastest setting that attains the error, and in brackets mm_gym's
-speed as a multiple of them; - where no setting does.
+The tables list the million steps/s of the fastest setting that attains the error. In brackets is
+the speed of mm_gym as a multiple of this speed. "-" means that no setting attains the error.
 
 ![Million steps/s over the error, for each task](lanes.png)
 """

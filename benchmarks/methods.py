@@ -26,12 +26,13 @@ LEAST = 1e-12
 
 INTRODUCTION = f"""## Which method pays
 
-A special method is kept if somewhere it is 1.3 times as fast as `runge_kutta` at the same error, or
-a hundred times more exact at the same speed. `step` with views, {LANES:,} lanes, one core, {STEPS}
-control steps under random actions, each at its fastest of {ROUNDS} rounds in which the methods took
-turns, in processor time: million steps/s, and in brackets the largest error of all lanes at the
-end, relative to the largest position or velocity, against `taylor` at 1e-15. A method without a
-tolerance has the same numbers at each. The fastest is set in bold; `auto` is what a scene takes.
+A special method is kept if in some row it is 1.3 times as fast as `runge_kutta` at the same error,
+or a hundred times more exact at the same speed. {LANES:,} lanes on one core make {STEPS} control
+steps under random actions by `step` with views. Each step counts with its fastest processor time of
+{ROUNDS} rounds, in which the methods took turns. The table lists million steps/s. In brackets is
+the largest error of all lanes after the last step, relative to the largest position or velocity,
+against `taylor` at 1e-15. A method without a tolerance has the same numbers in each row. The
+fastest method is set in bold; `auto` is the method that the scene uses by default.
 """
 
 

@@ -59,27 +59,28 @@ OURS = "mm_gym"
 MISSED = "-"
 INTRODUCTION = """## Work and precision
 
-One second of motion from rest in one control step, the end state only. The error is relative to
-the largest position or velocity of the motion. Set-up and compilation are not counted. For each
-candidate the table has the fastest setting that attains the error, as a multiple of mm_gym's time:
-processor time, each at its fastest of {rounds} rounds in which all took turns. This is the peers'
-best case: with a force held for 10 ms at a time they would restart a hundred times.
+One second of motion from rest is computed in one control step, and only the end state is kept. The
+error is relative to the largest position or velocity of the motion. Set-up and compilation are not
+counted. For each candidate the table has the fastest setting that attains the error, as a multiple
+of mm_gym's time. Times are processor time, each the fastest of {rounds} rounds in which all took
+turns. This is the best case for the peers: with a force held for 10 ms at a time they would restart
+a hundred times.
 
-What of a time is its wrapper's:
+The times contain the following overhead of calls:
 
-- mm_gym: one call of a kernel from Python for the motion, with the state set before it and the
-  status checked after; they are in its time, and take {mm_gym:.2f} µs if no lane is moved.
-- CVODE: nothing. SUNDIALS' C interface is called by compiled code, with compiled right-hand sides
-  and events. Its Jacobians are its own differences; Adams has fixed-point iteration or Newton's.
+- mm_gym: one call of a kernel from Python for the motion. The state is set before it and the status
+  checked after it. Without a lane to move this takes {mm_gym:.2f} µs.
+- CVODE: none. Compiled code calls the C interface of SUNDIALS, with compiled right-hand sides and
+  events. CVODE forms its Jacobians by differences; Adams has fixed-point or Newton iteration.
 - heyoka: one call from Python for the motion, which takes {heyoka:.1f} µs if there is nothing to
-  do; with friction, one more for each event.
+  do. With friction there is one more call for each event.
 - SciPy `odeint` (LSODA), `dopri5`, `dop853`, `vode` (the last three of `scipy.integrate.ode`): the
   steps are compiled, but SciPy takes a right-hand side as a Python callable only; its low-level
   callables are for quadrature. Called from Python, the compiled right-hand side takes
   {python:.2f} µs, and {compiled:.3f} µs from compiled code. These methods have no events and step
   over the kinks of dry friction.
-- SciPy RK23 to LSODA (`solve_ivp`): the same call, and the steps themselves are written in Python,
-  or are called one by one. These rows show the interface as much as the method.
+- SciPy RK23 to LSODA (`solve_ivp`): the same call. The steps are written in Python, or called one
+  by one from it. These rows show the interface as much as the method.
 
 ![Time for one second of motion over the error, on four classes of scenes](work_precision.png)
 """

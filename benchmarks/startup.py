@@ -42,11 +42,11 @@ print(used.ru_utime + used.ru_stime, time.perf_counter() - start)
 """
 """Prints the processor time of the process, and the time of the script [s]."""
 
-EMPTY = """Without compiled code on disk: each scene in a process and with a copy of the package of
-its own, then all with one copy, where kernels that tasks have in common are compiled once; then
-{workers} processes that step CarriageForce at once, with a copy of theirs. The processor time is
-that of whole processes; other processes of a shared machine change it less than the time that
-passes.
+EMPTY = """These processes begin without compiled code on disk. First each scene runs in its own
+process with its own copy of the package. Then all scenes share one copy, so that kernels which
+tasks have in common are compiled once. Then {workers} processes step CarriageForce at the same time
+with one copy. The processor time is that of whole processes; other programs on a shared machine
+change it less than the time by the clock.
 """
 
 

@@ -32,20 +32,21 @@ ROUNDS, REPEATS = 9, 40
 LONGEST = 100
 """Control steps of an episode, at most."""
 
-PROCESSOR = "Processor time, which other processes on the machine disturb little.\n"
-UNDISTURBED = f"""Two threads wait for the slower of two processors, and on a shared machine other
-processes slow them down: by the clock the ratio of two such episodes says more of those processes,
-and can exceed 2. So each step of an episode counts at
-its fastest of {ROUNDS} rounds, in which the candidates took turns; ± is half the difference between
-every other round and the rest. One thread with half of the lanes can take less than half of the
-time, because less memory competes for its processor's cache: that is what two threads may reach.
+PROCESSOR = "Times are processor time, which other processes on the machine hardly disturb.\n"
+UNDISTURBED = f"""Two threads finish when the slower of them does, and on a shared machine other
+processes slow them down. The ratio of two times by the clock would mostly measure those processes,
+and can exceed 2. Each step of an episode therefore counts with its fastest time of {ROUNDS} rounds,
+in which the candidates took turns. ± is half the difference between the results of the even and the
+odd rounds. One thread with half of the lanes can take less than half of the time, because less
+memory competes for the cache of its processor. The third column is therefore the most that two
+threads can reach.
 """
-EPISODES = f"""{PROCESSOR.strip()}
-Episodes of at most {LONGEST} control steps under random actions, the reset included, with the
-tasks' own settings: CarriageForceDuffing at its tolerance of 1e-9. Others are two sections below.
+EPISODES = f"""{PROCESSOR.strip()} Episodes have at most {LONGEST} control steps under random
+actions, and their resets are included. The tasks have their own settings; CarriageForceDuffing, for
+example, has a tolerance of 1e-9. The section on speed over accuracy, below, has other tolerances.
 """
-ENVPOOL = """envpool is called in its synchronous mode, with one thread. A step of its FrozenLake,
-a look into a table, takes about as long as one of its CartPole.
+ENVPOOL = """envpool runs in its synchronous mode with one thread. A step of its FrozenLake, which
+only looks into a table, takes about as long as a step of its CartPole.
 
 """
 ACTIONS = 8
@@ -64,8 +65,8 @@ PERIOD = 33
 
 ENDING = ("CarriageForce-v0", "PreStretch-v0")
 AUTORESET = {"NextStep": "next step", "SameStep": "same step"}
-ENDS = """A step while 3 % of the lanes, others in each step, end and begin episodes, and while none
-does:
+ENDS = """The next table compares steps in which no episode ends with steps in which 3 % of the
+lanes end an episode and begin another one. The lanes that do so are different ones in each step.
 """
 
 BARE = "bare 4 x 5 product over the lanes"
