@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias
 
 from gymnasium.error import DependencyNotInstalled
 
@@ -12,11 +13,7 @@ from agents.network.files import PolicyError
 from agents.training.runs import INTERRUPTED, RunError
 from mm_gym import ActionError, CompileError, DesignError, SceneError, SimulationError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-Outcome: TypeAlias = str | int | None
-"""How a command ends: with an error's text, a status, or well."""
+Outcome: TypeAlias = str | int | None  # how a command ends: with an error's text, a status, or well
 
 
 class DatasetError(RuntimeError):
@@ -37,8 +34,7 @@ ERRORS = (
     SimulationError,
 )
 
-FAILED = 2
-"""Exit status after an error, that of a wrong flag and of `mm_gym` too."""
+FAILED = 2  # exit status after an error, that of a wrong flag and of `mm_gym` too
 
 
 def command(main: Callable[[], Outcome]) -> Callable[[], Outcome]:

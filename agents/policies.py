@@ -7,9 +7,11 @@ iteration (`agents.value_table.policy`), and takes NumPy alone to act.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from agents.network.files import ENDINGS, LARGEST, PolicyError, read_content
 from agents.network.interface import Interface
@@ -19,12 +21,7 @@ from agents.value_table.policy import TablePolicy, is_table, table_policy
 from mm_gym import DesignError, SceneError
 from mm_gym.files import read_bytes
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike, NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 __all__ = [
     "ENDINGS",
@@ -36,22 +33,18 @@ __all__ = [
     "network",
 ]
 
-AnyPolicy: TypeAlias = Policy | TablePolicy
-"""What acts: a network, or a table of value iteration."""
+AnyPolicy: TypeAlias = Policy | TablePolicy  # what acts: a network, or a table of value iteration
 
 
 class Deployed:
     """A policy between a laboratory's sensors and actuators: SI units in, SI units out.
 
+    Raise `PolicyError` if one has other numbers than the other.
+
     Parameters
     ----------
     policy, interface
         What acts, and what it is connected to.
-
-    Raises
-    ------
-    PolicyError
-        If one has other numbers than the other.
     """
 
     def __init__(self, policy: Policy, interface: Interface) -> None:
@@ -64,17 +57,14 @@ class Deployed:
     def act_si(self, measured: ArrayLike, t: float) -> Values:
         """Return the commands (k,), in the units of `Interface.commands`.
 
+        Raise `DesignError` if an episode does not begin at 0.
+
         Parameters
         ----------
         measured
             (channels,) the newest values, in the units of `Interface.channels`.
         t
             Time since the episode's start [s]; at 0 all that is remembered is forgotten.
-
-        Raises
-        ------
-        DesignError
-            If an episode does not begin at 0.
         """
         frame = (np.asarray(measured, np.float64) - self.zero) * self.factor
         if t < 0.5 * self.interface.time_step:
@@ -91,10 +81,7 @@ class Deployed:
 def load_policy(path: str | Path) -> AnyPolicy:
     """Read a policy that `save` of either kind wrote; nothing in the file is run.
 
-    Raises
-    ------
-    PolicyError
-        If the file is missing, too large, damaged, or no policy.
+    Raise `PolicyError` if the file is missing, too large, damaged, or no policy.
     """
     try:
         content = read_bytes(path, most=LARGEST)

@@ -16,24 +16,16 @@ if TYPE_CHECKING:
 
 
 class Step(NamedTuple):
-    """A control step of all lanes.
+    """A control step of all lanes."""
 
-    Attributes
-    ----------
-    action
-        (lanes, k) as the environment was given it.
-    observation, reward, terminated, truncated, info
-        As the environment returned them.
-    ran
-        (lanes,) whether the lane's episode ran in this step; what the others do is of no episode.
-    """
-
-    action: NDArray[np.floating[Any]]
+    action: NDArray[np.floating[Any]]  # (lanes, k) as the environment was given it
+    # observation, reward, terminated, truncated, info: as the environment returned them
     observation: NDArray[np.float32]
     reward: Values
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
     info: dict[str, Any]
+    # (lanes,) whether the lane's episode ran in this step; what the others do is of no episode.
     ran: NDArray[np.bool_]
 
 

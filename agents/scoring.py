@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-FREQUENCY = "excitation.0.frequency"
-"""The field of a scene that is unknown where it is drawn."""
+FREQUENCY = "excitation.0.frequency"  # the field of a scene that is unknown where it is drawn
 
 HELD_OUT_SEED = 1_000_000
 """Seed of the first lane of the final evaluation; training lanes have seeds of another range."""
@@ -28,43 +27,29 @@ HELD_OUT_SEED = 1_000_000
 VALIDATION_SEED = 2_000_000
 """Seed of the first lane of the evaluations during training, and of what baselines are tuned on."""
 
-VALIDATION_EPISODES = 100
-"""Of each of these evaluations."""
+VALIDATION_EPISODES = 100  # of each of these evaluations
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What one controller did.
+    """What one controller did."""
 
-    Attributes
-    ----------
-    name
-        The controller's name.
-    reads
-        What it read: "observation", "full state" or "episode".
-    penalties
-        (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
-        [-]; see `evaluate`.
-    returns
-        (episodes,) sum of the rewards of each [-].
-    frequency
-        (episodes,) [rad/s] of the first excitation, or None where its field is not randomised.
-    time, displacement, applied
-        (steps,) [s]; (steps, episodes) x1 / objective.displacement_scale; (steps, episodes, k) what
-        the actuators reached. After an early end they keep their last values.
-    injected
-        (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where
-        the stretch is not actuated.
-    """
-
-    name: str
-    reads: Reads
+    name: str  # the controller's name
+    reads: Reads  # what it read: "observation", "full state" or "episode"
+    # (episodes,) mean of -reward over the horizon of each, with the terminal cost of an early end
+    # [-]; see `evaluate`.
     penalties: NDArray[np.float64]
-    returns: NDArray[np.float64]
+    returns: NDArray[np.float64]  # (episodes,) sum of the rewards of each [-]
+    # (episodes,) [rad/s] of the first excitation, or None where its field is not randomised.
     frequency: NDArray[np.float64] | None
+    # time, displacement, applied: (steps,) [s]; (steps, episodes) x1 /
+    # objective.displacement_scale; (steps, episodes, k) what the actuators reached. After an early
+    # end they keep their last values.
     time: NDArray[np.float64]
     displacement: NDArray[np.float64]
     applied: NDArray[np.float64]
+    # (episodes,) energy that changing the stretch put in [J], see `SpringWork`; None where the
+    # stretch is not actuated.
     injected: NDArray[np.float64] | None
 
     @property

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
 from agents.scoring import evaluate
 from agents.training.ending import notes_of
 from agents.training.misfits import print_misfits
 from agents.training.parts import Parts, agent_of
 from agents.training.runs import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from agents.training.search_settings import TimedSettings
+from agents.training.search_settings import TimedSettings
 
 Settings = TypeVar("Settings", bound="TimedSettings")
 
-EPISODES = 100
-"""Held-out episodes of the cost that is printed."""
+EPISODES = 100  # held-out episodes of the cost that is printed
 
 
 def search_and_score(settings: Settings, search: Callable[[Settings, Run], None]) -> None:

@@ -14,12 +14,14 @@ agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
+from agents.controllers.controller import Controller
 from agents.controllers.tuned import NOT_SCORED, baselines
 from agents.controllers.user_defined import user_defined
 from agents.errors import command, leave
@@ -35,18 +37,11 @@ from agents.report.tables import print_ranking, print_table, write_episodes, wri
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
-from mm_gym import SceneError, load_scene, rewarded
+from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import check_outputs
 from mm_gym.tasks import task_or_scene
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-SINGLE = 200
-"""Held-out episodes of a single run."""
+SINGLE = 200  # held-out episodes of a single run
 
 
 @dataclass(frozen=True)
@@ -147,10 +142,7 @@ def report_run(
 
 
 def report(
-    controllers: Sequence[Controller],
-    scene: Scene,
-    episodes: int,
-    folder: Path | None,
+    controllers: Sequence[Controller], scene: Scene, episodes: int, folder: Path | None
 ) -> list[Evaluation]:
     """Evaluate the baselines, then controllers; print the ranking, and write it to a folder."""
 
@@ -178,10 +170,7 @@ def report(
 def read_policy(path: Path, *, trust: bool) -> AnyPolicy:
     """Read a policy from a file of numbers, or from an archive if it is trusted.
 
-    Raises
-    ------
-    PolicyError
-        If the file is no policy, or an archive that is not trusted.
+    Raise `PolicyError` if the file is no policy, or an archive that is not trusted.
     """
     if path.suffix != ".zip":
         return load_policy(path)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -25,15 +25,12 @@ from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source, seconds_of
 from agents.network.interface import Interface
 from agents.network.onnx import onnx_bytes
-from agents.policies import ENDINGS, PolicyError, load_policy
+from agents.policies import ENDINGS, AnyPolicy, PolicyError, load_policy
 from agents.training.parts import NO_BASE, recorded_parts
 from agents.training.runs import Run
 from agents.value_table.policy import TablePolicy
 from mm_gym import load_scene
 from mm_gym.files import check_outputs, write_bytes
-
-if TYPE_CHECKING:
-    from agents.policies import AnyPolicy
 
 WRITERS = {
     ".c": lambda policy, interface, comment: c_source(
@@ -64,19 +61,11 @@ class Arguments:
 
 @dataclass(frozen=True)
 class Exported:
-    """What is written.
-
-    Attributes
-    ----------
-    interface
-        Channels and actuators, or None where they are not known.
-    comment
-        What its user has to add.
-    """
+    """What is written."""
 
     policy: AnyPolicy
-    interface: Interface | None = None
-    comment: str = ""
+    interface: Interface | None = None  # channels and actuators, or None where they are not known
+    comment: str = ""  # what its user has to add
 
     def content(self, out: Path) -> bytes:
         """Return the content of a file; raise `PolicyError` if it cannot hold a table."""
@@ -93,10 +82,8 @@ class Exported:
 def read_exported(arguments: Arguments) -> Exported:
     """Return what is named, with its base in it if that is linear.
 
-    Raises
-    ------
-    PolicyError, RunError, SceneError
-        If there is none, or its base is code of the user's that is not trusted.
+    Raise `PolicyError`, `RunError` or `SceneError` if there is none, or its base is code of the
+    user's that is not trusted.
     """
     path, trust = arguments.policy, arguments.trust
     scene = None if arguments.task is None else load_scene(arguments.task)

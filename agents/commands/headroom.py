@@ -16,13 +16,14 @@ import json
 import os
 import time
 from dataclasses import dataclass
-from pathlib import Path  # noqa: TC003 - tyro reads the annotation
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import Controller, columns
 from agents.errors import command, leave
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import (
@@ -37,21 +38,14 @@ from agents.evaluation.headroom import (
 )
 from agents.evaluation.scores import SCORES, read_scores
 from agents.network.arrays import numbers, read_array
-from mm_gym import SceneError, compile_scene, load_scene
+from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.files import write_bytes, write_text
 from mm_gym.tasks import ids, path_of, task_called
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-    Row = dict[str, Any]
+Row = dict[str, Any]
 
 
-MOST_BYTES = 2**28
-"""Largest file of plans."""
+MOST_BYTES = 2**28  # largest file of plans
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.errors import command, leave
 from agents.report.task_page import about
 from mm_gym import load_scene

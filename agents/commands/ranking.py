@@ -9,12 +9,13 @@ apply to, or on those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-from agents.controllers.registry import entries, every_entry
+from agents.controllers.registry import Entry, entries, every_entry
 from agents.errors import command, leave
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
@@ -25,11 +26,6 @@ from mm_gym import SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, task_called
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from agents.controllers.registry import Entry
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,12 @@ from pydantic import Field, JsonValue
 from agents.errors import command, leave
 from agents.evaluation.named import law_of
 from agents.recording.episodes import Exploration, play
-from agents.training.config import Changes  # noqa: TC001 - pydantic reads the annotation
+from agents.training.config import Changes
 from mm_gym import load_scene
 from mm_gym.scene import Document
 from mm_gym.tasks import ids, is_id, short_name, task_or_scene
 
-FIRST_SEED = 3_000_000
-"""Apart from the seeds of the evaluations and of the trainings."""
+FIRST_SEED = 3_000_000  # apart from the seeds of the evaluations and of the trainings
 
 
 class RecordSettings(Document):
@@ -61,12 +60,9 @@ class RecordSettings(Document):
 def record(settings: RecordSettings) -> str:
     """Record a dataset, print what it holds, and return its id.
 
-    Raises
-    ------
-    DatasetError
-        If the id is refused, or the dataset cannot be written.
-    ActionError, DesignError, PolicyError, RunError, SceneError, SimulationError
-        If the controller is refused, or fails.
+    Raise `DatasetError` if the id is refused, or the dataset cannot be written; `ActionError`,
+    `DesignError`, `PolicyError`, `RunError`, `SceneError` or `SimulationError` if the controller is
+    refused, or fails.
     """
     from agents.recording.dataset import free_id, write  # noqa: PLC0415 - needs an extra
 

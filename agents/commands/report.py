@@ -8,9 +8,10 @@ and what made each run. It is one file that can be sent to others and opened any
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -22,9 +23,6 @@ from agents.report.web_page import LARGEST, STUDIED, report_page
 from agents.scoring import HELD_OUT_SEED
 from mm_gym import SceneError
 from mm_gym.files import check_outputs, write_text
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @dataclass(frozen=True)
@@ -64,10 +62,7 @@ def main() -> str | None:
 def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None = None) -> None:
     """Compare, and write the page.
 
-    Raises
-    ------
-    SceneError
-        If the page were too large, or cannot be written; and as `read_field` does.
+    Raise `SceneError` if the page were too large, or cannot be written; and as `read_field` does.
     """
     wanted = arguments or Arguments(tuple(subjects))
     check_outputs([out])

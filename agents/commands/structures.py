@@ -8,14 +8,15 @@ from it.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tyro
 
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.errors import command, leave
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
@@ -30,15 +31,11 @@ from agents.training.runs import Run
 from mm_gym import DesignError, load_scene
 from mm_gym.files import write_text
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 DOCS = Path(__file__).parents[2] / "docs"
 SCORES, PAGE = DOCS / "structure_scores.json", DOCS / "structures.md"
 BEGIN, END = "<!-- scores: python -m agents structures -->", "<!-- end of scores -->"
 
-EPISODES = 100
-"""Held-out episodes."""
+EPISODES = 100  # held-out episodes
 
 SEARCHES: dict[str, tuple[Any, Callable[..., None]]] = {
     "evolved": (EvolveSettings, evolve),

@@ -22,8 +22,7 @@ from agents.training.config import settings_from_command_line
 from agents.training.ending import notes_of
 from agents.training.runs import Run
 
-HERE = "none"
-"""What ``--ray`` alone stands for."""
+HERE = "none"  # what ``--ray`` alone stands for
 
 
 @command
@@ -48,12 +47,8 @@ def _flags(words: list[str]) -> list[list[str]]:
 def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | None:
     """Do the trainings that are left; return what went wrong, or None.
 
-    Raises
-    ------
-    SceneError
-        If a setting of a training is wrong, or a scene differs. No folder is made.
-    RunError
-        If another process is at work on this sweep.
+    Raise `SceneError` if a setting of a training is wrong, or a scene differs. No folder is made.
+    Raise `RunError` if another process is at work on this sweep.
     """
     trials = settings.trials()
     folder = Run(settings.name, root)

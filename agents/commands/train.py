@@ -9,20 +9,16 @@ again, and a finished one goes on with more ``--steps``; the best policy of the 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from agents.commands.evaluate import SINGLE, report_run
+from agents.controllers.controller import Controller
 from agents.errors import command, leave
 from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ending import notes_of
 from agents.training.misfits import print_misfits
 from agents.training.reinforcement import train
 from agents.training.runs import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from agents.controllers.controller import Controller
 
 
 @command

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from agents.errors import command, leave
-from agents.training.algorithm_settings import Count  # noqa: TC001 - pydantic reads it
+from agents.training.algorithm_settings import Count
 from agents.training.config import TrainSettings, settings_from_command_line
 from agents.training.ending import read_ending, told_part
 from agents.training.reinforcement import train
@@ -38,6 +38,7 @@ except ImportError:
 
 if TYPE_CHECKING:
     from optuna import Study, Trial
+
 
 OVER = (TrialState.COMPLETE, TrialState.PRUNED)
 
@@ -89,12 +90,8 @@ def _in_one_line(error: BaseException) -> str:
 def tune(settings: TuneSettings, root: Path = Path("runs")) -> Path:
     """Try settings until there are enough trials; return the path of the best ones' file.
 
-    Raises
-    ------
-    SceneError, CompileError
-        If there is nothing to train on. No folder is made.
-    RunError
-        If the folder cannot be made, or holds a study of other settings.
+    Raise `SceneError` or `CompileError` if there is nothing to train on. No folder is made. Raise
+    `RunError` if the folder cannot be made, or holds a study of other settings.
     """
     settings.load_scene()
     folder = root / settings.name

@@ -12,34 +12,33 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 import tyro
 
 from agents.controllers.registry import entries
-from agents.controllers.searched import REFUSED, finalists, further_cost, trials
-from agents.controllers.tunable import MOST_BYTES, NUMBERS, Tunable, read_found
+from agents.controllers.searched import (
+    MOST_BYTES,
+    NUMBERS,
+    REFUSED,
+    Tunable,
+    finalists,
+    further_cost,
+    read_found,
+    trials,
+)
 from agents.errors import command, leave
-from mm_gym import DesignError, SceneError, load_scene
+from mm_gym import DesignError, Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import check_outputs, read_json, write_text
 from mm_gym.tasks import ids, task_or_scene
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from mm_gym import Scene
-
-RUNS = Path("runs") / "controllers"
-"""Where the costs of a search are kept until it ends."""
-
-EVERY = 50
-"""Trials after which they are written."""
-
-DIGITS = 6
-"""With which numbers are written."""
+RUNS = Path("runs") / "controllers"  # where the costs of a search are kept until it ends
+EVERY = 50  # trials after which they are written
+DIGITS = 6  # with which numbers are written
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def tunables(scene: Scene) -> dict[str, Tunable]:
 
 
 def tune(scene: Scene, tunable: Tunable, count: int, seed: int, file: Path) -> dict[str, Any]:
-    """Return what a search finds, as of `agents.controllers.tunable.Found`; go on from a file."""
+    """Return what a search finds, as of `agents.controllers.searched.Found`; go on from a file."""
     head = {"scene_digest": scene.digest, "controller": tunable.name, "seed": seed}
     known = _costs_so_far(file, head)[:count]
     costs: list[float] = []

@@ -1,17 +1,22 @@
-"""The scene's actuators as a controller knows them: their limits, rates and lags, and commands."""
+"""The scene's actuators as a controller knows them: limits, rates, lags, commands, dampers."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
+from scipy.linalg import expm
 
-from agents.controllers.controller import columns, require_actuator
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Values
-    from mm_gym import Scene
+from agents.controllers.controller import (
+    Values,
+    columns,
+    nominal,
+    plant_of,
+    require_actuator,
+    require_number,
+)
+from mm_gym import DesignError, Scene
+from mm_gym.analysis import spring_stiffness
 
 FIELD = "carriage.linear_coefficient"
 
@@ -81,15 +86,6 @@ class Actuators:
         return np.minimum(np.maximum(aim, self.low), self.high), wanted
 
 
-def nominal(scene: Scene, name: str) -> float:
-    """Return a number by dotted name or, if it is drawn, the middle of its range.
-
-    What is not stated is infinite, as a rate limit is.
-    """
-    stated = scene.value_of(name)
-    return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
-
-
 class Command:
     """Turn a wanted value into the action towards it, whether position or rate is commanded.
 
@@ -144,3 +140,163 @@ def require_stable_rest(scene: Scene, law: str) -> None:
             "x1 = 0, which is unstable"
         )
         raise DesignError(msg)
+
+
+GRID = 41
+"""Number of stretches or dampings at which the transition is computed; the nearest is used."""
+
+
+class Lead:
+    """Move a state ahead by half the time in which an actuator crosses its range, and by its lag.
+
+    The present stretch or damping is taken to stay, and no force to act. Without it, a switch comes
+    a quarter of a period late where springs need half a period to cross. Springs that need more
+    than the fastest period of the sphere do not switch within it; a damper switches four times a
+    period of the plant, and does not if it needs more than a quarter. For such there is no lead but
+    the lag.
+
+    Parameters
+    ----------
+    scene
+        The scene that is controlled.
+    name
+        What is switched: "stretch" or "damping".
+    factor
+        Of that time [-].
+    """
+
+    def __init__(self, scene: Scene, name: str = "stretch", factor: float = 1.0) -> None:
+        command = Command(scene, name)
+        self.low, self.range = command.low, command.high - command.low
+        crossing = self.range / command.travel * scene.control.time_step
+        at = self.low + self.range * np.linspace(0.0, 1.0, GRID)
+        if name == "stretch":
+            stiffest = spring_stiffness(self.low, scene.springs.stiffness)
+            longest = 2.0 * np.pi * np.sqrt(scene.sphere.mass / stiffest)
+            first, last = (plant_of(scene).linear(s)[0] for s in (at[0], at[-1]))
+            k2 = spring_stiffness(at, scene.springs.stiffness)
+            share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
+        else:
+            first, last = (_damped(scene, value) for value in (at[0], at[-1]))
+            fastest = np.abs(np.linalg.eigvals(first).imag).max()
+            longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
+            share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
+        self.time = factor * (
+            nominal(scene, f"actuation.{name}.lag")
+            + (0.5 * crossing if crossing < longest else 0.0)
+        )
+        self.transitions = expm((last + share[:, None, None] * (first - last)) * self.time)
+
+    def __call__(self, state: Values, present: Values) -> Values:
+        """Return the states (lanes, 4) ahead, from those now and the stretches or dampings now."""
+        if self.time == 0.0:
+            return state
+        share = np.clip((present - self.low) / self.range, 0.0, 1.0)
+        nearest = np.rint(share * (GRID - 1)).astype(np.intp)
+        return np.einsum("nij,nj->ni", self.transitions[nearest], state)
+
+
+def _damped(scene: Scene, value: float) -> Values:
+    """Return A (4, 4) about rest with a value of the damping that is actuated."""
+    system = plant_of(scene).state_space([], [], at={str(scene.actuation.damped): value})
+    return system.A[:4, :4]
+
+
+Switching: TypeAlias = Literal["on-off", "continuous"]
+
+SWITCHINGS: tuple[Switching, ...] = get_args(Switching)
+"""Ways in which a semi-active damper follows a wanted force."""
+
+
+class Damper:
+    """A semi-active damper as a device for a wanted force.
+
+    Its force is c r, against the relative velocity r of its ends: v2 - v1 of the interface's
+    damper, v1 of the carriage's. The force on the carriage is +c r and on the sphere -c r, or -c r
+    on the carriage. It only takes energy out, so a wanted force of the other sign than r gets the
+    least damping. Raise `DesignError` if no damping is actuated, or `on` is beyond its limits.
+
+    Parameters
+    ----------
+    scene
+        A scene with an actuated damping.
+    switching
+        "continuous" has the damping whose force is nearest to the wanted one, c = F / r within the
+        limits. "on-off" has one damping wherever F and r agree in sign.
+    on
+        That one [N s/m]; by default the greatest.
+    """
+
+    def __init__(self, scene: Scene, switching: Switching, on: float | None = None) -> None:
+        self.command, self.is_on_off = Command(scene, "damping"), switching == "on-off"
+        self.on = self.command.high if on is None else on
+        require_number("on", self.on, self.command.low, self.command.high)
+        self.present = self.command.present
+        self.of_interface = scene.actuation.damped == "interface.damping"
+
+    def velocity(self, state: Values) -> Values:
+        """Return the relative velocities (lanes,) [m/s] of the damper's ends."""
+        return state[:, 3] - state[:, 2] if self.of_interface else state[:, 2]
+
+    def stroke(self, state: Values) -> Values:
+        """Return the relative displacements (lanes,) [m] of the damper's ends."""
+        return state[:, 1] - state[:, 0] if self.of_interface else state[:, 0]
+
+    def towards(self, force: Values, velocity: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards forces (lanes,) [N], positive as the velocities are."""
+        low, high = self.command.low, self.command.high
+        agree = force * velocity > 0.0
+        wanted = np.where(agree, self.on, low)
+        if not self.is_on_off:
+            ratio = np.divide(force, velocity, out=np.full_like(force, low), where=agree)
+            wanted = np.clip(ratio, low, high)
+        return self.command(wanted, present)
+
+
+class MagnetorheologicalDamper:
+    """A magnetorheological damper as a device for a wanted force, by its voltage.
+
+    Its states y and z are not observed. Its force f is taken to be that of (4c) of docs/model.md at
+    a z that has settled, with the spring k0 relaxed: slow slip all goes into c1, as in the linear
+    plant; faster slip shears the hysteresis at its yield, z = sqrt(A / (gamma + beta)). Raise
+    `DesignError` if no voltage is actuated.
+
+    Parameters
+    ----------
+    scene
+        A scene with an actuated voltage. Of parameters that are drawn the middle is known.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.command = Command(scene, "voltage")
+        self.present = self.command.present
+        interface = scene.interface
+        assert interface.kind == "magnetorheological"  # noqa: S101 - as the scene demands
+        self.values = {
+            name: nominal(scene, f"interface.{name}")
+            for name in type(interface).model_fields
+            if name != "kind"
+        }
+        bend = self.values["gamma"] + self.values["beta"]  # 0: never yields
+        self.bound = np.sqrt(self.values["gain"] / max(bend, np.finfo(np.float64).tiny))
+
+    def force(self, state: Values, voltage: Values) -> Values:
+        offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
+        parallel, series, hysteresis = (
+            self.values[name] + self.values[f"{name}_per_volt"] * voltage
+            for name in ("damping", "series_damping", "hysteresis")
+        )
+        yielded = (hysteresis * self.bound + parallel * np.abs(slip)) / (parallel + series)
+        flow = np.sign(slip) * np.minimum(np.abs(slip), yielded)
+        pressed = offset - self.values["accumulator_offset"]
+        return series * flow + self.values["accumulator_stiffness"] * pressed
+
+    def towards(self, force: Values, state: Values, present: Values) -> Values:
+        """Return actions (lanes, 1) towards forces (lanes,) [N] on the carriage.
+
+        The voltage is the greatest where the damper's force has the sign of the wanted one and is
+        the smaller of the two, else the least.
+        """
+        given = self.force(state, present)
+        more = (force - given) * given > 0.0
+        return self.command(np.where(more, self.command.high, self.command.low), present)

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import control
 import numpy as np
 
-from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Law, plant_of, require_number
+from agents.controllers.actuators import Command, Lead, require_stable_rest
+from agents.controllers.controller import Acted, Law, Memory, Values, plant_of, require_number
 from agents.controllers.feedback import Both, Feedback
-from agents.controllers.lead import Lead
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.searched import searched_pair
-from agents.controllers.tunable import Free, Tunable
+from agents.controllers.searched import Free, Tunable, searched_pair
+from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
 
 
 class ClippedLQR(Law):
@@ -31,7 +24,8 @@ class ClippedLQR(Law):
     the springs give its force F with k2 = k2(stretch) + F / (x2 - x1), as far as their range goes;
     a small weight makes that on-off stiffness. F is that of the state by which springs will have
     moved, see `Lead`. Dyke et al., *Modeling and control of magnetorheological dampers for seismic
-    response reduction*, Smart Materials and Structures 5 (1996).
+    response reduction*, Smart Materials and Structures 5 (1996). Raise `DesignError` if the
+    carriage is unstable at rest.
 
     Parameters
     ----------
@@ -43,11 +37,6 @@ class ClippedLQR(Law):
         (4, 4): added to the weight of the state in the reward.
     lead
         Factor of the time by which the state is moved ahead [-].
-
-    Raises
-    ------
-    DesignError
-        If the carriage is unstable at rest.
     """
 
     def __init__(
@@ -72,13 +61,15 @@ class ClippedLQR(Law):
         self.gain = np.asarray(gain)[0]
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the stretch of the wanted stiffness."""
         present = self.command.present(applied)
-        state = self.lead(state, present)
-        offset = state[:, 1] - state[:, 0]
+        ahead = self.lead(state, present)
+        return self.towards(ahead @ self.gain, ahead, present), memory
+
+    def towards(self, force: Values, state: Values, present: Values) -> Values:
+        """Return the action towards the stretch at which springs have forces (lanes,) [N]."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            k2 = self.k2 - np.nan_to_num(state @ self.gain / offset)
-        return self.command(stretch_for_stiffness(k2, self.stiffness), present), memory
+            k2 = self.k2 - np.nan_to_num(force / (state[:, 1] - state[:, 0]))
+        return self.command(stretch_for_stiffness(k2, self.stiffness), present)
 
 
 def best_clipped_lqr(scene: Scene) -> Feedback:
@@ -142,25 +133,13 @@ def free_weights(scene: Scene, numbers: Mapping[str, float]) -> Values:
     return np.einsum("k,ki,kj->ij", each / scales**2, rows, rows)
 
 
-WEIGHTED = Tunable(
-    "weighted-clipped-lqr",
-    free_numbers,
-    lambda scene, numbers: Feedback(scene, weighted_clipped_lqr(scene, numbers)),
-)
+WEIGHTED = Tunable("weighted-clipped-lqr", free_numbers, weighted_clipped_lqr)
 
 _FOUND: list[tuple[Scene, Feedback]] = []
 
-
 ENTRIES = (
     Entry("clipped-lqr", ("stretch",), best_clipped_lqr, 21, label="clipped LQR"),
-    Entry(
-        WEIGHTED.name,
-        ("stretch",),
-        WEIGHTED.best,
-        28,
-        label="clipped LQR, free weights",
-        tunable=WEIGHTED,
-    ),
+    WEIGHTED.entry(("stretch",), 28, label="clipped LQR, free weights"),
     Entry(
         "lqr-and-clipped-lqr",
         ("force", "stretch"),

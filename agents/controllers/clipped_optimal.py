@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.actuators import Actuators, Command
-from agents.controllers.controller import Law, drawn_but, require_number
-from agents.controllers.damping_command import SWITCHINGS, MagnetorheologicalDamper
+from agents.controllers.actuators import (
+    SWITCHINGS,
+    Actuators,
+    Command,
+    MagnetorheologicalDamper,
+    Switching,
+)
+from agents.controllers.controller import Acted, Law, Memory, Values, drawn_but, require_number
 from agents.controllers.lqr import design
 from agents.controllers.registry import Entry
-from agents.controllers.searched import searched
+from agents.controllers.searched import over_decades
 from agents.controllers.semi_active import SemiActive, damper_entry
-from mm_gym import DesignError
+from mm_gym import DesignError, Scene
 
-WEIGHTS = np.linspace(-4.0, 2.0, 13)
-"""Exponents of the weights that are tried."""
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.damping_command import Switching
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+WEIGHTS = np.linspace(-4.0, 2.0, 13)  # exponents of the weights that are tried
 
 
 class ClippedOptimal(SemiActive):
@@ -33,7 +28,8 @@ class ClippedOptimal(SemiActive):
     the force of that regulator (`lqr.design`), whose cost is the scene's. On an estimated state,
     which `Feedback` has by default, it is the LQG's. Dyke, Spencer, Sain and Carlson, *Modeling and
     control of magnetorheological dampers for seismic response reduction*, Smart Materials and
-    Structures 5 (1996), doi:10.1088/0964-1726/5/5/006; there the damper is on or off.
+    Structures 5 (1996), doi:10.1088/0964-1726/5/5/006; there the damper is on or off. Raise
+    `DesignError` if no damping is actuated, or as for `lqr.design`.
 
     Parameters
     ----------
@@ -43,11 +39,6 @@ class ClippedOptimal(SemiActive):
         How the damper follows F, see `Damper`.
     weight
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
-
-    Raises
-    ------
-    DesignError
-        If no damping is actuated, or as for `lqr.design`.
     """
 
     def __init__(
@@ -62,7 +53,6 @@ class ClippedOptimal(SemiActive):
         self.sign = -1.0 if self.device.of_interface else 1.0
 
     def force(self, memory: Memory, state: Values) -> Values:
-        """Return the wanted forces F (lanes,) [N]."""
         return self.sign * (state[:, self.design.states] @ self.design.gain[0])
 
 
@@ -70,7 +60,8 @@ class SharedForce(ClippedOptimal):
     """Give the regulator's force by a damper and, for the rest, by the force in parallel with it.
 
     u = F - c r between the masses, with the damping c nearest to F / r: the damper gives what it
-    can, which costs no effort, and the force what is left, within its limit.
+    can, which costs no effort, and the force what is left, within its limit. Raise `DesignError` if
+    force and damping do not act between the same masses, or as for `lqr.design`.
 
     Parameters
     ----------
@@ -78,11 +69,6 @@ class SharedForce(ClippedOptimal):
         A scene with a force between the masses and an actuated damping of the interface.
     weight
         As for `ClippedOptimal`, of the damper's and the actuator's force together.
-
-    Raises
-    ------
-    DesignError
-        If force and damping do not act between the same masses, or as for `lqr.design`.
     """
 
     def __init__(self, scene: Scene, weight: float) -> None:
@@ -98,7 +84,6 @@ class SharedForce(ClippedOptimal):
         self.drive, self.actuators = Command(scene, "force"), Actuators(scene)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the actions of force and damping."""
         damping, memory = super().action(memory, state, applied)
         actions = np.concatenate([np.zeros_like(damping), damping], 1)
         reached, _ = self.actuators.reached(actions, applied, applied)
@@ -113,8 +98,9 @@ class ClippedVoltage(Law):
 
     v = maximum where (F - f) f > 0, else minimum, with the damper's force f and the force F that
     the LQR of the plant with a force between the masses in its place wants, as `ClippedOptimal`.
-    Dyke, Spencer, Sain and Carlson (1996), cited there, who measure f; here it is computed from
-    the state and the present voltage, see `MagnetorheologicalDamper`.
+    Dyke, Spencer, Sain and Carlson (1996), cited there, who measure f; here it is computed from the
+    state and the present voltage, see `MagnetorheologicalDamper`. Raise `DesignError` if no voltage
+    is actuated, or as for `lqr.design`.
 
     Parameters
     ----------
@@ -122,11 +108,6 @@ class ClippedVoltage(Law):
         A scene with an actuated voltage.
     weight
         Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
-
-    Raises
-    ------
-    DesignError
-        If no voltage is actuated, or as for `lqr.design`.
     """
 
     def __init__(self, scene: Scene, weight: float) -> None:
@@ -135,11 +116,9 @@ class ClippedVoltage(Law):
         self.design = design(regulated(scene, weight))
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the regulator's force."""
         return self.device.towards(self.force(state), state, self.device.present(applied)), memory
 
     def force(self, state: Values) -> Values:
-        """Return the wanted forces F (lanes,) [N] on the carriage."""
         return -state[:, self.design.states] @ self.design.gain[0]
 
 
@@ -174,18 +153,6 @@ def regulated(scene: Scene, weight: float) -> Scene:
     )
 
 
-def best_clipped_optimal(switching: Switching, scene: Scene) -> Feedback:
-    """Search the weight over six decades."""
-    return searched(
-        scene, lambda exponent: ClippedOptimal(scene, switching, 10.0**exponent), WEIGHTS
-    )
-
-
-def best_shared_force(scene: Scene) -> Feedback:
-    """Search the weight of what damper and actuator give together over six decades."""
-    return searched(scene, lambda exponent: SharedForce(scene, 10.0**exponent), WEIGHTS)
-
-
 def _apart(scene: Scene) -> str | None:
     """Return why force and damper do not act in parallel, or None."""
     if scene.actuation.is_between and scene.actuation.damped == "interface.damping":
@@ -193,21 +160,24 @@ def _apart(scene: Scene) -> str | None:
     return "which is for a force and a damper between the masses, in parallel"
 
 
-def best_clipped_voltage(scene: Scene) -> Feedback:
-    """Search the weight of the control of a voltage over six decades."""
-    return searched(scene, lambda exponent: ClippedVoltage(scene, 10.0**exponent), WEIGHTS)
+def _switched(switching: Switching, order: int) -> Entry:
+    best = over_decades(lambda scene, weight: ClippedOptimal(scene, switching, weight), WEIGHTS)
+    return damper_entry("clipped-optimal", switching, best, order)
 
 
 ENTRIES = (
-    *(
-        damper_entry("clipped-optimal", switching, partial(best_clipped_optimal, switching), 44)
-        for switching in SWITCHINGS
+    *(_switched(switching, 44) for switching in SWITCHINGS),
+    Entry(
+        "clipped-optimal-and-force",
+        ("force", "damping"),
+        over_decades(SharedForce, WEIGHTS),
+        48,
+        refuses=_apart,
     ),
-    Entry("clipped-optimal-and-force", ("force", "damping"), best_shared_force, 48, refuses=_apart),
     Entry(
         "clipped-optimal-on-off",
         ("voltage",),
-        best_clipped_voltage,
+        over_decades(ClippedVoltage, WEIGHTS),
         49,
         label="clipped-optimal, on-off",
     ),

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Controller, Law, columns, require_number
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Law,
+    Memory,
+    Observation,
+    Values,
+    columns,
+    require_number,
+)
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.observed_state import ObservedActuators
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched
 from agents.scoring import VALIDATION_SEED
+from mm_gym import Scene
 
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
-    from mm_gym import Scene
-
-
-CENTRED = np.linspace(-0.5, 0.5, 17)
-"""Forces over the force limit that are tried."""
+CENTRED = np.linspace(-0.5, 0.5, 17)  # forces over the force limit that are tried
 
 FORMATS = {"stretch": "{:.3f}", "damping": "{:.3g} N s/m", "voltage": "{:.3g} V"}
 """How names tell what is held."""
@@ -34,7 +37,6 @@ class ConstantAction(Controller):
         self.values = np.full(len(columns(scene)), action)
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the action for every lane."""
         return np.tile(self.values, (len(observation), 1)), memory
 
 
@@ -48,12 +50,13 @@ class ConstantForce(Law):
         self.value = force / command.high
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         return np.full((len(state), 1), self.value), memory
 
 
 class Held(Law):
     """Go to one value and stay; by default stay at the one that the episode begins with.
+
+    Raise `DesignError` if there is no such actuator, or the value is beyond its limits.
 
     Parameters
     ----------
@@ -63,11 +66,6 @@ class Held(Law):
         "stretch" [-], "damping" [N s/m] or "voltage" [V].
     value
         What is held.
-
-    Raises
-    ------
-    DesignError
-        If there is no such actuator, or the value is beyond its limits.
     """
 
     def __init__(self, scene: Scene, actuator: str, value: float | None = None) -> None:
@@ -78,13 +76,11 @@ class Held(Law):
             self.name = f"constant {actuator} {FORMATS[actuator].format(value)}"
 
     def begin(self, lanes: int) -> Memory:
-        """Begin before the first value is known."""
         if self.value is not None:
             return {}
         return {"begun": np.zeros(lanes, np.bool_), "held": np.zeros(lanes)}
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the value."""
         present = self.command.present(applied)
         if self.value is not None:
             return self.command(np.full_like(present, self.value), present), memory

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mm_gym import DesignError, compile_scene
-
-if TYPE_CHECKING:
-    from mm_gym import MovingMassVectorEnv, Plant, Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Plant, Scene, compile_scene
+from mm_gym.analysis import spring_force
 
 Values: TypeAlias = NDArray[np.float64]
 
@@ -26,6 +25,8 @@ written to a file without knowing the controller.
 Acted: TypeAlias = tuple[Values, Memory]
 """Actions (lanes, k), or what leads to them, and the memory then."""
 
+STATES = ("x1", "x2", "v1", "v2")
+
 Observation: TypeAlias = NDArray[np.float32]
 Info: TypeAlias = dict[str, Any]
 
@@ -37,16 +38,10 @@ class Controller(ABC):
     """What acts on many lanes at once.
 
     Its gains are made once, from the scene. What an episode changes is in the memory alone.
-
-    Attributes
-    ----------
-    name
-        In tables and figures.
-    reads
-        What it reads; only one that reads the full state is given `info`.
     """
 
-    name: str = "controller"
+    name: str = "controller"  # in tables and figures
+    # What it reads; only one that reads the full state is given `info`.
     reads: Reads = "observation"
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
@@ -154,6 +149,32 @@ def drawn_but(scene: Scene, *prefixes: str) -> dict[str, tuple[float, float]]:
     return {name: ends for name, ends in drawn if not name.startswith(prefixes)}
 
 
+def nominal(scene: Scene, name: str) -> float:
+    """Return a number by dotted name or, if it is drawn, the middle of its range.
+
+    What is not stated is infinite, as a rate limit is.
+    """
+    stated = scene.value_of(name)
+    return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
+
+
+def sphere_springs(scene: Scene) -> Callable[[Values], Values]:
+    """Return the springs' force [N] on the carriage over relative displacements x2 - x1 [m].
+
+    The sphere feels the opposite. See (5) and (6) of docs/model.md.
+    """
+    kind = scene.springs.kind
+    if kind == "none":
+        return np.zeros_like
+    stiffness = nominal(scene, "springs.stiffness")
+    if kind == "linear":
+        cubic = nominal(scene, "springs.cubic_coefficient")
+        return lambda offset: stiffness * (1.0 + cubic * offset**2) * offset
+    stretch = nominal(scene, "springs.stretch")
+    length = nominal(scene, "springs.rest_length") if kind == "finite_stretch" else 0.0
+    return lambda offset: spring_force(offset, stretch, stiffness, length)
+
+
 def plant_of(scene: Scene) -> Plant:
     """Return what a scene compiles to, once for all scenes of one content."""
     key = scene.digest
@@ -191,10 +212,7 @@ def require_number(name: str, value: float, low: float = 0.0, high: float = inf)
 def force_weight(scene: Scene) -> float:
     """Return the cost of the force [1/N^2].
 
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing.
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing.
     """
     actuator, weight = scene.actuation.force, scene.objective.effort_weight
     if actuator is None:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import drawn_but, plant_of
+from agents.controllers.controller import Memory, Values, drawn_but, plant_of
 from agents.controllers.model import Innovation, Model
-from mm_gym import MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Memory, Values
-    from mm_gym import Scene
+from mm_gym import MovingMassVectorEnv, Scene
 
 LANES, STEPS, SEED = 64, 200, 3_000_000
 """Episodes and control steps that are simulated, apart from those of any evaluation."""
 
-LEAST = 1e-5
-"""Least standard deviation of a state's disturbance in a step over its scale [-]."""
-
-ORDER = 8
-"""Past forces from which the next is predicted."""
+LEAST = 1e-5  # least standard deviation of a state's disturbance in a step over its scale [-]
+ORDER = 8  # past forces from which the next is predicted
 
 
 def deviations(scene: Scene) -> Values:

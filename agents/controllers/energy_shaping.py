@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.controller import Law, require_actuator, require_number
+from agents.controllers.controller import (
+    Acted,
+    Law,
+    Memory,
+    Values,
+    nominal,
+    require_actuator,
+    require_number,
+    sphere_springs,
+)
+from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Entry
 from agents.controllers.searched import searched_pair
-from agents.controllers.spring_force import middle, sphere_springs
-from mm_gym import DesignError
+from mm_gym import DesignError, Scene
 
 RATIOS = np.linspace(0.3, 1.7, 15)
 """Frequencies of a sphere over that of the carriage on its spring that are tried."""
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
 
 
 class EnergyShaping(Law):
@@ -29,7 +31,8 @@ class EnergyShaping(Law):
     place of the springs' then only falls: by g w^2, and by what interface and carriage dissipate,
     while the force stays within its limit. All are relative displacements and velocities, so the
     ground may move. Jankovic, Fontaine and Kokotovic, *TORA example: cascade- and passivity-based
-    control designs*, IEEE Trans. Control Syst. Technol. 4 (1996).
+    control designs*, IEEE Trans. Control Syst. Technol. 4 (1996). Raise `DesignError` if there is
+    no force, it acts against the ground or is commanded by its rate.
 
     Parameters
     ----------
@@ -37,11 +40,6 @@ class EnergyShaping(Law):
         A scene with a force between the masses.
     stiffness, gain
         k [N/m] and g [N s/m], at least 0.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it acts against the ground or is commanded by its rate.
     """
 
     def __init__(self, scene: Scene, stiffness: float, gain: float) -> None:
@@ -63,7 +61,6 @@ class EnergyShaping(Law):
         self.stiffness, self.gain = stiffness, gain
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         offset, slip = state[:, 1] - state[:, 0], state[:, 3] - state[:, 2]
         force = self.stiffness * offset - self.springs(offset) + self.gain * slip
         return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory
@@ -71,8 +68,8 @@ class EnergyShaping(Law):
 
 def best_energy_shaping(scene: Scene) -> Feedback:
     """Search the frequency of the sphere and the damping of the slip, over four decades."""
-    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
-    m2 = middle(scene, "sphere.mass")
+    k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
+    m2 = nominal(scene, "sphere.mass")
 
     def make(ratio: float, damping: float) -> EnergyShaping:
         rate = ratio * np.sqrt(k1 / m1)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values, require_number
 from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Entry
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+from mm_gym import Scene
 
 
 class ExtremumSeeking(Law):
@@ -49,12 +44,10 @@ class ExtremumSeeking(Law):
         self.forget = np.exp(-step * frequency / (2.0 * np.pi))  # averages over a period
 
     def begin(self, lanes: int) -> Memory:
-        """Begin to seek from the stretch that is there."""
         names = ("centre", "energy", "mean")
         return {"step": np.zeros(lanes, np.int64)} | {name: np.zeros(lanes) for name in names}
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the stretch that is tried."""
         step, present = memory["step"], self.command.present(applied)
         centre = np.where(step == 0, present, memory["centre"])
         energy = (self.frequency * state[:, 0]) ** 2 + state[:, 2] ** 2

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.controller import Controller, Law, joined, part
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Law,
+    Memory,
+    Observation,
+    Reads,
+    StateSource,
+    Values,
+    joined,
+    part,
+)
 from agents.controllers.observed_state import ObservedState
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import (
-        Acted,
-        Info,
-        Memory,
-        Observation,
-        Reads,
-        StateSource,
-        Values,
-    )
-    from mm_gym import MovingMassVectorEnv, Scene
+from mm_gym import MovingMassVectorEnv, Scene
 
 
 class Feedback(Controller):
@@ -42,17 +41,14 @@ class Feedback(Controller):
         self.name, self.reads = law.name, self.source.reads
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Begin source and law."""
         return joined(source=self.source.begin(env.num_envs), law=self.law.begin(env.num_envs))
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the law's action, clipped."""
         state, applied, source = self.source.read(part(memory, "source"), observation, info)
         action, law = self.law.action(part(memory, "law"), state, applied)
         return np.clip(action, -1.0, 1.0), joined(source=source, law=law)
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Tell the source."""
         source = self.source.note(part(memory, "source"), action)
         return joined(source=source, law=part(memory, "law"))
 
@@ -63,17 +59,14 @@ class TrueState:
     reads: Reads = "full state"
 
     def begin(self, lanes: int) -> Memory:
-        """Return nothing to remember."""
         return {}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Values, Values, Memory]:
-        """Return what `info` says."""
         return info["state"], info["applied"], memory
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Return nothing to remember."""
         return memory
 
 
@@ -85,11 +78,9 @@ class Both(Law):
         self.laws = laws
 
     def begin(self, lanes: int) -> Memory:
-        """Begin all."""
         return joined(**{str(k): law.begin(lanes) for k, law in enumerate(self.laws)})
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return their columns."""
         found = [
             law.action(part(memory, str(k)), state, applied) for k, law in enumerate(self.laws)
         ]

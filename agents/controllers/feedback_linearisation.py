@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law
-from agents.controllers.feedback import Feedback
-from agents.controllers.lqr import LQR, STATES
-from agents.controllers.registry import Entry, without_weight
-from agents.controllers.tunable import Free, Tunable
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+from agents.controllers.controller import STATES, Acted, Law, Memory, Values
+from agents.controllers.lqr import LQR
+from agents.controllers.registry import without_weight
+from agents.controllers.searched import Free, Tunable
+from mm_gym import Scene
 
 
 class FeedbackLinearisation(Law):
@@ -37,17 +31,14 @@ class FeedbackLinearisation(Law):
 
     def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
         carriage, regulator = scene.carriage, LQR(scene)
-        self.limit, self.ahead = (
-            Command(scene, "force").high,
-            numbers["lead"] * scene.control.time_step,
-        )
+        self.limit = Command(scene, "force").high
+        self.ahead = numbers["lead"] * scene.control.time_step
         self.cubic = numbers["cancelled"] * carriage.stiffness * carriage.cubic_coefficient
         self.gain = np.zeros(4)
         for k, gain in zip(regulator.design.states, regulator.design.gain[0], strict=True):
             self.gain[k] = numbers[f"gain_{STATES[k]}"] * gain
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         displacement = state[:, 0] + self.ahead * state[:, 2]
         force = self.cubic * displacement**3 - state @ self.gain
         return np.clip(force / self.limit, -1.0, 1.0)[:, None], memory
@@ -76,19 +67,8 @@ def _refused(scene: Scene) -> str | None:
 
 CUBIC = "carriage.cubic_coefficient"
 
-FEEDBACK_LINEARISATION = Tunable(
-    "feedback-linearisation",
-    free_numbers,
-    lambda scene, numbers: Feedback(scene, FeedbackLinearisation(scene, numbers)),
-)
-
 ENTRIES = (
-    Entry(
-        FEEDBACK_LINEARISATION.name,
-        ("force",),
-        FEEDBACK_LINEARISATION.best,
-        13,
-        refuses=_refused,
-        tunable=FEEDBACK_LINEARISATION,
+    Tunable("feedback-linearisation", free_numbers, FeedbackLinearisation).entry(
+        ("force",), 13, refuses=_refused
     ),
 )

@@ -1,21 +1,28 @@
-"""The LQR with feed-forward: it also counters what random excitation is about to do."""
+"""LQR and clipped LQR with feed-forward: they counter what random excitation is about to do."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
-from agents.controllers.clipped_lqr import ClippedLQR, best_lqr_with_clipped_lqr
-from agents.controllers.controller import Law, force_weight, plant_of
-from agents.controllers.excitation_filter import ExcitationFilter
+import control
+import numpy as np
+from scipy.linalg import expm
+
+from agents.controllers.clipped_lqr import (
+    ClippedLQR,
+    best_lqr_with_clipped_lqr,
+    free_weights,
+    weighted_clipped_lqr,
+)
+from agents.controllers.clipped_lqr import free_numbers as free_numbers_of_motion
+from agents.controllers.controller import STATES, Acted, Law, Memory, Values, force_weight, plant_of
 from agents.controllers.feedback import Both, Feedback
-from agents.controllers.forecast import SHAPED
+from agents.controllers.forecast import SHAPED, UNMODELLED, ExcitationFilter
 from agents.controllers.lqg import regulator
-from agents.controllers.lqr import STATES
+from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry, without_weight
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+from agents.controllers.searched import Free, Tunable
+from mm_gym import Scene
 
 
 class FeedforwardLQR(Law):
@@ -24,7 +31,8 @@ class FeedforwardLQR(Law):
     How the motion differs from the model's prediction shows what the excitation did in the last
     step; a Kalman filter finds the shaping filter's state from that. The regulator is optimal for
     the conditional mean of what is to come. Suhardjo, Spencer and Sain, *Feedback-feedforward
-    control of structures under seismic excitation*, Struct. Saf. 8 (1990).
+    control of structures under seismic excitation*, Struct. Saf. 8 (1990). Raise `DesignError` if
+    no random noise excites the scene, or as for `lqg.design_lqg`.
 
     Parameters
     ----------
@@ -32,11 +40,6 @@ class FeedforwardLQR(Law):
         A scene with a force, and with random noise among its excitation.
     stretch
         Stretch of the springs about which it is designed [-]; by default the initial one.
-
-    Raises
-    ------
-    DesignError
-        If no random noise excites the scene, or as for `lqg.design_lqg`.
     """
 
     name = "LQR with feed-forward"
@@ -55,11 +58,9 @@ class FeedforwardLQR(Law):
         self.of_force = gain[names.index("force")] if "force" in names else 0.0
 
     def begin(self, lanes: int) -> Memory:
-        """Expect nothing yet."""
         return self.filter.begin(lanes)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         memory = self.filter.observe(memory, state, applied)
         force = state @ self.of_motion + memory["state"] @ self.of_filters
         return -(force + self.of_force * applied[:, 0])[:, None] / self.limit, memory
@@ -81,7 +82,79 @@ def without_shaped_noise(scene: Scene) -> str | None:
     return f"which expects the next values of {', '.join(SHAPED)}, and the excitation has none"
 
 
+class FeedforwardClippedLQR(Law):
+    """Choose the stiffness whose force is closest to that of a regulator with feed-forward.
+
+    The regulator of the clipped LQR also feeds back the states of the filters that shape the random
+    excitation, which a Kalman filter finds from what the model of the motion missed. It is optimal
+    for the conditional mean of what is to come; the springs then give what they can of its force.
+    Suhardjo, Spencer and Sain, *Feedback-feedforward control of structures under seismic
+    excitation*, Struct. Saf. 8 (1990). Raise `DesignError` if no random noise excites the scene, or
+    as for `ClippedLQR`.
+
+    Parameters
+    ----------
+    numbers
+        As of `free_numbers`.
+    """
+
+    name = "clipped LQR with feed-forward, free weights"
+
+    def __init__(self, scene: Scene, numbers: Mapping[str, float]) -> None:
+        plant, at = plant_of(scene), {"initial.stretch": numbers["stretch"]}
+        weights = free_weights(scene, numbers)
+        self.clipped = weighted_clipped_lqr(scene, numbers)
+        sampled = plant.state_space([], STATES, sampled=True, at=at)
+        self.filter = ExcitationFilter(scene, sampled, numbers["unmodelled"] * UNMODELLED)
+        system = plant.state_space([], STATES, at=at)
+        rows = [*range(4), *self.filter.rows]
+        a = system.A[np.ix_(rows, rows)]
+        b = np.zeros((len(rows), 1))
+        b[2], b[3] = 1.0 / scene.carriage.mass, -1.0 / scene.sphere.mass
+        weight = np.zeros_like(a)
+        weight[:4, :4] = state_weight(scene) + weights
+        unit = scene.carriage.stiffness * scene.objective.displacement_scale
+        gain, _, _ = control.lqr(a, b, weight, [[numbers["force"] / unit**2]], method="scipy")
+        self.gain = np.asarray(gain)[0]
+        self.gain[4:] *= numbers["feedforward"]
+        self.ahead = self._ahead(a)
+
+    def _ahead(self, a: Values) -> tuple[Values, Values]:
+        """Return what the filters' states (f,) add to state and filters in the lead's time.
+
+        That is to the motion (4, f), at the stretch of the design, and to themselves (f, f).
+        """
+        moved = expm(a * self.clipped.lead.time)
+        return moved[:4, 4:], moved[4:, 4:]
+
+    def begin(self, lanes: int) -> Memory:
+        return self.filter.begin(lanes)
+
+    def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        memory = self.filter.observe(memory, state, applied)
+        clipped, (to_motion, kept) = self.clipped, self.ahead
+        present, filters = clipped.command.present(applied), memory["state"]
+        ahead = clipped.lead(state, present) + filters @ to_motion.T
+        force = ahead @ self.gain[:4] + filters @ kept.T @ self.gain[4:]
+        return clipped.towards(force, ahead, present), memory
+
+
+def free_numbers(scene: Scene) -> dict[str, Free]:
+    """Return those of the clipped LQR, and factors of the filters' gain and unmodelled noise."""
+    return {
+        **free_numbers_of_motion(scene),
+        "feedforward": Free(1.0, 0.5, ratio=False),
+        "unmodelled": Free(1.0, 1.5),
+    }
+
+
 ENTRIES = (
+    Tunable("feedforward-clipped-lqr", free_numbers, FeedforwardClippedLQR).entry(
+        ("stretch",),
+        29,
+        label="clipped LQR with feed-forward, free weights",
+        refuses=without_shaped_noise,
+    ),
     Entry(
         "feedforward-lqr-and-clipped-lqr",
         ("force", "stretch"),

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import problem_of
 from agents.controllers.registry import Entry, without_weight
-from mm_gym import DesignError
+from mm_gym import DesignError, Scene
 
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
-
-
-MOST_STEPS = 100_000
-"""Longest episode: its gains are found and kept step by step."""
+MOST_STEPS = 100_000  # longest episode: its gains are found and kept step by step
 
 
 class FiniteHorizonLQR(Law):
@@ -27,7 +19,8 @@ class FiniteHorizonLQR(Law):
 
     The Riccati recursion runs back from the end, so nothing need be stabilisable: a stroke that the
     force does not reach is weighed, too. Kwakernaak and Sivan, *Linear Optimal Control Systems*
-    (1972), section 6.4.
+    (1972), section 6.4. Raise `DesignError` if there is no force, it is commanded by its rate or
+    costs nothing, the motion has no weight, or the episode is too long.
 
     Parameters
     ----------
@@ -42,12 +35,6 @@ class FiniteHorizonLQR(Law):
         (steps, n) [N/m, N s/m], the first of the first step.
     cost
         (n, n): the sum of rewards from a state is -(x'P x), without limits of the force.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing, the motion has no
-        weight, or the episode is too long.
     """
 
     name = "finite-horizon LQR"
@@ -74,11 +61,9 @@ class FiniteHorizonLQR(Law):
         self.cost = cost
 
     def begin(self, lanes: int) -> Memory:
-        """Begin at the first step."""
         return {"step": np.zeros(lanes, np.int64)}
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         step = memory["step"]
         gain = self.gains[np.minimum(step, len(self.gains) - 1)]
         force = np.einsum("ln,ln->l", state[:, self.states], gain)

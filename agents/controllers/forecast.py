@@ -1,25 +1,31 @@
-"""The disturbance to come: its conditional mean, from the past."""
+"""The disturbance to come: its conditional mean, from the past or the filters that shape it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.controller import chosen, joined, part, plant_of
+from agents.controllers.controller import (
+    STATES,
+    Acted,
+    Memory,
+    Values,
+    chosen,
+    joined,
+    part,
+    plant_of,
+)
 from agents.controllers.disturbance import (
     ORDER,
     ForceObserver,
     force_column,
     prediction_weights,
+    state_scales,
 )
-from agents.controllers.excitation_filter import ExcitationFilter
-from agents.controllers.frequency_estimators import LinearPrediction
-from agents.controllers.lqr import STATES
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+from agents.controllers.frequency_tracking import LinearPrediction
+from agents.controllers.model import Innovation
+from agents.controllers.observed_state import missed_covariance
+from mm_gym import DesignError, LinearSystem, Scene
 
 SHAPED = ("noise", "kanai_tajimi", "clough_penzien")
 """Kinds of excitation whose next values follow from the state of a filter."""
@@ -42,7 +48,6 @@ class Forecast:
             self.weights = prediction_weights(scene)
 
     def begin(self, lanes: int) -> Memory:
-        """Return the memory of new episodes."""
         if self.silent:
             return {}
         return {**joined(observer=self.observer.begin(lanes)), "past": np.zeros((lanes, ORDER))}
@@ -89,7 +94,6 @@ class PushForecast:
             self.forces, self.column = Forecast(scene), force_column(scene)
 
     def begin(self, lanes: int) -> Memory:
-        """Return the memory of new episodes."""
         return (self.forces if self.filter is None else self.filter).begin(lanes)
 
     def ahead(
@@ -106,3 +110,96 @@ class PushForecast:
             return forces[:, None] * self.column[:, None], memory
         memory = self.filter.observe(memory, state, applied)
         return np.moveaxis(self.filter.ahead(memory, steps), 1, 2), memory
+
+
+UNMODELLED = 1e-3  # of what else disturbs the motion, by default
+LONGEST = 1000  # steps after which the filter's gain is taken to have settled
+
+
+class ExcitationFilter:
+    """A Kalman filter of the shaping filters' states, from what a model of the motion missed.
+
+    Raise `DesignError` if no random noise excites the scene.
+
+    Parameters
+    ----------
+    scene
+        The scene whose motion is observed, by sensors whose errors are not taken for excitation.
+    system
+        Its sampled plant; the first states are the motion.
+    unmodelled
+        Standard deviation of what else disturbs the motion in a step over the objective's scales.
+
+    Attributes
+    ----------
+    rows
+        Those of the shaping filters in the system.
+    kept, gains
+        (steps, rows, rows) and (steps, rows, 4): in each step the filters' states become `kept`
+        times the last ones, plus the gain times what the model missed.
+    """
+
+    def __init__(self, scene: Scene, system: LinearSystem, unmodelled: float = UNMODELLED) -> None:
+        names = [signal.name for signal in system.states]
+        self.rows = rows = [k for k, name in enumerate(names) if ".filter" in name]
+        if not rows:
+            msg = "excitation: it has no noise, whose next values could be predicted"
+            raise DesignError(msg)
+        self.innovation = Innovation(scene)
+        self.turn, self.shown = system.A[np.ix_(rows, rows)], system.A[:4, rows]
+        own, both = system.process_noise[np.ix_(rows, rows)], system.process_noise[rows, :4]
+        further = np.diag((unmodelled * state_scales(scene)) ** 2)
+        missed = system.process_noise[:4, :4] + further + missed_covariance(scene)
+        noise = np.block([[own, both], [both.T, missed]])  # the same drives both
+        self.kept, self.gains = self._gains(noise, own, min(LONGEST, scene.control.steps))
+
+    def _gains(self, noise: Values, own: Values, steps: int) -> tuple[Values, Values]:
+        """Return `kept` and `gains`, from the stationary distribution on."""
+        count, spread = len(self.turn), solve_discrete_lyapunov(self.turn, own)
+        kept, gains = np.empty((steps, count, count)), np.empty((steps, count, 4))
+        for step in range(steps):
+            seen = self.shown @ spread @ self.shown.T + noise[count:, count:]
+            cross = self.turn @ spread @ self.shown.T + noise[:count, count:]
+            gains[step] = gain = np.linalg.solve(seen, cross.T).T
+            kept[step] = left = self.turn - gain @ self.shown
+            both = np.hstack([np.eye(count), -gain])
+            spread = left @ spread @ left.T + both @ noise @ both.T  # Joseph's form
+        return kept, gains
+
+    def begin(self, lanes: int) -> Memory:
+        return {
+            **joined(innovation=self.innovation.begin(lanes)),
+            "step": np.zeros(lanes, np.int64),
+            "state": np.zeros((lanes, len(self.turn))),
+        }
+
+    def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
+        """Return the memory; its "state" (lanes, rows) is that of the shaping filters, estimated.
+
+        Parameters
+        ----------
+        memory
+            Of the step before.
+        state
+            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now.
+        applied
+            (lanes, k) what the actuators had in the step that led to it.
+        """
+        missed, known, own = self.innovation.missed(part(memory, "innovation"), state, applied)
+        step, last = np.minimum(memory["step"], len(self.gains) - 1), memory["state"]
+        moved = np.einsum("lij,lj->li", self.kept[step], last)
+        moved += np.einsum("lij,lj->li", self.gains[step], missed)
+        return {
+            **joined(innovation=own),
+            "step": memory["step"] + known,
+            "state": chosen(known, moved, last),
+        }
+
+    def ahead(self, memory: Memory, steps: int) -> Values:
+        """Return what is expected to be added to the motion (steps, lanes, 4) in steps to come."""
+        state = memory["state"]
+        added = np.empty((steps, len(state), 4))
+        for step in added:
+            step[:] = state @ self.shown.T
+            state = state @ self.turn.T
+        return added

@@ -1,29 +1,169 @@
-"""Frequency tracking: an absorber tuned to the frequency that it finds in the motion."""
+"""Absorbers tuned to the frequency of a force: known, or found in the motion by an estimator."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import numpy as np
 
 from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Law
-from agents.controllers.feedback import Feedback
-from agents.controllers.frequency_estimators import (
-    FrequencyLockedLoop,
-    LinearPrediction,
-    ShortTimeFourier,
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Law,
+    Memory,
+    Observation,
+    Reads,
+    Values,
+    chosen,
+    joined,
+    part,
 )
+from agents.controllers.disturbance import ForceObserver
+from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Entry
-from agents.controllers.tunable import Free, Tunable
+from agents.controllers.searched import Free, Tunable
+from agents.scoring import FREQUENCY
+from mm_gym import MovingMassVectorEnv, Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.frequency_estimators import FrequencyEstimator
-    from mm_gym import Scene
+class FrequencyEstimator(Protocol):
+    """Estimate a frequency in each lane, step by step."""
+
+    name: str
+
+    def begin(self, lanes: int) -> Memory:
+        """Return the memory of so many new episodes."""
+        ...
+
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        """Return the frequencies (lanes,) [rad/s], NaN as long as they are unknown; the memory."""
+        ...
+
+
+class LinearPrediction:
+    """Two past forces predict the next: p[n+1] + p[n-1] = 2 cos(w h) p[n] for a harmonic force.
+
+    The forces come from a `ForceObserver`, so that the motion's own transients do not disturb; the
+    factor is fitted by least squares that forget. Kay, *Modern Spectral Estimation* (1988),
+    section 11.4, has it as Prony's method.
+    """
+
+    name = "linear prediction of the force"
+
+    def __init__(self, scene: Scene, memory: float = 0.98) -> None:
+        self.observer, self.memory = ForceObserver(scene), memory
+        self.step = scene.control.time_step
+
+    def begin(self, lanes: int) -> Memory:
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "seen": np.zeros(lanes, np.int64),
+            "forces": np.zeros((lanes, 3)),  # p[n-1], p[n], p[n+1]
+            "products": np.zeros((lanes, 2)),
+        }
+
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        seen = memory["seen"] + known
+        forces = np.column_stack([memory["forces"][:, 1:], force])
+        before, middle, after = forces.T
+        new = np.column_stack([middle * (before + after), 2.0 * middle**2])
+        whole, products = seen >= forces.shape[1], memory["products"]
+        products = chosen(whole, self.memory * products + new, products)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cosine = products[:, 0] / products[:, 1]
+        frequency = np.arccos(np.clip(cosine, -1.0, 1.0)) / self.step
+        memory = {"seen": seen, "forces": forces, "products": products}
+        return np.where(whole, frequency, np.nan), {**joined(observer=own), **memory}
+
+
+class ShortTimeFourier:
+    """The peak of the force's Fourier transform over the last half second.
+
+    Nagarajaiah and Varadarajan, *Short time Fourier transform algorithm for wind response control
+    of buildings with variable stiffness TMD*, Eng. Struct. 27 (2005).
+    """
+
+    name = "short-time Fourier transform"
+
+    def __init__(
+        self, scene: Scene, band: tuple[float, float], window: float = 0.5, lines: int = 64
+    ) -> None:
+        step, self.observer = scene.control.time_step, ForceObserver(scene)
+        self.length = max(4, round(window / step))
+        self.frequencies = np.linspace(*band, lines)
+        time = step * np.arange(self.length)
+        self.wave = np.hanning(self.length) * np.exp(-1j * np.outer(self.frequencies, time))
+
+    def begin(self, lanes: int) -> Memory:
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "seen": np.zeros(lanes, np.int64),
+            "past": np.zeros((lanes, self.length)),
+        }
+
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        past = chosen(known, np.column_stack([memory["past"][:, 1:], force]), memory["past"])
+        seen = memory["seen"] + known
+        found = self.frequencies[np.abs(self.wave @ past.T).argmax(axis=0)]
+        frequency = np.where(2 * seen < self.length, np.nan, found)
+        return frequency, {**joined(observer=own), "seen": seen, "past": past}
+
+
+class FrequencyLockedLoop:
+    """A second-order generalised integrator in a frequency-locked loop (SOGI-FLL).
+
+    Rodriguez, Luna, Candela, Mujal, Teodorescu and Blaabjerg, *Multiresonant frequency-locked loop
+    for grid synchronization of power converters*, IEEE Trans. Ind. Electron. 58 (2011), eqs 4-7.
+
+    Parameters
+    ----------
+    start
+        Frequency at the start of an episode [rad/s].
+    damping, gain
+        Of the integrator [-], and of the loop [1/s].
+    """
+
+    name = "frequency-locked loop"
+    SUBSTEPS = 16
+    """A control step spans half a radian; the loop's equations are integrated more finely."""
+
+    def __init__(
+        self, scene: Scene, start: float, damping: float = 1.0, gain: float = 15.0
+    ) -> None:
+        self.step, self.start = scene.control.time_step, start
+        self.observer = ForceObserver(scene)
+        self.damping, self.gain = damping, gain
+
+    def begin(self, lanes: int) -> Memory:
+        return {
+            **joined(observer=self.observer.begin(lanes)),
+            "value": np.zeros((lanes, 2)),  # in phase and in quadrature
+            "estimate": np.full(lanes, self.start),
+            "last": np.zeros(lanes),
+        }
+
+    def frequency(self, memory: Memory, state: Values, applied: Values) -> Acted:
+        force, known, own = self.observer.force(part(memory, "observer"), state, applied)
+        step, estimate, last = self.step / self.SUBSTEPS, memory["estimate"], memory["last"]
+        phase, quadrature = memory["value"].T
+        for i in range(1, self.SUBSTEPS + 1):
+            signal = last + (force - last) * (i / self.SUBSTEPS)
+            error = signal - phase
+            phase = phase + step * estimate * (self.damping * error - quadrature)
+            quadrature = quadrature + step * estimate * phase
+            power = np.maximum(phase**2 + quadrature**2, np.finfo(np.float64).tiny)
+            turn = -self.gain * self.damping * estimate * error * quadrature / power
+            limit = self.start
+            estimate = np.clip(estimate + step * turn, 0.25 * limit, 4.0 * limit)
+        moved = {"value": np.column_stack([phase, quadrature]), "estimate": estimate, "last": force}
+        moved = {name: chosen(known, new, memory[name]) for name, new in moved.items()}
+        return moved["estimate"].copy(), {**joined(observer=own), **moved}
 
 
 def reachable_band(scene: Scene) -> tuple[float, float]:
@@ -55,11 +195,53 @@ class FrequencyTracking(Law):
         self.begin = estimator.begin
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the matching stretch."""
         frequency, memory = self.estimator.frequency(memory, state, applied)
         present = self.command.present(applied)
         matching = stretch_for_stiffness(self.mass * frequency**2, self.stiffness)
         return self.command(np.where(np.isnan(frequency), present, matching), present), memory
+
+
+class MatchingStretch(Controller):
+    """Hold the stretch at which the sphere resonates with a known harmonic force.
+
+    Its stiffness is k2 = m2 w^2. Den Hartog, *Mechanical Vibrations* (1956), section 3.2: at that
+    frequency an undamped absorber stills the carriage.
+
+    Raises `DesignError` if the carriage is unstable at rest.
+    """
+
+    name = "matching stretch (knows the frequency)"
+    reads: Reads = "episode"
+
+    def __init__(self, scene: Scene) -> None:
+        require_stable_rest(scene, "matching stretch")
+        self.command = Command(scene, "stretch")
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        k2 = env.drawn("sphere.mass") * env.drawn(FREQUENCY) ** 2
+        return {"stretch": stretch_for_stiffness(k2, env.drawn("springs.stiffness"))}
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        present = self.command.present(info["applied"])
+        return self.command(memory["stretch"], present), memory
+
+
+def free_numbers(scene: Scene) -> dict[str, Free]:
+    """Return start [rad/s], damping and gain [1/s] of a frequency-locked loop, and the ratio."""
+    low, high = reachable_band(scene)
+    return {
+        "start": Free(0.5 * (low + high), 0.2 * (high - low), ratio=False, low=low, high=high),
+        "damping": Free(1.0, 0.3),
+        "gain": Free(15.0, 0.5),
+        "ratio": Free(1.0, 0.03),
+    }
+
+
+def _tuned_loop(scene: Scene, numbers: Mapping[str, float]) -> FrequencyTracking:
+    loop = FrequencyLockedLoop(scene, numbers["start"], numbers["damping"], numbers["gain"])
+    law = FrequencyTracking(scene, loop, numbers["ratio"])
+    law.name += ", tuned"
+    return law
 
 
 def _tracker(name: str, order: int, estimator: Callable[[Scene], FrequencyEstimator]) -> Entry:
@@ -79,35 +261,15 @@ def _not_harmonic(scene: Scene) -> str | None:
     return "which looks for the frequency of a harmonic, and the excitation is another one"
 
 
-def free_numbers(scene: Scene) -> dict[str, Free]:
-    """Return start [rad/s], damping and gain [1/s] of a frequency-locked loop, and the ratio."""
-    low, high = reachable_band(scene)
-    return {
-        "start": Free(0.5 * (low + high), 0.2 * (high - low), ratio=False, low=low, high=high),
-        "damping": Free(1.0, 0.3),
-        "gain": Free(15.0, 0.5),
-        "ratio": Free(1.0, 0.03),
-    }
+def _unknown_frequency(scene: Scene) -> str | None:
+    if FREQUENCY in scene.randomization:
+        return None
+    return f"which reads {FREQUENCY}, and randomization does not draw it"
 
-
-def _tuned_loop(scene: Scene, numbers: Mapping[str, float]) -> Feedback:
-    loop = FrequencyLockedLoop(scene, numbers["start"], numbers["damping"], numbers["gain"])
-    law = FrequencyTracking(scene, loop, numbers["ratio"])
-    law.name += ", tuned"
-    return Feedback(scene, law)
-
-
-TUNED_LOOP = Tunable("tuned-frequency-locked-loop", free_numbers, _tuned_loop)
 
 ENTRIES = (
-    Entry(
-        TUNED_LOOP.name,
-        ("stretch",),
-        TUNED_LOOP.best,
-        27,
-        label="frequency tracking, tuned loop",
-        refuses=_not_harmonic,
-        tunable=TUNED_LOOP,
+    Tunable("tuned-frequency-locked-loop", free_numbers, _tuned_loop).entry(
+        ("stretch",), 27, label="frequency tracking, tuned loop", refuses=_not_harmonic
     ),
     _tracker("linear-prediction", 25, LinearPrediction),
     _tracker(
@@ -117,5 +279,13 @@ ENTRIES = (
     ),
     _tracker(
         "short-time-fourier", 27, lambda scene: ShortTimeFourier(scene, reachable_band(scene))
+    ),
+    Entry(
+        "matching-stretch",
+        ("stretch",),
+        MatchingStretch,
+        60,
+        "informed",
+        refuses=_unknown_frequency,
     ),
 )

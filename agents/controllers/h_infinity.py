@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import control
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller, force_weight, plant_of
+from agents.controllers.controller import (
+    STATES,
+    Acted,
+    Controller,
+    Info,
+    Memory,
+    Observation,
+    force_weight,
+    plant_of,
+)
 from agents.controllers.lqg import require_detectable
-from agents.controllers.lqr import STATES, hidden_mode, state_weight
-from agents.controllers.observation import Frame
+from agents.controllers.lqr import hidden_mode, state_weight
+from agents.controllers.observed_state import Frame
 from agents.controllers.registry import Entry, without_weight
-from mm_gym import DesignError
+from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.errors import suggest
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Acted, Info, Memory, Observation
-    from mm_gym import LinearSystem, MovingMassVectorEnv, Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 NOISE = 0.3
 """Size of the sensors' noise over each channel's scale: it is weighed against the disturbance."""
@@ -36,8 +39,7 @@ ABOVE = 0.005
 """How far the bound is at most above the least one, at which the equations are singular."""
 
 
-DOUBLINGS = 30
-"""Of the bound, until one is kept."""
+DOUBLINGS = 30  # of the bound, until one is kept
 
 
 class Matrices(NamedTuple):
@@ -51,27 +53,16 @@ class Matrices(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HInfinityDesign:
-    """A controller of sampled measurements, and the closed loop from disturbances to costs.
+    """A controller of sampled measurements, and the closed loop from disturbances to costs."""
 
-    Attributes
-    ----------
-    system
-        The sampled plant, reduced to what force and disturbance reach.
-    generalised
-        From (disturbance, noise, force) to (costs, measurements), all of order one.
-    controller
-        From measurements to the force, both of order one; it works at every control step.
-    closed
-        From disturbance and noise to costs.
-    bound
-        Of its largest singular value over all frequencies: `ABOVE` at most over the least that any
-        linear controller has.
-    """
-
-    system: LinearSystem
+    system: LinearSystem  # the sampled plant, reduced to what force and disturbance reach
+    # From (disturbance, noise, force) to (costs, measurements), all of order one.
     generalised: Matrices
+    # From measurements to the force, both of order one; it works at every control step.
     controller: Matrices
-    closed: Matrices
+    closed: Matrices  # from disturbance and noise to costs
+    # Of its largest singular value over all frequencies: `ABOVE` at most over the least that any
+    # linear controller has.
     bound: float
 
 
@@ -80,7 +71,11 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
 
     The costs are the terms of the scene's reward, of which each has the root of its weight. The
     disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
-    if all of the scene's excitation moves the ground; in addition each sensor has noise.
+    if all of the scene's excitation moves the ground; in addition each sensor has noise. Raise
+    `DesignError` if there is no force, it is commanded by its rate or costs nothing, nothing of the
+    carriage is observed, or no controller exists: the force does not stabilise what the cost shows,
+    or the sensors do not show it; `gymnasium.error.DependencyNotInstalled` without Slycot (extra:
+    robust).
 
     Parameters
     ----------
@@ -88,15 +83,6 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
         A scene with a force; it is linear about rest, with the middle of each range.
     channels
         What is measured, of the channels observed; by default those of the carriage.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing, nothing of the carriage
-        is observed, or no controller exists: the force does not stabilise what the cost shows, or
-        the sensors do not show it.
-    gymnasium.error.DependencyNotInstalled
-        Without Slycot (extra: robust).
 
     Notes
     -----
@@ -240,11 +226,9 @@ class HInfinity(Controller):
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs[4:]])
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Begin at rest."""
         return {"state": np.zeros((env.num_envs, len(self.design.controller.A)))}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the force over the limit."""
         k, state = self.design.controller, memory["state"]
         seen = self.frame.numbers(observation)  # over the channels' scales
         action = state @ k.C.T + seen @ k.D.T

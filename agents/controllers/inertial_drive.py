@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.linalg import expm
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law, plant_of
-from agents.controllers.feedback import Feedback
+from agents.controllers.controller import Acted, Law, Memory, Values, plant_of
 from agents.controllers.lqr import LQR
-from agents.controllers.registry import Entry, without_weight
-from agents.controllers.tunable import Free, Tunable
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+from agents.controllers.registry import without_weight
+from agents.controllers.searched import Free, Tunable
+from mm_gym import Scene
 
 HOLD, PUSH, RETURN = 0, 1, 2
 
@@ -72,7 +66,6 @@ class InertialDrive(Law):
         self.hold = LQR(held)
 
     def begin(self, lanes: int) -> Memory:
-        """Begin to hold."""
         return {"mode": np.full(lanes, HOLD), "side": np.zeros(lanes)}
 
     def friction(self, slip: Values) -> Values:
@@ -83,7 +76,6 @@ class InertialDrive(Law):
         return np.sign(slip) * np.where(size <= self.speed, sticking, sliding)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         n, (x1, x2, v1, v2) = self.numbers, state.T
         rest = x2 - x1 + self.momentum * v2
         mode, side = memory["mode"], memory["side"]
@@ -149,21 +141,11 @@ def _refused(scene: Scene) -> str | None:
 INERTIAL_DRIVE = Tunable(
     "inertial-drive",
     free_numbers,
-    lambda scene, numbers: Feedback(scene, InertialDrive(scene, numbers)),
+    InertialDrive,
     by_lane=frozenset(
         {"band", "hysteresis", "reach", "reach_growth", "retreat", "retreat_growth", "lead"}
         | {"push", "push_growth", "push_gain", "return", "return_gain"}
     ),
 )
 
-ENTRIES = (
-    Entry(
-        INERTIAL_DRIVE.name,
-        ("force",),
-        INERTIAL_DRIVE.best,
-        12,
-        label="inertial drive",
-        refuses=_refused,
-        tunable=INERTIAL_DRIVE,
-    ),
-)
+ENTRIES = (INERTIAL_DRIVE.entry(("force",), 12, label="inertial drive", refuses=_refused),)

@@ -1,15 +1,22 @@
-"""A trained policy as a controller."""
+"""A trained policy as a controller, alone or added to another controller's action."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Info, Memory, Observation
-    from agents.policies import AnyPolicy
-    from mm_gym import MovingMassVectorEnv
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Memory,
+    Observation,
+    Values,
+    joined,
+    part,
+)
+from agents.policies import AnyPolicy, Policy
+from mm_gym import MovingMassVectorEnv
 
 
 class Learned(Controller):
@@ -19,11 +26,44 @@ class Learned(Controller):
         self.policy, self.name = policy, name
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Begin; raise `PolicyError` if the policy is for other observations or actions."""
         self.policy.check(env.single_observation_space.shape[0], env.single_action_space.shape[0])
         return {"policy": self.policy.begin(env.num_envs)}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the policy's mean action."""
         action, after = self.policy.step(observation, memory["policy"])
         return action, {"policy": after}
+
+
+def observed(observation: NDArray[np.float32], proposed: Values) -> NDArray[np.float32]:
+    """Return what the agent observes, (lanes, n + k): the environment's, and the base's action."""
+    return np.hstack([observation, proposed.astype(np.float32)])
+
+
+class Residual(Controller):
+    """A controller's action plus `authority` times a policy's, clipped.
+
+    The policy reads the base's action, too.
+    """
+
+    def __init__(
+        self, base: Controller, policy: Policy, authority: float, name: str = "learned"
+    ) -> None:
+        self.base, self.policy, self.authority = base, policy, authority
+        self.name, self.reads = name, base.reads
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        actions = env.single_action_space.shape[0]
+        self.policy.check(env.single_observation_space.shape[0] + actions, actions)
+        own = {"memory": self.policy.begin(env.num_envs)}
+        return joined(base=self.base.begin(env), policy=own)
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        proposed, base = self.base.propose(part(memory, "base"), observation, info)
+        seen = observed(observation, proposed)
+        added, after = self.policy.step(seen, part(memory, "policy")["memory"])
+        action = np.clip(proposed + self.authority * added, -1.0, 1.0)
+        return action, joined(base=base, policy={"memory": after})
+
+    def note(self, memory: Memory, action: Values) -> Memory:
+        base = self.base.note(part(memory, "base"), action)
+        return joined(base=base, policy=part(memory, "policy"))

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from scipy.sparse import csc_matrix
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import design, problem_of
 from agents.controllers.registry import Entry, without_weight
-from mm_gym import DesignError
+from mm_gym import DesignError, Scene
 
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
-
-MOST_STEPS = 1000
-"""Longest horizon; the matrices have the square of its size."""
-
-RHO = 0.1
-"""Step size with which the solver begins."""
+MOST_STEPS = 1000  # longest horizon; the matrices have the square of its size
+RHO = 0.1  # step size with which the solver begins
 
 SETTINGS = {"rho": RHO, "verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000}
 
@@ -35,7 +28,10 @@ class LinearMPC(Law):
     The forces of the horizon are the unknowns of a quadratic program, solved at each step; the
     first is applied. Behind the horizon stands the LQR's cost to go, where there is one. Rawlings,
     Mayne and Diehl, *Model Predictive Control*, 2nd ed. (2017), chapter 1; Stellato et al., *OSQP:
-    an operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020).
+    an operator splitting solver for quadratic programs*, Math. Prog. Comp. 12 (2020). Raise
+    `DesignError` if there is no force, it is commanded by its rate or costs nothing, the motion has
+    no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled` without OSQP
+    (extra: mpc).
 
     Parameters
     ----------
@@ -43,14 +39,6 @@ class LinearMPC(Law):
         A scene with a force; it is linear about rest, with the middle of each range.
     horizon
         Control steps.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing, the motion has no
-        weight, or the horizon is not allowed.
-    gymnasium.error.DependencyNotInstalled
-        Without OSQP (extra: mpc).
     """
 
     def __init__(self, scene: Scene, horizon: int = 30) -> None:
@@ -72,12 +60,10 @@ class LinearMPC(Law):
         self.solver = _solver(self.hessian, self.travel)
 
     def begin(self, lanes: int) -> Memory:
-        """Begin without plans."""
         size = len(self.slope)
         return {"plan": np.zeros((lanes, size)), "dual": np.zeros((lanes, 2 * size))}
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the first force of each plan over the limit."""
         size = len(self.slope)
         slopes = state[:, self.states] @ self.slope.T
         low = np.concatenate([-np.ones(size), -np.full(size, self.travel)])

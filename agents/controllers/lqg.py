@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import control
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.controllers.actuators import Command
 from agents.controllers.controller import (
+    STATES,
+    Acted,
     Controller,
+    Info,
+    Memory,
+    Observation,
     drawn_but,
     force_weight,
     plant_of,
     require_number,
 )
 from agents.controllers.lqr import (
-    STATES,
     Quadratic,
     hidden_mode,
     motion_weight,
     reaction_weights,
     state_weight,
 )
-from agents.controllers.observation import Frame
+from agents.controllers.observed_state import Frame
 from agents.controllers.registry import Entry, without_weight
-from agents.controllers.tunable import Free, Tunable
-from mm_gym import DesignError
+from agents.controllers.searched import Free, Tunable
+from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Acted, Info, Memory, Observation
-    from mm_gym import LinearSystem, MovingMassVectorEnv, Plant, Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 UNMODELLED = 1e-3
 """Of what else disturbs the motion in a step over the objective's scales [-], by default."""
@@ -53,42 +50,25 @@ SETTLED = 1e-10
 ROUND_OFF = 1e-12
 """Of a pole: a mode without decay that the force does not reach has one this near to 1."""
 
-MOST_NUMBERS = 500_000
-"""Numbers of gains that are kept for an episode's start."""
+MOST_NUMBERS = 500_000  # numbers of gains that are kept for an episode's start
 
 OF_ACTUATORS = "stretch", "damping", "voltage", "applied_force"
 """Channels that show an actuator, and not the motion."""
 
-REACTIONS = ("carriage_acceleration", "sphere_acceleration")
-"""What `reaction_weights` weighs."""
+REACTIONS = ("carriage_acceleration", "sphere_acceleration")  # what `reaction_weights` weighs
 
 
 @dataclass(frozen=True, eq=False)
 class LQGDesign:
-    """A regulator u = -gain x and a filter x += filters[n] (y - C x), both of `system`.
+    """A regulator u = -gain x and a filter x += filters[n] (y - C x), both of `system`."""
 
-    Attributes
-    ----------
-    system
-        The sampled plant with lag, delay and the noise's filters among its states.
-    regulated
-        States that the cost depends on, and that are fed back.
-    gain
-        (n,) [N per unit]; zero for all other states.
-    filters
-        (steps, n, p): the gain in each step, of which the last is the stationary one.
-    error
-        (n, n): stationary covariance of the estimate's error.
-    cost
-        Expected mean of -reward per step [-], in the long run and without limits.
-    """
-
+    # The sampled plant with lag, delay and the noise's filters among its states.
     system: LinearSystem
-    regulated: tuple[int, ...]
-    gain: Array
-    filters: Array
-    error: Array
-    cost: float
+    regulated: tuple[int, ...]  # states that the cost depends on, and that are fed back
+    gain: Array  # (n,) [N per unit]; zero for all other states
+    filters: Array  # (steps, n, p): the gain in each step, of which the last is the stationary one
+    error: Array  # (n, n): stationary covariance of the estimate's error
+    cost: float  # expected mean of -reward per step [-], in the long run and without limits
 
 
 def design_lqg(
@@ -99,6 +79,9 @@ def design_lqg(
     wandering: bool = False,
 ) -> LQGDesign:
     """Solve both Riccati equations for a scene's reward, sensors and random excitation.
+
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
+    sensors do not show a mode that does not decay, or an equation has no stabilising solution.
 
     Parameters
     ----------
@@ -112,12 +95,6 @@ def design_lqg(
     wandering
         Whether the phase of a harmonic wanders within an episode, and faster where its frequency is
         drawn. No force stills a harmonic for ever, so neither equation has a solution without.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing, the sensors do not show
-        a mode that does not decay, or an equation has no stabilising solution.
     """
     force_weight(scene)
     require_number("unmodelled", unmodelled)
@@ -148,6 +125,9 @@ def design_filter(
 ) -> tuple[LinearSystem, Array]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 
+    Raise `DesignError` if the sensors do not show a mode that does not decay, or nothing of the
+    motion.
+
     Parameters
     ----------
     scene
@@ -156,11 +136,6 @@ def design_filter(
         Fields to change, by dotted name, as a stretch.
     unmodelled
         As for `design_lqg`; phases of harmonics wander.
-
-    Raises
-    ------
-    DesignError
-        If the sensors do not show a mode that does not decay, or nothing of the motion.
     """
     plant = plant_of(scene)
     channels = tuple(name for name in plant.channels if name not in OF_ACTUATORS)
@@ -408,12 +383,10 @@ class LQG(Controller):
         self.frame = Frame(scene, [signal.name for signal in self.design.system.outputs])
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Start the filter from the middle of the initial ranges."""
         estimate = np.zeros((env.num_envs, len(self.design.system.A)))
         return {"step": np.zeros(env.num_envs, np.int64), "estimate": estimate}
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the force over the limit, and the corrected estimate."""
         design, step, estimate = self.design, memory["step"], memory["estimate"]
         gain = design.filters[np.minimum(step, len(design.filters) - 1)]
         missed = self.frame.values(observation) - estimate @ design.system.C.T
@@ -427,7 +400,6 @@ class LQG(Controller):
         return 0.0
 
     def note(self, memory: Memory, action: Array) -> Memory:
-        """Move the estimate on by the action (lanes, 1) that is applied."""
         system = self.design.system
         estimate = memory["estimate"] @ system.A.T + self.limit * action * system.B[:, 0]
         return {**memory, "estimate": estimate}
@@ -492,18 +464,9 @@ def _without_rail(scene: Scene) -> str | None:
     return without_weight(scene)
 
 
-WEIGHTED = Tunable("weighted-lqg", free_numbers, WeightedLQG)
-
 ENTRIES = (
     Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),
-    Entry(
-        WEIGHTED.name,
-        ("force",),
-        WEIGHTED.best,
-        53,
-        "filter",
-        WeightedLQG.name,
-        refuses=_without_rail,
-        tunable=WEIGHTED,
+    Tunable("weighted-lqg", free_numbers, WeightedLQG).entry(
+        ("force",), 53, "filter", WeightedLQG.name, _without_rail
     ),
 )

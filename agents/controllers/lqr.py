@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import control
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.actuators import Command
 from agents.controllers.constant import Held
-from agents.controllers.controller import Law, force_weight, plant_of
+from agents.controllers.controller import STATES, Acted, Law, Memory, Values, force_weight, plant_of
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.registry import Entry, without_weight
 from agents.controllers.searched import grid, searched
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
-
-STATES = ("x1", "x2", "v1", "v2")
+from mm_gym import DesignError, Scene
 
 HIDDEN = 1e-9
 """Singular value of a mode's pencil below which sensors do not show it, or the force reach it.
@@ -39,26 +31,15 @@ RESIDUAL, INDEFINITE = 1e-9, 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A regulator u = -gain @ state[states], with the cost-to-go state' P state.
+    """A regulator u = -gain @ state[states], with the cost-to-go state' P state."""
 
-    Attributes
-    ----------
-    states
-        Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1,
-        v2.
-    gain
-        (1, n) [N/m, N s/m].
-    cost
-        (n, n): P of the discrete Riccati equation; the sum of rewards from a state is
-        -(x'P x - x'Q x).
-    weight
-        (n, n): Q, the reward's weight of the state.
-    """
-
+    # Indices of the states that the cost depends on and that it feeds back, out of x1, x2, v1, v2.
     states: tuple[int, ...]
-    gain: NDArray[np.float64]
+    gain: NDArray[np.float64]  # (1, n) [N/m, N s/m]
+    # (n, n): P of the discrete Riccati equation; the sum of rewards from a state is -(x'P x - x'Q
+    # x).
     cost: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    weight: NDArray[np.float64]  # (n, n): Q, the reward's weight of the state
 
 
 def design(scene: Scene, stretch: float | None = None) -> Design:
@@ -69,13 +50,9 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     The plant is linearised about rest at a stretch, by default the one that an episode starts from.
     The states are those that the cost depends on: a sphere without springs drifts freely, its
     position is neither rewarded nor controllable, and Riccati solvers silently return garbage.
-
-    Raises
-    ------
-    DesignError
-        If there is no force, it is commanded by its rate or costs nothing, the motion has no
-        weight or is not stabilisable, or the solution fails its checks: residual, definiteness,
-        closed-loop eigenvalues.
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing, the
+    motion has no weight or is not stabilisable, or the solution fails its checks: residual,
+    definiteness, closed-loop eigenvalues.
     """
     states, a, b, cost = problem_of(scene, stretch)
     _require_stabilisable(a, b, states)
@@ -93,14 +70,9 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
 
 
 class Quadratic(NamedTuple):
-    """A cost x'Q x + 2 x'N u + u'R u of states x and a force u [N].
+    """A cost x'Q x + 2 x'N u + u'R u of states x and a force u [N]."""
 
-    Attributes
-    ----------
-    state, cross, force
-        Q (n, n), N (n, 1) and R (1, 1).
-    """
-
+    # state, cross, force: Q (n, n), N (n, 1) and R (1, 1).
     state: NDArray[np.float64]
     cross: NDArray[np.float64]
     force: NDArray[np.float64]
@@ -127,31 +99,19 @@ class Quadratic(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """The sampled plant and its cost, of the states that the cost depends on.
+    """The sampled plant and its cost, of the states that the cost depends on."""
 
-    Attributes
-    ----------
-    states
-        Indices out of x1, x2, v1, v2.
-    a, b
-        (n, n) and (n, 1) of a control step.
-    cost
-        Of a step.
-    """
-
-    states: tuple[int, ...]
+    states: tuple[int, ...]  # indices out of x1, x2, v1, v2
+    # a, b: (n, n) and (n, 1) of a control step.
     a: NDArray[np.float64]
     b: NDArray[np.float64]
-    cost: Quadratic
+    cost: Quadratic  # of a step
 
 
 def problem_of(scene: Scene, stretch: float | None = None) -> Problem:
     """Return what a regulator of the force is designed for, at a stretch of the springs.
 
-    Raises
-    ------
-    DesignError
-        As for `quadratic_cost`.
+    Raise `DesignError` as for `quadratic_cost`.
     """
     plant, cost = plant_of(scene), quadratic_cost(scene, stretch)
     states = states_that_matter(plant.linear(stretch)[0], cost.state)
@@ -163,12 +123,8 @@ def quadratic_cost(scene: Scene, stretch: float | None = None) -> Quadratic:
     """Return the cost of x1, x2, v1, v2 at a step's end and of the force that is held in it.
 
     Accelerations are linear in both: a1 and a2 are the third and fourth rows of A x + B u, and the
-    force between the masses is m2 a2. What disturbs the plant is left out.
-
-    Raises
-    ------
-    DesignError
-        If the motion has no weight, or as for `force_weight`.
+    force between the masses is m2 a2. What disturbs the plant is left out. Raise `DesignError` if
+    the motion has no weight, or as for `force_weight`.
     """
     weight = np.zeros((5, 5))
     weight[4, 4] = force_weight(scene)
@@ -197,11 +153,8 @@ def reaction_weights(scene: Scene) -> tuple[float, float]:
 def state_weight(scene: Scene) -> NDArray[np.float64]:
     """Return the (4, 4) weight of the state in a reward of nothing but state and actions.
 
-    Raises
-    ------
-    DesignError
-        If the motion has no weight, or the reward is also of accelerations or the force between the
-        masses.
+    Raise `DesignError` if the motion has no weight, or the reward is also of accelerations or the
+    force between the masses.
     """
     if any(reaction_weights(scene)):
         msg = (
@@ -310,7 +263,6 @@ class LQR(Law):
         self.limit = Command(scene, "force").high
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return -gain @ state over the force limit."""
         return state[:, self.design.states] @ (-self.design.gain.T / self.limit), memory
 
 
@@ -329,9 +281,7 @@ def regulator(scene: Scene) -> Feedback:
 def best_lqr_at_constant_stretch(scene: Scene) -> Feedback:
     """Search the stretch at which a regulator of the force does best."""
     return searched(
-        scene,
-        lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)),
-        grid(scene, "stretch"),
+        scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), grid(scene, "stretch")
     )
 
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import chosen, columns, plant_of
-from mm_gym import DesignError, MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Memory, Values
-    from mm_gym import Scene
+from agents.controllers.controller import Memory, Values, chosen, columns, plant_of
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 AMPLE = 1e3
 """Force limit of the model over all that is known to push: a disturbance enters as a force."""
@@ -149,7 +144,6 @@ class Innovation:
         self.model = Model(scene)
 
     def begin(self, lanes: int) -> Memory:
-        """Return the memory of new episodes: no step has been made."""
         return {
             "begun": np.zeros(lanes, np.bool_),
             "last": np.zeros((lanes, 4)),

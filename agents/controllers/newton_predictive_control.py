@@ -3,47 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.controllers.controller import Law, joined, part
+from agents.controllers.controller import Acted, Law, Memory, Values, joined, part
 from agents.controllers.forecast import PushForecast
-from agents.controllers.noise import Noise
+from agents.controllers.noise import Noise, States
 from agents.controllers.trajectories import Trajectories
-from mm_gym import DesignError, MovingMassVectorEnv
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.noise import States
-    from mm_gym import Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 SEED = 5_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """How plans are improved at each control step.
+    """How plans are improved at each control step."""
 
-    Attributes
-    ----------
-    horizon
-        Control steps planned ahead.
-    rounds
-        Gauss-Newton steps of each plan.
-    stiffness
-        What is added to the curvature over each control at first (Levenberg).
-    near, near_spread
-        Plans around the last step's, and the standard deviation of their distance [-].
-    fresh, fresh_spread
-        Random plans, and their standard deviation [-].
-    """
-
-    horizon: int = 40
-    rounds: int = 3
-    stiffness: float = 0.1
+    horizon: int = 40  # control steps planned ahead
+    rounds: int = 3  # gauss-Newton steps of each plan
+    stiffness: float = 0.1  # what is added to the curvature over each control at first (Levenberg)
+    # near, near_spread: plans around the last step's, and the standard deviation of their distance
+    # [-]
     near: int = 3
     near_spread: float = 0.3
+    # fresh, fresh_spread: random plans, and their standard deviation [-]
     fresh: int = 2
     fresh_spread: float = 1.0
 
@@ -54,9 +37,11 @@ class NewtonPredictiveControl(Law):
     The plans are the rest of the last step's, some around it and some drawn at random: each alone
     leads to a local optimum. The model has no excitation; what the disturbance adds to the motion
     is its conditional mean, see `PushForecast`. Plans stay within the limits at which an episode
-    ends, where they can. Tassa, Erez and Todorov, *Synthesis and
-    stabilization of complex behaviors through online trajectory optimization*, IROS 2012; the real
-    time iteration of Diehl, Bock and Schlöder, SIAM J. Control Optim. 43 (2005).
+    ends, where they can. Tassa, Erez and Todorov, *Synthesis and stabilization of complex behaviors
+    through online trajectory optimization*, IROS 2012; the real time iteration of Diehl, Bock and
+    Schlöder, SIAM J. Control Optim. 43 (2005). Raise `DesignError` if there is an own reward,
+    accelerations of the carriage are weighed under excitation, an actuator has a lag and a rate
+    limit, or has a weight on its effort and a rate limit but is commanded by value.
 
     Parameters
     ----------
@@ -64,13 +49,6 @@ class NewtonPredictiveControl(Law):
         The scene that is controlled.
     steps
         How plans are improved.
-
-    Raises
-    ------
-    DesignError
-        If there is an own reward, accelerations of the carriage are weighed under excitation, an
-        actuator has a lag and a rate limit, or has a weight on its effort and a rate limit but is
-        commanded by value.
     """
 
     def __init__(self, scene: Scene, steps: Steps | None = None) -> None:
@@ -88,7 +66,6 @@ class NewtonPredictiveControl(Law):
         self._problem(1)  # refuses actuators that it cannot plan for
 
     def begin(self, lanes: int) -> Memory:
-        """Begin without a plan."""
         problem = self._problem(lanes)
         return {
             **joined(forecast=self.forecast.begin(lanes)),
@@ -108,7 +85,6 @@ class NewtonPredictiveControl(Law):
         return self._problems[lanes]
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the first action of the best plan."""
         steps, problem, count = self.steps, self._problem(len(state)), len(state)
         own_rows = problem.support.own_rows
         values = problem.start[0]

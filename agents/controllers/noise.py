@@ -1,19 +1,25 @@
-"""Random numbers of controllers, whose state is in the memory of the lanes."""
+"""Random numbers of controllers, whose state is in the memory of the lanes; random actions."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Memory,
+    Observation,
+    Values,
+    columns,
+)
+from agents.controllers.registry import Entry
+from mm_gym import MovingMassVectorEnv, Scene
 
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Values
-
-    States = NDArray[np.uint64]
+States = NDArray[np.uint64]
 
 CORRELATION = 0.6
 """Correlation of successive actions' noise; white noise would hardly move the carriage."""
@@ -40,7 +46,6 @@ class Noise:
         self.start = self.generator.bit_generator.state
 
     def begin(self, lanes: int) -> States:
-        """Return the states (lanes, 2) of new episodes."""
         return np.tile(_halves(self.start["state"]["state"]), (lanes, 1))
 
     def drawn(
@@ -65,3 +70,35 @@ class Noise:
 
 def _halves(state: int) -> States:
     return np.array([state >> HALF, state % 2**HALF], np.uint64)
+
+
+class RandomActions(Controller):
+    """Actions drawn uniformly.
+
+    Parameters
+    ----------
+    generator
+        Where they are drawn from. By default they are the same in every evaluation.
+    """
+
+    name = "random actions"
+
+    def __init__(self, scene: Scene, generator: np.random.Generator | None = None) -> None:
+        self.columns, self.given, self.noise = len(columns(scene)), generator, Noise(0)
+
+    def begin(self, env: MovingMassVectorEnv) -> Memory:
+        return {} if self.given is not None else {"noise": self.noise.begin(env.num_envs)}
+
+    def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
+        shape = len(observation), self.columns
+        if self.given is not None:
+            return _uniform(self.given, shape), memory
+        action, noise = self.noise.drawn(memory["noise"], shape, 0, _uniform)
+        return action, {"noise": noise}
+
+
+def _uniform(generator: np.random.Generator, shape: tuple[int, ...]) -> Values:
+    return generator.uniform(-1.0, 1.0, shape)
+
+
+ENTRIES = (Entry("random", (), RandomActions, 0, "any"),)

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 import control
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import chosen, columns, plant_of
+from agents.controllers.controller import (
+    Info,
+    Memory,
+    Observation,
+    Reads,
+    Values,
+    chosen,
+    columns,
+    plant_of,
+)
 from agents.controllers.disturbance import covariance, state_scales
 from agents.controllers.model import Model
-from agents.controllers.observation import ROWS, Frame
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Info, Memory, Observation, Reads, Values
-    from mm_gym import Scene
+from mm_gym import DesignError, Scene
 
 FLOOR = 1e-4
 """Least noise of a channel over its scale [-], so that the equations stay well conditioned."""
 
-STRETCHES = 9
-"""Number of stretches at which the estimator's gain is computed; the nearest is used."""
+STRETCHES = 9  # number of stretches at which the estimator's gain is computed; the nearest is used
 
 
 class ObservedActuators:
@@ -46,19 +48,16 @@ class ObservedActuators:
         }
 
     def begin(self, lanes: int) -> Memory:
-        """Begin before the first frame."""
         begun = np.tile(self.begun, (lanes, 1))
         return {"step": np.zeros(lanes, np.int64), "applied": begun, "asked": begun}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Values, Values, Memory]:
-        """Return zeros, what the actuators have, and the memory."""
         memory = self._seen(memory, self.frame.values(observation))
         return np.zeros((len(observation), 4)), memory["applied"], memory
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Move the actuators on."""
         applied, asked = self.actuators.reached(action, memory["applied"], memory["asked"])
         return {**memory, "applied": applied, "asked": asked}
 
@@ -96,12 +95,8 @@ class ObservedState(ObservedActuators):
     model, which knows no disturbance, predicts each frame, and the frame corrects it by the gain of
     the stationary Kalman filter (`control.dlqe`) of the plant linearised about rest; the covariance
     of what disturbs the model is measured on simulated episodes. From a late frame the model
-    predicts the present.
-
-    Raises
-    ------
-    DesignError
-        If the channels do not show the state: it is not detectable from them.
+    predicts the present. Raise `DesignError` if the channels do not show the state: it is not
+    detectable from them.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -131,7 +126,6 @@ class ObservedState(ObservedActuators):
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Values, Values, Memory]:
-        """Return the present estimates, what the actuators have, and the memory."""
         frame, step = self.frame.values(observation), memory["step"]
         shown, estimate, own = frame[:, self.shown], memory["estimate"], memory["own"]
         if (step > self.delay).any():
@@ -145,7 +139,6 @@ class ObservedState(ObservedActuators):
         return state, memory["applied"], memory
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Move the actuators on."""
         memory = super().note(memory, action)
         pending = np.concatenate([memory["pending"][:, 1:], memory["applied"][:, None]], axis=1)
         return {**memory, "pending": pending}
@@ -266,3 +259,53 @@ def missed_covariance(scene: Scene) -> Values:
     for _ in range(source.delay):
         spread = turn @ spread @ turn.T + disturbance
     return spread + turn @ spread @ turn.T
+
+
+ROWS = {
+    "carriage_displacement": (1.0, 0.0, 0.0, 0.0),
+    "sphere_displacement": (0.0, 1.0, 0.0, 0.0),
+    "sphere_offset": (-1.0, 1.0, 0.0, 0.0),
+    "carriage_velocity": (0.0, 0.0, 1.0, 0.0),
+    "sphere_velocity": (0.0, 0.0, 0.0, 1.0),
+    "slip_velocity": (0.0, 0.0, -1.0, 1.0),
+}
+"""The channels that show the state: rows of C in y = C x. The others are not used."""
+
+
+class Frame:
+    """The newest frame of an observation.
+
+    Parameters
+    ----------
+    scene
+        The scene that is observed.
+    names
+        Of the channels, by default all; they stay in the order of the observation.
+
+    Attributes
+    ----------
+    names
+        Of the channels.
+    zero, unit, noise
+        (channels,) a channel's value is `zero` plus `unit` times the observed number, in SI units,
+        and its noise has this standard deviation, in SI units, too.
+    """
+
+    def __init__(self, scene: Scene, names: Iterable[str] | None = None) -> None:
+        plant = plant_of(scene)
+        wanted = plant.channels if names is None else set(names)
+        kept = [k for k, name in enumerate(plant.channels) if name in wanted]
+        channels = [plant.observed[k] for k in kept]
+        self.names = tuple(plant.channels[k] for k in kept)
+        self.columns = np.array(kept, np.intp) - len(plant.channels)
+        self.zero = np.array([channel.zero for channel in channels])
+        self.unit = np.array([1.0 / channel.factor for channel in channels])
+        self.noise = np.array([channel.noise for channel in channels])
+
+    def numbers(self, observation: NDArray[np.float32]) -> Values:
+        """Return the channels (lanes, channels) as they are observed, over their scales."""
+        return observation[:, self.columns].astype(np.float64)
+
+    def values(self, observation: NDArray[np.float32]) -> Values:
+        """Return the channels (lanes, channels) in SI units."""
+        return self.numbers(observation) * self.unit + self.zero

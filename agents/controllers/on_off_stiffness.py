@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import control
 import numpy as np
 
-from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Law, plant_of
-from agents.controllers.lead import Lead
+from agents.controllers.actuators import Command, Lead, require_stable_rest
+from agents.controllers.controller import Acted, Law, Memory, Values, plant_of
+from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry
 from agents.controllers.searched import grid, searched
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from mm_gym import DesignError, Scene
 
 
 class OnOffStiffness(Law):
@@ -30,10 +23,7 @@ class OnOffStiffness(Law):
     *Semiactive control for vibration attenuation*, Journal of Intelligent Material Systems and
     Structures 5 (1994).
 
-    Raises
-    ------
-    DesignError
-        If the passive plant is not stable.
+    Raise `DesignError` if the passive plant is not stable.
     """
 
     def __init__(self, scene: Scene, stretch: float) -> None:
@@ -50,7 +40,6 @@ class OnOffStiffness(Law):
         self.costate = p @ internal
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the stiff or the soft end."""
         present = self.command.present(applied)
         state = self.lead(state, present)
         raises = (state @ self.costate) * (state[:, 1] - state[:, 0]) > 0.0

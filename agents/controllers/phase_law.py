@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Law, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values, require_number
 from agents.controllers.registry import Entry
-from agents.controllers.searched import DECADES, searched
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from agents.controllers.searched import over_decades
+from mm_gym import Scene
 
 
 class PhaseLaw(Law):
@@ -37,7 +31,6 @@ class PhaseLaw(Law):
         self.unit = scene.objective.displacement_scale * scene.objective.stroke_scale
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action of the law, saturated at the actuator's rate."""
         x1, x2 = state[:, 0], state[:, 1]
         present = self.command.present(applied)
         unsaturated = self.gain * self.time_step * x1 * (x2 - x1) / self.unit
@@ -45,9 +38,6 @@ class PhaseLaw(Law):
         return self.command(present + np.clip(unsaturated, -travel, travel), present), memory
 
 
-def best_phase_law(scene: Scene) -> Feedback:
-    """Search the gain over four decades."""
-    return searched(scene, lambda exponent: PhaseLaw(scene, 10.0**exponent), DECADES)
-
+best_phase_law = over_decades(PhaseLaw)
 
 ENTRIES = (Entry("phase-law", ("stretch",), best_phase_law, 20),)

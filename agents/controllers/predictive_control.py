@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Law, chosen, columns, joined, part
-from agents.controllers.cross_entropy import Search
+from agents.controllers.controller import Acted, Law, Memory, Values, chosen, columns, joined, part
 from agents.controllers.feedback import Feedback
 from agents.controllers.forecast import Forecast
 from agents.controllers.model import Model, require_reward_of_motion
@@ -19,23 +19,67 @@ from agents.controllers.noise import Noise
 from agents.controllers.registry import Entry
 from agents.controllers.trajectories import ends_of
 from agents.controllers.tuned import best_without_memory, classical_laws
-from mm_gym import DesignError
+from mm_gym import DesignError, Scene
 
-QUICK, SHORT = 0.005, 20
-"""Control steps [s] up to which fewer steps ahead are planned, to keep up."""
+Start: TypeAlias = tuple[Values, Values, tuple[Values, Values]]
+"""States of the motion, the interface's own ones, and what actuators have and were asked."""
 
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
+QUICK, SHORT = 0.005, 20  # control steps [s] up to which fewer steps ahead are planned, to keep up
 
-    Start: TypeAlias = tuple[Values, Values, tuple[Values, Values]]
-    """States of the motion, the interface's own ones, and what actuators have and were asked."""
 
 SEED = 4_000_000
 
 ENDED = 1e9
 """What a step costs after an early end: every plan that stays within the limits is better, and of
 two that do not the one that ends later."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Search for plans by the cross-entropy method.
+
+    De Boer et al., *A tutorial on the cross-entropy method*, Ann. Oper. Res. 134 (2005).
+    """
+
+    horizon: int  # control steps planned ahead
+    # plans, elite, rounds: plans tried at once, those that the next are drawn around, and
+    # repetitions
+    plans: int
+    elite: int
+    rounds: int
+    kept: int  # best plans that are tried again in the next round, at most `elite`
+    # spread, least_spread: standard deviation of the first plans' actions, and the least later on
+    # [-]
+    spread: float
+    least_spread: float = 0.0
+
+    def best(
+        self, first: Values, worth: Callable[[Values], Values], drawn: Callable[[], Values]
+    ) -> Values:
+        """Return the best plan (steps, lanes, k) of the first ones and of those drawn.
+
+        Parameters
+        ----------
+        first
+            (steps, lanes, count, k) plans to begin with, the likeliest first; actions in -1 to 1.
+        worth
+            Returns the sums of rewards (lanes, plans) of plans (steps, lanes, plans, k).
+        drawn
+            Returns the noise (steps, lanes, plans, k) of a round's plans, see `Noise`.
+        """
+        rows = np.arange(first.shape[1])[:, None]
+        mean, kept = first[:, :, 0], first
+        spread = np.full(mean.shape, self.spread)
+        for _ in range(self.rounds):
+            plans = mean[:, :, None] + spread[:, :, None] * drawn()
+            plans[:, :, : kept.shape[2]] = kept
+            np.clip(plans, -1.0, 1.0, out=plans)
+            order = np.argsort(-worth(plans), axis=1)[:, : self.elite]
+            elite = plans[:, rows, order]
+            kept, mean = elite[:, :, : self.kept], elite.mean(axis=2)
+            spread = np.maximum(elite.std(axis=2), self.least_spread)
+        return kept[:, :, 0]
+
 
 SEARCH = Search(horizon=30, plans=48, elite=5, rounds=2, kept=5, spread=0.6, least_spread=0.05)
 
@@ -47,7 +91,8 @@ class PredictiveControl(Law):
     model knows the state that is given, and follows the interface's own; the disturbance to come is
     its conditional mean, see `Forecast`. Plans stay within the limits at which an episode ends, if
     one of those tried does. Mayne, Rawlings, Rao and Scokaert, *Constrained model predictive
-    control*, Automatica 36 (2000).
+    control*, Automatica 36 (2000). Raise `DesignError` if the reward reads what a disturbance is,
+    not what it does.
 
     Parameters
     ----------
@@ -57,11 +102,6 @@ class PredictiveControl(Law):
         A law whose own plan is among the first.
     search
         How plans are searched.
-
-    Raises
-    ------
-    DesignError
-        If the reward reads what a disturbance is, not what it does.
     """
 
     def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
@@ -74,7 +114,6 @@ class PredictiveControl(Law):
         self.ends = ends_of(scene.objective)
 
     def begin(self, lanes: int) -> Memory:
-        """Begin without a plan."""
         return {
             **joined(forecast=self.forecast.begin(lanes), law=self.law.begin(lanes)),
             "begun": np.zeros(lanes, np.bool_),
@@ -87,7 +126,6 @@ class PredictiveControl(Law):
         }
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the first action of the best plan."""
         asked = chosen(memory["begun"], memory["asked"], applied)
         own = self._own(memory, applied)
         forces, forecast = self.forecast.ahead(

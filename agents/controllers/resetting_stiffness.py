@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Law
+from agents.controllers.actuators import Command, Lead, require_stable_rest
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
-from agents.controllers.lead import Lead
 from agents.controllers.registry import Entry
+from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from mm_gym import Scene
 
 
 class ResettingStiffness(Law):
@@ -42,12 +36,10 @@ class ResettingStiffness(Law):
         self.stiffness = scene.springs.stiffness
 
     def begin(self, lanes: int) -> Memory:
-        """Begin without energy taken out; "half" is that of the last offset per unit of "k2"."""
         names = ("taken", "k2", "half") if self.passive else ()
         return {name: np.zeros(lanes) for name in names}
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the stiff or the soft end."""
         present = self.command.present(applied)
         ahead = self.lead(state, present)
         grows = (ahead[:, 1] - ahead[:, 0]) * (ahead[:, 3] - ahead[:, 2]) > 0.0

@@ -3,29 +3,79 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from collections.abc import Callable
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from agents.controllers.controller import Law, require_number
-from agents.controllers.damping_command import SWITCHINGS, Damper
-from agents.controllers.ground_velocity import GroundVelocity
-from agents.controllers.lead import Lead
+from agents.controllers.actuators import SWITCHINGS, Damper, Lead, Switching
+from agents.controllers.controller import (
+    STATES,
+    Acted,
+    Law,
+    Memory,
+    Values,
+    joined,
+    nominal,
+    part,
+    plant_of,
+    require_number,
+    sphere_springs,
+)
+from agents.controllers.disturbance import force_column, state_scales
+from agents.controllers.feedback import Feedback
+from agents.controllers.model import Innovation
 from agents.controllers.registry import Entry
-from agents.controllers.searched import DECADES, grid, searched
-from agents.controllers.spring_force import middle, sphere_springs
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.damping_command import Switching
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from agents.controllers.searched import grid, over_decades, searched
+from mm_gym import DesignError, Scene
 
 Hooked: TypeAlias = Literal["skyhook", "groundhook", "displacement groundhook"]
+
+
+CORNER = 0.1
+"""Angular frequency below which the velocity is left out, over that of the carriage on its spring.
+
+An acceleration's mean drifts away when it is integrated.
+"""
+
+
+class GroundVelocity:
+    """Integrate the ground's acceleration, as an accelerometer's signal is in a real skyhook.
+
+    The acceleration that a control step had is the one that explains best how the state differs
+    from the model's prediction, in units of the objective's scales; a force on the carriage is told
+    apart from it where the scene has both. The integral forgets what is slower than `CORNER`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.innovation, self.step = Innovation(scene), scene.control.time_step
+        system = plant_of(scene).state_space(["ground"], STATES, sampled=True)
+        units = state_scales(scene)
+        causes = [system.B[:4, 0] / units]
+        if any(part.target == "force" for part in scene.excitation):
+            causes.append(force_column(scene) / units)
+        self.row = np.linalg.pinv(np.stack(causes, axis=1))[0] / units
+        carriage = scene.carriage
+        self.kept = float(np.exp(-CORNER * np.sqrt(carriage.stiffness / carriage.mass) * self.step))
+
+    def begin(self, lanes: int) -> Memory:
+        return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
+
+    def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
+        """Return the memory, in which "velocity" (lanes,) [m/s] is that now; call it at each step.
+
+        Parameters
+        ----------
+        memory
+            Of the step before.
+        state
+            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now, relative to the ground.
+        applied
+            (lanes, k) what the actuators had in the step that led to it.
+        """
+        missed, _, own = self.innovation.missed(part(memory, "innovation"), state, applied)
+        velocity = self.kept * memory["velocity"] + self.step * (missed @ self.row)
+        return {**joined(innovation=own), "velocity": velocity}
 
 
 class SemiActive(Law):
@@ -47,7 +97,6 @@ class SemiActive(Law):
         self.device, self.lead = Damper(scene, switching, on), Lead(scene, "damping")
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the wanted force."""
         present = self.device.present(applied)
         ahead = self.lead(state, present)
         wanted, velocity = self.force(memory, ahead), self.device.velocity(ahead)
@@ -83,6 +132,9 @@ class Hook(SemiActive):
         F = -gain v1, where v1 (v2 - v1) < 0           groundhook
         F = -gain x1, where x1 (v2 - v1) < 0           displacement groundhook
 
+    Raise `DesignError` if no damping is actuated; if it is the carriage's, and the law is a
+    groundhook, or the ground rests: then the carriage's damper is itself what the law imitates.
+
     Parameters
     ----------
     scene
@@ -93,12 +145,6 @@ class Hook(SemiActive):
         How the damper follows F, see `Damper`.
     gain
         [N s/m], on displacement [N/m]; without effect on an on-off damper.
-
-    Raises
-    ------
-    DesignError
-        If no damping is actuated; if it is the carriage's, and the law is a groundhook, or the
-        ground rests: then the carriage's damper is itself what the law imitates.
     """
 
     def __init__(
@@ -126,17 +172,14 @@ class Hook(SemiActive):
         self.name = self._called(what, f"gain {gain:.3g} {unit}")
 
     def begin(self, lanes: int) -> Memory:
-        """Begin with a ground at rest."""
         return {} if self.ground is None else self.ground.begin(lanes)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the action towards the wanted force."""
         if self.ground is not None:
             memory = self.ground.observe(memory, state, applied)
         return super().action(memory, state, applied)
 
     def force(self, memory: Memory, state: Values) -> Values:
-        """Return the wanted forces F (lanes,) [N]."""
         if self.what == "skyhook":
             held = state[:, 3 if self.device.of_interface else 2]
             return self.gain * (held if self.ground is None else held + memory["velocity"])
@@ -151,7 +194,8 @@ class Balance(SemiActive):
     not feel either. Displacements are relative to the ground by nature, so it may move. On or off:
     Rakheja and Sankar, *Vibration and shock isolation performance of a semi-active "on-off"
     damper*, J. Vib. Acoust. 107 (1985); continuous: Alanoly and Sankar, *A new concept in
-    semi-active vibration isolation*, J. Mech. Trans. Autom. Des. 109 (1987).
+    semi-active vibration isolation*, J. Mech. Trans. Autom. Des. 109 (1987). Raise `DesignError` if
+    no damping is actuated, or it is the interface's and there are no springs in parallel.
 
     Parameters
     ----------
@@ -161,11 +205,6 @@ class Balance(SemiActive):
         How the damper follows F, see `Damper`.
     gain
         [-]; without effect on an on-off damper.
-
-    Raises
-    ------
-    DesignError
-        If no damping is actuated, or it is the interface's and there are no springs in parallel.
     """
 
     def __init__(
@@ -178,14 +217,13 @@ class Balance(SemiActive):
             raise DesignError(msg)
         self.gain, self.springs = gain, sphere_springs(scene)
         self.carriage = (
-            middle(scene, "carriage.stiffness"),
-            middle(scene, "carriage.linear_coefficient"),
-            middle(scene, "carriage.cubic_coefficient"),
+            nominal(scene, "carriage.stiffness"),
+            nominal(scene, "carriage.linear_coefficient"),
+            nominal(scene, "carriage.cubic_coefficient"),
         )
         self.name = self._called("balance", f"gain {gain:.3g}")
 
     def force(self, memory: Memory, state: Values) -> Values:
-        """Return the wanted forces F (lanes,) [N]."""
         stroke = self.device.stroke(state)
         if self.device.of_interface:
             return -self.gain * self.springs(stroke)
@@ -193,37 +231,36 @@ class Balance(SemiActive):
         return -self.gain * stiffness * (linear + cubic * stroke**2) * stroke
 
 
-def _searched(
-    scene: Scene,
+def _best(
     switching: Switching,
-    switched: Callable[[float], Law],
-    followed: Callable[[float], Law],
-) -> Feedback:
-    """Search the damping of an on-off law, or the exponent of the gain of a continuous one."""
+    switched: Callable[[Scene, float], Law],
+    followed: Callable[[Scene, float], Law],
+) -> Callable[[Scene], Feedback]:
+    """Return what searches the damping of an on-off law, or the gain of a continuous one."""
     if switching == "continuous":
-        return searched(scene, followed, DECADES)
-    return searched(scene, switched, grid(scene, "damping")[2::2])
-
-
-def best_hook(what: Hooked, switching: Switching, scene: Scene) -> Feedback:
-    """Search what a skyhook or groundhook switches on, or its gain over four decades."""
-    k1, m1 = middle(scene, "carriage.stiffness"), middle(scene, "carriage.mass")
-    unit = k1 if what == "displacement groundhook" else 2.0 * np.sqrt(k1 * m1)
-    return _searched(
-        scene,
-        switching,
-        lambda on: Hook(scene, what, switching, on=on),
-        lambda exponent: Hook(scene, what, switching, gain=unit * 10.0**exponent),
+        return over_decades(followed)
+    return lambda scene: searched(
+        scene, lambda on: switched(scene, on), grid(scene, "damping")[2::2]
     )
 
 
-def best_balance(switching: Switching, scene: Scene) -> Feedback:
-    """Search what the balance switches on, or its gain over four decades."""
-    return _searched(
-        scene,
+def best_hook(what: Hooked, switching: Switching) -> Callable[[Scene], Feedback]:
+    """Return what searches the damping or the gain of a skyhook or groundhook."""
+
+    def followed(scene: Scene, ratio: float) -> Hook:
+        k1, m1 = nominal(scene, "carriage.stiffness"), nominal(scene, "carriage.mass")
+        unit = k1 if what == "displacement groundhook" else 2.0 * np.sqrt(k1 * m1)
+        return Hook(scene, what, switching, gain=unit * ratio)
+
+    return _best(switching, lambda scene, on: Hook(scene, what, switching, on=on), followed)
+
+
+def best_balance(switching: Switching) -> Callable[[Scene], Feedback]:
+    """Return what searches the damping or the gain of the balance."""
+    return _best(
         switching,
-        lambda on: Balance(scene, switching, on=on),
-        lambda exponent: Balance(scene, switching, gain=10.0**exponent),
+        lambda scene, on: Balance(scene, switching, on=on),
+        lambda scene, gain: Balance(scene, switching, gain=gain),
     )
 
 
@@ -237,12 +274,12 @@ def damper_entry(
 
 
 ENTRIES = tuple(
-    damper_entry(what, switching, partial(make, switching), 40 + k)
+    damper_entry(what, switching, make, 40 + k)
     for switching in SWITCHINGS
     for k, (what, make) in enumerate(
         [
-            *((hook, partial(best_hook, hook)) for hook in get_args(Hooked)),
-            ("balance", best_balance),
+            *((hook, best_hook(hook, switching)) for hook in get_args(Hooked)),
+            ("balance", best_balance(switching)),
         ]
     )
 )

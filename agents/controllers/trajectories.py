@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mm_gym import DesignError
+from mm_gym import DesignError, Plant, Scene
+from mm_gym.scene import Objective
 from mm_gym.sensitivity import (
+    Actuator,
     Sensitivities,
     central_differences,
     difference_steps,
@@ -15,17 +19,8 @@ from mm_gym.sensitivity import (
     sweep,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from mm_gym import Plant, Scene
-    from mm_gym.scene import Objective
-    from mm_gym.sensitivity import Actuator
-
-    Array = NDArray[np.float64]
-    Indices = NDArray[np.intp]
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 EASIER, HARDER = 1.0 / 3.0, 4.0
 """What the stiffness is multiplied by after a step that is an improvement, and after another."""
@@ -36,8 +31,7 @@ GAIN, PATIENCE, AT_ENDS = 1e-9, 4, 8
 Where episodes can end early there are more: at the edge of a limit's cost, steps have to become
 shorter before they are any good."""
 
-LEAST, MOST = 1e-8, 1e8
-"""Bounds of the stiffness."""
+LEAST, MOST = 1e-8, 1e8  # bounds of the stiffness
 
 MARGIN = 0.02
 """Fraction of a limit that plans keep off it.
@@ -45,37 +39,26 @@ MARGIN = 0.02
 What is within the margin costs its square: 1 a step at the limit. So plans that touch the margin go
 into it a little. A narrower margin is a steeper cost, in which searches find less."""
 
-ENDED = 1e6
-"""What a plan that ends its episode early costs on top: more than any that lasts."""
+ENDED = 1e6  # what a plan that ends its episode early costs on top: more than any that lasts
 
 
 class Trajectory(NamedTuple):
-    """What a plan does in each lane.
+    """What a plan does in each lane."""
 
-    Attributes
-    ----------
-    motion
-        (steps, s, s + k, lanes): derivatives of the motion after a step.
-    states
-        (steps + 1, s + k, lanes): x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of
-        its own, and what is applied [N, -].
-    reactions
-        (steps, m, 1 + s + k, lanes): what else is squared after a step, and its derivatives with
-        respect to the state then. It is what the objective weighs of what follows from the motion
-        (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is
-        0 where there is neither.
-    controls, actions
-        (steps, k, lanes) [-]: see `Trajectories`; and what the environment is given.
-    cost
-        (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit.
-    """
-
-    motion: Array
+    motion: Array  # (steps, s, s + k, lanes): derivatives of the motion after a step
+    # (steps + 1, s + k, lanes): x1, x2 [m], v1, v2 [m/s], z [-] if the interface has a state of its
+    # own, and what is applied [N, -].
     states: Array
+    # (steps, m, 1 + s + k, lanes): what else is squared after a step, and its derivatives with
+    # respect to the state then. It is what the objective weighs of what follows from the motion
+    # (`Plant.scored_reactions`), and how far the motion is within the margin of its limits; m is 0
+    # where there is neither.
     reactions: Array
+    # controls, actions: (steps, k, lanes) [-]: see `Trajectories`; and what the environment is
+    # given.
     controls: Array
     actions: Array
-    cost: Array
+    cost: Array  # (lanes,) sum of -reward [-], and the cost of what is near or beyond a limit
 
 
 class Trajectories:
@@ -276,10 +259,7 @@ class Trajectories:
 
 def ends_of(objective: Objective) -> list[tuple[float, tuple[float, float]]]:
     """Return the limits [m] at which episodes end, each with what it limits, in x1 and x2."""
-    stated = (
-        (objective.displacement_limit, (1.0, 0.0)),
-        (objective.rail_half_length, (-1.0, 1.0)),
-    )
+    stated = ((objective.displacement_limit, (1.0, 0.0)), (objective.rail_half_length, (-1.0, 1.0)))
     return [(limit, of) for limit, of in stated if limit is not None]
 
 

@@ -5,21 +5,16 @@ All but the informed ones read what an agent observes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 from agents.controllers.constant import best_constant, uncontrolled
+from agents.controllers.controller import Controller, Law
 from agents.controllers.feedback import Feedback
-from agents.controllers.registry import entries
+from agents.controllers.registry import Role, entries
 from agents.controllers.searched import tried
 from agents.network.files import PolicyError
-from mm_gym import CompileError, DesignError, SimulationError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from agents.controllers.controller import Controller, Law
-    from agents.controllers.registry import Role
-    from mm_gym import Scene
+from mm_gym import CompileError, DesignError, Scene, SimulationError
 
 Designed = TypeVar("Designed", bound="Controller")
 
@@ -28,18 +23,10 @@ NOT_SCORED = (CompileError, DesignError, PolicyError, SimulationError)
 
 
 class Baselines(NamedTuple):
-    """The classical controllers of a scene.
+    """The classical controllers of a scene."""
 
-    Attributes
-    ----------
-    controllers
-        Those that can be designed.
-    not_scored
-        The names of the others, with the reason.
-    """
-
-    controllers: list[Controller]
-    not_scored: dict[str, str]
+    controllers: list[Controller]  # those that can be designed
+    not_scored: dict[str, str]  # the names of the others, with the reason
 
 
 def baselines(scene: Scene) -> Baselines:
@@ -87,12 +74,9 @@ def classical_laws(scene: Scene) -> list[Feedback]:
 def further_laws(scene: Scene) -> list[Controller]:
     """Return what is scored on the page of the tasks alone: it is slow, or takes extras.
 
-    Those that cannot be designed for the scene are left out.
-
-    Raises
-    ------
-    gymnasium.error.DependencyNotInstalled
-        Without Slycot or OSQP (extras: robust, mpc), if the scene has a force alone.
+    Those that cannot be designed for the scene are left out. Raise
+    `gymnasium.error.DependencyNotInstalled` without Slycot or OSQP (extras: robust, mpc), if the
+    scene has a force alone.
     """
     return designed(scene, makers(scene, "further"))[0]
 

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NoReturn, get_args
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller, Law, Reads, columns
+from agents.controllers.controller import (
+    Acted,
+    Controller,
+    Info,
+    Law,
+    Memory,
+    Observation,
+    Reads,
+    Values,
+    columns,
+)
 from agents.controllers.feedback import Feedback, TrueState
-from mm_gym import SceneError
+from mm_gym import MovingMassVectorEnv, Scene, SceneError
 from mm_gym.user_code import call, load, split
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
-    from mm_gym import MovingMassVectorEnv, Scene
 
 
 def user_defined(text: str, scene: Scene, what: str = "--controller") -> list[Controller]:
     """Return what ``FILE.py:NAME`` names, made for a scene. The file is run.
+
+    Raise `SceneError` if there is no such file or name, the file or the class raises an exception,
+    or what it makes is neither a law nor a controller.
 
     Parameters
     ----------
@@ -39,12 +46,6 @@ def user_defined(text: str, scene: Scene, what: str = "--controller") -> list[Co
     list of Controller
         Of a law two: from the true state, and from the observation. They raise `SceneError`
         where the user's code fails, and where its actions have a wrong shape or are not finite.
-
-    Raises
-    ------
-    SceneError
-        If there is no such file or name, the file or the class raises an exception, or what it
-        makes is neither a law nor a controller.
     """
     path, _ = split(text, what)
     made = call(what, path, load(text, what), scene)
@@ -79,7 +80,6 @@ class Guard:
         return callable(getattr(self.inner, method, None))
 
     def begin(self, argument: object, lanes: int) -> Memory:
-        """Return the memory with which lanes begin: none, if the user's own has no `begin`."""
         if not self.has("begin"):
             return {}
         return self.memory(self.call(self.inner.begin, argument), lanes)
@@ -147,11 +147,9 @@ class UserLaw(Law):
         self.guard, self.name = guard, guard.name
 
     def begin(self, lanes: int) -> Memory:
-        """Begin the user's law."""
         return self.guard.begin(lanes, lanes)
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the user's actions."""
         return self.guard.acted(self.guard.inner.action, memory, state, applied)
 
 
@@ -162,15 +160,12 @@ class UserController(Controller):
         self.guard, self.name, self.reads = guard, guard.name, guard.reads
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Begin the user's controller."""
         return self.guard.begin(env, env.num_envs)
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
-        """Return the user's actions."""
         return self.guard.acted(self.guard.inner.act, memory, observation, info)
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Tell the user's controller, if it wants to know."""
         if not self.guard.has("note"):
             return memory
         told = self.guard.call(self.guard.inner.note, memory, action)

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Law, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values, require_number
 from agents.controllers.registry import Entry
-from agents.controllers.searched import DECADES, searched
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from agents.controllers.searched import over_decades
+from mm_gym import Scene
 
 
 class VelocityFeedback(Law):
@@ -31,16 +25,15 @@ class VelocityFeedback(Law):
         self.gain = gain / limit
 
     def action(self, memory: Memory, state: Values, applied: Values) -> Acted:
-        """Return the force over the limit."""
         return np.clip(-self.gain * state[:, 2:3], -1.0, 1.0), memory
 
 
-def best_velocity_feedback(scene: Scene) -> Feedback:
-    """Search the gain over four decades."""
+def over_critical(scene: Scene, ratio: float) -> VelocityFeedback:
+    """Return the damper of a ratio to the carriage's critical damping."""
     critical = 2.0 * np.sqrt(scene.carriage.mass * scene.carriage.stiffness)
-    return searched(
-        scene, lambda exponent: VelocityFeedback(scene, critical * 10.0**exponent), DECADES
-    )
+    return VelocityFeedback(scene, critical * ratio)
 
+
+best_velocity_feedback = over_decades(over_critical)
 
 ENTRIES = (Entry("velocity-feedback", ("force",), best_velocity_feedback, 11),)

@@ -11,24 +11,18 @@ resamples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta, norm, t, trim_mean
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+Array = NDArray[np.float64]
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-
-LEVEL = (2.5, 97.5)
-"""Percentiles of an interval of 95 %."""
-
-RESAMPLES = 2_000
-"""They leave the ends of an interval uncertain by some 3 % of its half width."""
+LEVEL = (2.5, 97.5)  # percentiles of an interval of 95 %
+RESAMPLES = 2_000  # they leave the ends of an interval uncertain by some 3 % of its half width
 
 
 class Estimate(NamedTuple):
@@ -41,18 +35,11 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Penalties of the episodes that controllers had in common.
+    """Penalties of the episodes that controllers had in common."""
 
-    Attributes
-    ----------
-    penalties
-        (controllers, seeds, episodes) as in `Evaluation`.
-    trained
-        (controllers,) bool: whether each seed is a training of its own. Where it is not, the seeds
-        are of episodes alone, of one and the same controller.
-    """
-
-    penalties: Array
+    penalties: Array  # (controllers, seeds, episodes) as in `Evaluation`
+    # (controllers,) bool: whether each seed is a training of its own. Where it is not, the seeds
+    # are of episodes alone, of one and the same controller.
     trained: NDArray[np.bool_]
 
     def costs(self) -> Array:

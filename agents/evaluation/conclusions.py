@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.controllers.controller import Reads
 from agents.evaluation.aggregates import (
     Estimate,
     cost_estimate,
@@ -17,23 +19,15 @@ from agents.evaluation.aggregates import (
     stacked,
     tail_mean,
 )
+from agents.evaluation.contestants import Episodes
 from agents.evaluation.headroom import least_cost
+from agents.evaluation.measure import TaskResult
 from agents.evaluation.scores import read_scores
+from mm_gym import Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+Array = NDArray[np.float64]
 
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Reads
-    from agents.evaluation.contestants import Episodes
-    from agents.evaluation.measure import TaskResult
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
-
-THRESHOLDS = np.linspace(-0.5, 1.1, 65)
-"""Scores at which the performance profile is taken."""
+THRESHOLDS = np.linspace(-0.5, 1.1, 65)  # scores at which the performance profile is taken
 
 CHOSEN = "best classical controller"
 """Label of the one that did best on each task's validation episodes."""
@@ -41,81 +35,44 @@ CHOSEN = "best classical controller"
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """What one controller did on one task.
+    """What one controller did on one task."""
 
-    Attributes
-    ----------
-    label, reads
-        Of the controller.
-    trainings
-        Number of trainings with a seed of their own; 1 for all others.
-    cost
-        Root of the mean penalty of all episodes [-].
-    score
-        s = (J_constant - J) / (J_constant - J_best found) [-], or None where no best is known.
-    worst, tail
-        The largest cost of an episode, and that of the worst tenth of them (CVaR) [-].
-    change
-        Cost over that of the task's reference in the same episodes, less 1 [-]; negative is better.
-        None for the reference itself, see `TaskResult.compared`, and where it may cost nothing.
-    won
-        Fraction of the episodes that cost less than with the reference [-].
-    """
-
+    # label, reads: of the controller
     label: str
     reads: Reads
-    trainings: int
-    cost: Estimate
+    trainings: int  # number of trainings with a seed of their own; 1 for all others
+    cost: Estimate  # root of the mean penalty of all episodes [-]
+    # s = (J_constant - J) / (J_constant - J_best found) [-], or None where no best is known.
     score: Estimate | None
+    # worst, tail: the largest cost of an episode, and that of the worst tenth of them (CVaR) [-]
     worst: float
     tail: float
+    # Cost over that of the task's reference in the same episodes, less 1 [-]; negative is better.
+    # None for the reference itself, see `TaskResult.compared`, and where it may cost nothing.
     change: Estimate | None
-    won: float
+    won: float  # fraction of the episodes that cost less than with the reference [-]
 
 
 @dataclass(frozen=True, eq=False)
 class Overall:
-    """What one controller did on all tasks.
+    """What one controller did on all tasks."""
 
-    Attributes
-    ----------
-    label
-        Of the controller.
-    mean
-        Interquartile mean of its scores.
-    profile
-        (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
-        the ends of the 95 % interval.
-    improvement
-        Label -> probability that it does better than another.
-    """
-
-    label: str
-    mean: Estimate
+    label: str  # of the controller
+    mean: Estimate  # interquartile mean of its scores
+    # (thresholds, 3): the fraction of its scores that is greater than each of `THRESHOLDS`, with
+    # the ends of the 95 % interval.
     profile: Array
-    improvement: Mapping[str, float]
+    improvement: Mapping[str, float]  # label -> probability that it does better than another
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All conclusions.
+    """All conclusions."""
 
-    Attributes
-    ----------
-    episodes
-        That all controllers went through.
-    tables
-        Task -> rows, the least cost first.
-    results
-        What they follow from.
-    overall
-        The controllers that were on all tasks, the best first; none unless the best is known on
-        all.
-    """
-
-    episodes: Episodes
-    tables: Mapping[str, Sequence[Row]]
-    results: Sequence[TaskResult]
+    episodes: Episodes  # that all controllers went through
+    tables: Mapping[str, Sequence[Row]]  # task -> rows, the least cost first
+    results: Sequence[TaskResult]  # what they follow from
+    # The controllers that were on all tasks, the best first; none unless the best is known on all.
     overall: Sequence[Overall]
 
 

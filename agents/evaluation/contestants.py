@@ -3,60 +3,39 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.names import laws, obstacle
+from agents.controllers.controller import Controller
+from agents.controllers.registry import laws, obstacle
 from agents.controllers.user_defined import user_defined
 from agents.evaluation.named import law_of
 from agents.policies import ENDINGS, load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
 from agents.training.runs import Run, RunError
-from mm_gym import OwnReward, SceneError, load_scene, rewarded
+from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
 from mm_gym.errors import suggest
 from mm_gym.tasks import ids, robust_ids, task_or_scene
 from mm_gym.user_code import is_path
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-BASELINES = "baselines"
-"""The name of all classical controllers that apply to a task."""
-
-
-SEEDS, EACH = 5, 64
-"""Seeds and episodes of each where none are asked for."""
-
-LEAST = 2
-"""Least number of episodes of a seed."""
+BASELINES = "baselines"  # the name of all classical controllers that apply to a task
+SEEDS, EACH = 5, 64  # seeds and episodes of each where none are asked for
+LEAST = 2  # least number of episodes of a seed
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """What stands in one row of the tables.
+    """What stands in one row of the tables."""
 
-    Attributes
-    ----------
-    label
-        Its name there.
-    text
-        What was given for it.
-    texts
-        Task -> what makes its controllers: names that `law_of` takes, or FILE.py:NAME. Several are
-        runs of one training with several seeds.
-    """
-
-    label: str
-    text: str
+    label: str  # its name there
+    text: str  # what was given for it
+    # Task -> what makes its controllers: names that `law_of` takes, or FILE.py:NAME. Several are
+    # runs of one training with several seeds.
     texts: Mapping[str, tuple[str, ...]]
 
     def make(self, task: str, scene: Scene) -> list[Controller]:
@@ -72,21 +51,11 @@ class Contestant:
 
 @dataclass(frozen=True)
 class Field:
-    """All that is compared.
+    """All that is compared."""
 
-    Attributes
-    ----------
-    scenes
-        Task -> scene.
-    contestants
-        In the order in which they were given.
-    baselines
-        Whether all classical controllers of each task are compared too.
-    """
-
-    scenes: Mapping[str, Scene]
-    contestants: tuple[Contestant, ...]
-    baselines: bool
+    scenes: Mapping[str, Scene]  # task -> scene
+    contestants: tuple[Contestant, ...]  # in the order in which they were given
+    baselines: bool  # whether all classical controllers of each task are compared too
 
     @property
     def trainings(self) -> int:
@@ -97,19 +66,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Episodes:
-    """The episodes that all controllers go through.
+    """The episodes that all controllers go through."""
 
-    Attributes
-    ----------
-    seeds, each
-        Number of seeds, and of episodes of each.
-    first
-        Seed of the first episode; the others count up from it.
-    """
-
+    # seeds, each: number of seeds, and of episodes of each
     seeds: int
     each: int
-    first: int = HELD_OUT_SEED
+    first: int = HELD_OUT_SEED  # seed of the first episode; the others count up from it
 
     @classmethod
     def of_field(
@@ -166,21 +128,11 @@ class Entry:
 
 @dataclass(frozen=True)
 class Trained:
-    """Finished runs that were trained on one scene.
+    """Finished runs that were trained on one scene."""
 
-    Attributes
-    ----------
-    name
-        The scene's: a task's id, or the path of a file.
-    scene
-        The scene.
-    runs
-        Their folders.
-    """
-
-    name: str
-    scene: Scene
-    runs: tuple[Run, ...]
+    name: str  # the scene's: a task's id, or the path of a file
+    scene: Scene  # the scene
+    runs: tuple[Run, ...]  # their folders
 
 
 def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | None = None) -> Field:
@@ -188,16 +140,9 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
 
     Without tasks and runs it is all tasks of mm_gym. On given tasks runs of one other scene are
     compared too; their label tells that scene. An own reward, FILE.py:NAME, scores all of them.
-
-    Raises
-    ------
-    SceneError
-        If a name is unknown or given twice, or applies to none of the tasks.
-    RunError
-        If a run is missing or not over, runs of several scenes do not fit, or patterns of runs have
-        different numbers of them.
-    PolicyError
-        If a file is no policy.
+    Raise `SceneError` if a name is unknown or given twice, or applies to none of the tasks;
+    `RunError` if a run is missing or not over, runs of several scenes do not fit, or patterns of
+    runs have different numbers of them; `PolicyError` if a file is no policy.
     """
     twice = [text for text in texts if list(texts).count(text) > 1]
     if twice:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
-from agents.controllers.controller import columns
+from agents.controllers.controller import Controller, columns
 from agents.controllers.feedback import Feedback
+from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
-from agents.controllers.random_actions import RandomActions
 from agents.controllers.registry import entries
+from agents.controllers.searched import Tunable
 from agents.controllers.tuned import (
     best_without_memory,
     classical_laws,
@@ -20,25 +23,14 @@ from agents.controllers.tuned import (
     makers,
 )
 from agents.evaluation.plans import Effort, Planner, Replanner
-from agents.scoring import HELD_OUT_SEED, evaluate
-from mm_gym import DesignError
+from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
+from mm_gym import DesignError, Scene
 from mm_gym.metrics import passive_scene
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from agents.controllers.tunable import Tunable
-    from agents.scoring import Evaluation
-    from mm_gym import Scene
-
-    Row = dict[str, Any]
+Row = dict[str, Any]
 
 EPISODES = 100
-RESAMPLES = 10_000
-"""Draws of the bootstrap."""
+RESAMPLES = 10_000  # draws of the bootstrap
 
 CLASSICAL = ("law", "predictive")
 """Roles of what is designed, not learned, and reads no more than an agent does.
@@ -53,35 +45,23 @@ many, and the spreads of the numbers over those of a search's first trials."""
 CHILDREN, LEAST = 300, 0.05
 """Designs tried where each episode has numbers of its own, and their least spread."""
 
-LEARNED = "learned"
-"""Role of a trained agent, which `python -m agents ranking` adds."""
-
-KEPT = "the plan kept"
-"""Name of a start from an earlier search."""
-
-ROUNDING = 1e-5
-"""Costs of plans are written with six digits."""
+LEARNED = "learned"  # role of a trained agent, which `python -m agents ranking` adds
+KEPT = "the plan kept"  # name of a start from an earlier search
+ROUNDING = 1e-5  # costs of plans are written with six digits
 
 
 class Headroom(NamedTuple):
-    """What is known of a task.
+    """What is known of a task."""
 
-    Attributes
-    ----------
-    rows
-        Of each controller: its role, its name, what it reads, its cost with the ends of a 95 %
-        interval, its rms of x1 / displacement_scale and, where the stretch is actuated, the mean
-        over the episodes of the energy [J] that changing it put in. Roles: "zero", "random",
-        "constant" (the best on these very episodes), "passive" (the best passive damper), "law"
-        (tuned on others), "predictive", "informed" (knows what an agent does not), "planner". The
-        planner, the last, has two entries more: the seed of its search, and of each episode the
-        cost and where the plan is from.
-    plans
-        (steps, episodes, k) what the clairvoyant optima apply [N, -].
-    """
-
+    # Of each controller: its role, its name, what it reads, its cost with the ends of a 95 %
+    # interval, its rms of x1 / displacement_scale and, where the stretch is actuated, the mean over
+    # the episodes of the energy [J] that changing it put in. Roles: "zero", "random", "constant"
+    # (the best on these very episodes), "passive" (the best passive damper), "law" (tuned on
+    # others), "predictive", "informed" (knows what an agent does not), "planner". The planner, the
+    # last, has two entries more: the seed of its search, and of each episode the cost and where the
+    # plan is from.
     rows: list[Row]
-    plans: NDArray[np.float64]
+    plans: NDArray[np.float64]  # (steps, episodes, k) what the clairvoyant optima apply [N, -]
 
 
 def headroom(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
-from agents.controllers.controller import columns, drawn_but
+from agents.controllers.controller import Controller, columns, drawn_but
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.h_infinity import HInfinity
 from agents.controllers.lqg import LQG
@@ -13,19 +13,12 @@ from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.tuned import best_without_memory, classical_laws, further_laws
 from agents.scoring import VALIDATION_SEED, evaluate
-from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
 
 DELAY, NOISE, EPISODES = 2, 0.01, 20
 """Control steps; standard deviation over each channel's scale; and episodes of a score."""
 
-RUNS, ACTIONS = 10, 10
-"""Of the measurement of time."""
+RUNS, ACTIONS = 10, 10  # of the measurement of time
 
 
 def late(scene: Scene) -> Scene:

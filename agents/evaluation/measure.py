@@ -3,90 +3,64 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from agents.controllers.constant import best_constant
+from agents.controllers.controller import Reads
 from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
 from agents.evaluation.aggregates import Sample
-from agents.evaluation.contestants import Entry
-from agents.evaluation.motions import motions
-from agents.evaluation.studies import closed_loops, efforts, outcomes
+from agents.evaluation.contestants import Entry, Episodes, Field
+from agents.evaluation.motions import Motions, motions
+from agents.evaluation.studies import (
+    ClosedLoop,
+    Effort,
+    Outcome,
+    Records,
+    closed_loops,
+    efforts,
+    outcomes,
+)
 from agents.scoring import validation_cost
-from mm_gym import DesignError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from agents.controllers.controller import Reads
-    from agents.evaluation.contestants import Episodes, Field
-    from agents.evaluation.motions import Motions
-    from agents.evaluation.studies import ClosedLoop, Effort, Outcome, Records
-    from mm_gym import Scene
+from mm_gym import DesignError, Scene
 
 
 @dataclass(frozen=True)
 class Studies:
-    """What is measured in addition to the cost.
+    """What is measured in addition to the cost."""
 
-    Attributes
-    ----------
-    robustness
-        Whether the controllers are tried on changed scenes.
-    records
-        Recorded motions among the changes.
-    frequency
-        Whether the closed loop's response over frequency is measured.
-    effort
-        Whether response and effort are, over references.
-    motions
-        Whether motions are recorded. All studies are then of a few controllers: those asked for by
-        name, what they are compared with and the best constant.
-    """
-
-    robustness: bool = False
-    records: Records | None = None
-    frequency: bool = False
-    effort: bool = False
+    robustness: bool = False  # whether the controllers are tried on changed scenes
+    records: Records | None = None  # recorded motions among the changes
+    frequency: bool = False  # whether the closed loop's response over frequency is measured
+    effort: bool = False  # whether response and effort are, over references
+    # Whether motions are recorded. All studies are then of a few controllers: those asked for by
+    # name, what they are compared with and the best constant.
     motions: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class TaskResult:
-    """What all controllers did on one task.
+    """What all controllers did on one task."""
 
-    Attributes
-    ----------
-    task
-        Its id, or the path of its scene.
-    labels, reads
-        Of each controller.
-    sample
-        Their penalties.
-    reference
-        Index of the best constant action.
-    chosen
-        Index of the classical law of least cost on the validation episodes, or None.
-    outcomes, loops, efforts, motions
-        What the studies gave, if they were asked for; motions by label.
-    not_scored
-        Label of each controller that could not be scored -> the reason.
-    """
-
-    task: str
+    task: str  # its id, or the path of its scene
+    # labels, reads: of each controller
     labels: tuple[str, ...]
     reads: tuple[Reads, ...]
-    sample: Sample
-    reference: int
+    sample: Sample  # their penalties
+    reference: int  # index of the best constant action
+    # Index of the classical law of least cost on the validation episodes, or None.
     chosen: int | None
+    # outcomes, loops, efforts, motions: what the studies gave, if they were asked for; motions by
+    # label
     outcomes: Sequence[Outcome] = field(default_factory=list)
     loops: Sequence[ClosedLoop] = field(default_factory=list)
     efforts: Sequence[Effort] = field(default_factory=list)
     motions: Mapping[str, Motions] = field(default_factory=dict)
+    # Label of each controller that could not be scored -> the reason.
     not_scored: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -136,10 +110,7 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
         task=task,
         labels=tuple(row.label for row in rows),
         reads=tuple(row.controllers[0].reads for row in rows),
-        sample=Sample(
-            np.stack(penalties),
-            np.array([row.trained for row in rows]),
-        ),
+        sample=Sample(np.stack(penalties), np.array([row.trained for row in rows])),
         reference=0,
         chosen=best_classical(scene, rows),
         not_scored=not_scored,

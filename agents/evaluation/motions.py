@@ -3,43 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import periodogram
 
+from agents.controllers.controller import Controller
+from agents.evaluation.contestants import Episodes
 from agents.rollout import Rollout
 from agents.scoring import spread_frequency
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, Scene
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from agents.evaluation.contestants import Episodes
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """What one controller did in some episodes; NaN after an early end.
+    """What one controller did in some episodes; NaN after an early end."""
 
-    Attributes
-    ----------
-    time
-        (steps + 1,) from the start of the episode [s].
-    displacement, stroke
-        (steps + 1, episodes): x1 and x2 - x1 [m].
-    applied
-        (steps + 1, episodes, k): what the actuators have, in the order of the action.
-    """
-
-    time: Array
+    time: Array  # (steps + 1,) from the start of the episode [s]
+    # displacement, stroke: (steps + 1, episodes): x1 and x2 - x1 [m].
     displacement: Array
     stroke: Array
-    applied: Array
+    applied: Array  # (steps + 1, episodes, k): what the actuators have, in the order of the action
 
     def spectrum(self) -> tuple[Array, Array]:
         """Return frequencies (n,) [Hz] and the one-sided power spectral density of x1 [m^2/Hz].

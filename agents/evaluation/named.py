@@ -4,35 +4,25 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+
+from agents.controllers.controller import Controller
 from agents.controllers.learned import Learned
-from agents.controllers.names import RANDOM, laws, not_a_law
-from agents.controllers.random_actions import RandomActions
+from agents.controllers.noise import RandomActions
+from agents.controllers.registry import RANDOM, laws, not_a_law
 from agents.policies import ENDINGS, load_policy
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
+from mm_gym import Scene
 
 
 def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controller:
     """Return a controller by its name, or the policy of a run's folder or a policy's file.
 
-    The generator is where random actions are drawn from.
-
-    Raises
-    ------
-    SceneError
-        If the name is not one that applies to the scene, nor a path.
-    RunError
-        If the training of the run is not over.
-    PolicyError
-        If the policy cannot be read, or the run has a base in a file of the user's.
+    The generator is where random actions are drawn from. Raise `SceneError` if the name is not one
+    that applies to the scene, nor a path; `RunError` if the training of the run is not over;
+    `PolicyError` if the policy cannot be read, or the run has a base in a file of the user's.
     """
     applicable, path = laws(scene), Path(name)
     if name == RANDOM:

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller
-from agents.controllers.trajectories import Trajectories
+from agents.controllers.controller import Controller, Memory, Reads
+from agents.controllers.trajectories import Trajectories, Trajectory
+from mm_gym import MovingMassVectorEnv, Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Memory, Reads
-    from agents.controllers.trajectories import Trajectory
-    from mm_gym import MovingMassVectorEnv, Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 CORRELATIONS = (0.0, 0.6, 0.9)
 """Correlation of successive controls' noise: white noise hardly moves the carriage."""
@@ -27,11 +21,8 @@ CORRELATIONS = (0.0, 0.6, 0.9)
 SPREADS = (0.3, 1.0, 2.0)
 """Standard deviations of random plans [-]; those above 1 are mostly at the limits."""
 
-LITTLE, MORE = 0.1, 0.3
-"""Standard deviations of the noise that is added to the best plans."""
-
-AT_LIMIT = 10.0
-"""What a step at a limit costs in the search of a start that keeps off it."""
+LITTLE, MORE = 0.1, 0.3  # standard deviations of the noise that is added to the best plans
+AT_LIMIT = 10.0  # what a step at a limit costs in the search of a start that keeps off it
 
 
 AHEAD, FIRST, ROUNDS = 40, 30, 3
@@ -40,32 +31,21 @@ AHEAD, FIRST, ROUNDS = 40, 30, 3
 
 @dataclass(frozen=True)
 class Effort:
-    """How long plans are searched.
+    """How long plans are searched."""
 
-    Attributes
-    ----------
-    random
-        Random plans to start from, in addition to the given ones and no control at all.
-    kept, first, second
-        The starts of which each episode keeps the best so many, after a first number of steps of
-        Gauss and Newton; they go on for a second number.
-    rounds, steps
-        Rounds in which the best plans are changed at random, or taken from the next episode, and
-        the steps that each such plan has.
-    last
-        Steps of the best plan at the end.
-    seed
-        Of the random numbers.
-    """
-
+    # Random plans to start from, in addition to the given ones and no control at all.
     random: int = 9
+    # kept, first, second: the starts of which each episode keeps the best so many, after a first
+    # number of steps of Gauss and Newton; they go on for a second number
     kept: int = 3
     first: int = 12
     second: int = 40
+    # rounds, steps: rounds in which the best plans are changed at random, or taken from the next
+    # episode, and the steps that each such plan has
     rounds: int = 12
     steps: int = 20
-    last: int = 60
-    seed: int = 0
+    last: int = 60  # steps of the best plan at the end
+    seed: int = 0  # of the random numbers
 
 
 class Planner(Controller):
@@ -102,7 +82,6 @@ class Planner(Controller):
         self.origins: list[str] = []
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Search the plans of the lanes."""
         self.noise = np.random.default_rng(self.effort.seed)
         start = env.get_state()
         self.problem = Trajectories(self.scene, env.plant, start)
@@ -121,7 +100,6 @@ class Planner(Controller):
     def propose(
         self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
     ) -> tuple[Array, Memory]:
-        """Return the next actions of the plans."""
         step, plan = memory["step"], memory["plan"]
         return plan[np.arange(len(plan)), step], {"step": step + 1, "plan": plan}
 
@@ -232,7 +210,6 @@ class Replanner(Controller):
         self.reads = "episode" if foresees else "full state"
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
-        """Begin without a plan; the environment shows what is to come."""
         self.env = env
         lanes, columns = env.num_envs, env.single_action_space.shape[0]
         return {"begun": np.zeros(lanes, np.bool_), "plan": np.zeros((lanes, AHEAD, columns))}
@@ -240,7 +217,6 @@ class Replanner(Controller):
     def propose(
         self, memory: Memory, observation: NDArray[np.float32], info: dict[str, Any]
     ) -> tuple[Array, Memory]:
-        """Return the first actions of new plans, which go on from those of the step before."""
         start, lanes = self.env.get_state(), np.arange(self.env.num_envs)
         problem = Trajectories(self.scene, self.env.plant, start, AHEAD, foresees=self.foresees)
         rounds = ROUNDS if memory["begun"].all() else FIRST

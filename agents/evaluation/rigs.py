@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from agents.controllers.constant import ConstantAction, best_constant
+from agents.controllers.controller import Controller
 from agents.controllers.tuned import designed, makers
 from agents.evaluation.headroom import interval
 from agents.scoring import HELD_OUT_SEED, evaluate
-from mm_gym import load_scene
+from mm_gym import Scene, load_scene
 from mm_gym.tasks import short_name
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-    Row = dict[str, Any]
+Row = dict[str, Any]
 
 EPISODES = 200
-DELAYS = (0, 1, 2)
-"""Control steps by which the sensors of the task itself are late."""
-
-WORST = 0.1
-"""Share of the episodes that cost most."""
+DELAYS = (0, 1, 2)  # control steps by which the sensors of the task itself are late
+WORST = 0.1  # share of the episodes that cost most
 
 
 def task_of(variant: str) -> str:

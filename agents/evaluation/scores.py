@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, cast
+from typing import Annotated, Any, Self, cast
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
 from mm_gym import SceneError
 from mm_gym.files import read_json
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
 SCORES = Path(__file__).parents[2] / "docs" / "task_scores.json"
 
-MOST_BYTES = 2**24
-"""Largest file of scores."""
+MOST_BYTES = 2**24  # largest file of scores
 
 NEEDED = ("constant", "planner")
 """Roles that every task has a row of: others are compared with them."""
@@ -71,17 +68,14 @@ class TaskScores(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
 def read_scores(path: Path = SCORES, tasks: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Return what is known of each task, by its id, as data of `TaskScores`.
 
+    Raise `SceneError` if the file cannot be read, is damaged, or lacks a task.
+
     Parameters
     ----------
     path
         The file.
     tasks
         Those that must be in it.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read, is damaged, or lacks a task.
     """
     data = read_json(path, most=MOST_BYTES)
     try:

@@ -5,41 +5,32 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.constant import best_constant
+from agents.controllers.controller import Controller
 from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.headroom import CLASSICAL, controllers_of, interval
 from agents.network.files import content_of, read_content
 from agents.scoring import VALIDATION_SEED, evaluate
-from mm_gym import DesignError, SceneError
+from mm_gym import DesignError, Scene, SceneError
 from mm_gym.files import read_bytes, write_bytes
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
+Row = dict[str, Any]
 
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-    Row = dict[str, Any]
-
-EPISODES = 1_000
-"""Of a task and a release."""
+EPISODES = 1_000  # of a task and a release
 
 SEALED = 1 << 62
 """The bit that the seeds of sealed episodes have; those of all other episodes do not."""
 
-AGENT = "agent"
-"""Role of what was trained."""
-
-LARGEST = 2**28
-"""Size of a file of penalties [bytes]."""
+AGENT = "agent"  # role of what was trained
+LARGEST = 2**28  # size of a file of penalties [bytes]
 
 
 def first_seed(release: str) -> int:
@@ -54,18 +45,12 @@ def first_seed(release: str) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """What was scored on a task.
+    """What was scored on a task."""
 
-    Attributes
-    ----------
-    name, role
-        Of the controller, or of several trainings of one kind.
-    penalties
-        (seeds, episodes) as in `agents.scoring.Evaluation`, of the same episodes.
-    """
-
+    # name, role: of the controller, or of several trainings of one kind
     name: str
     role: str
+    # (seeds, episodes) as in `agents.scoring.Evaluation`, of the same episodes.
     penalties: NDArray[np.float64]
 
     @property
@@ -102,7 +87,8 @@ class Scored:
 class Seal:
     """The penalties on a task's sealed episodes, in a file that is written after each controller.
 
-    What is in the file is not scored again: sealed episodes are scored once.
+    What is in the file is not scored again: sealed episodes are scored once. Raise `SceneError` if
+    the file is damaged, or of other episodes.
 
     Parameters
     ----------
@@ -114,11 +100,6 @@ class Seal:
         The version whose episodes they are.
     episodes
         How many.
-
-    Raises
-    ------
-    SceneError
-        If the file is damaged, or of other episodes.
     """
 
     def __init__(self, file: Path, scene: Scene, release: str, episodes: int = EPISODES) -> None:

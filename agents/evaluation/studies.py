@@ -8,95 +8,69 @@ for. The **frequency** response is the steady one of the closed loop, at several
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import drawn_but
+from agents.controllers.controller import Controller, drawn_but
 from agents.controllers.matching_stretch import FREQUENCY
 from agents.evaluation.aggregates import tail_mean
+from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
 from agents.scoring import evaluate
 from mm_gym import (
     DesignError,
     MovingMassVectorEnv,
+    Scene,
     SceneError,
     SimulationError,
     compile_scene,
     metrics,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from agents.evaluation.contestants import Entry, Episodes
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
-    Options = dict[str, Array]
+Array = NDArray[np.float64]
+Options = dict[str, Array]
 
 NOMINAL = "as designed"
 
-FACTORS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)
-"""Of mass, stiffness and damping of the carriage."""
+FACTORS = (0.7, 0.8, 0.9, 1.1, 1.2, 1.3)  # of mass, stiffness and damping of the carriage
 
 PARTS = ("mass", "stiffness", "damping")
 
 NOISE, DELAY, RECORD = "noise over scale", "delay [steps]", "record"
 """Studies by name; that of a record goes on with the name of its file."""
 
-LEVELS = (0.01, 0.03, 0.1)
-"""Standard deviations of the noise over each channel's scale."""
-
-DELAYS = (0, 1, 2, 3)
-"""Ages of the newest frame, in control steps."""
+LEVELS = (0.01, 0.03, 0.1)  # standard deviations of the noise over each channel's scale
+DELAYS = (0, 1, 2, 3)  # ages of the newest frame, in control steps
 
 
 @dataclass(frozen=True)
 class Records:
-    """Recorded motions that take the place of the excitation.
+    """Recorded motions that take the place of the excitation."""
 
-    Attributes
-    ----------
-    files
-        Their files.
-    unit
-        Of their values; by default g for AT2, else m/s^2 or N.
-    """
-
-    files: tuple[Path, ...] = ()
-    unit: str | None = None
+    files: tuple[Path, ...] = ()  # their files
+    unit: str | None = None  # of their values; by default g for AT2, else m/s^2 or N
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one controller did on one changed scene.
+    """What one controller did on one changed scene."""
 
-    Attributes
-    ----------
-    study, level
-        What is changed, and to which number, as "carriage.mass" and 1.1; a record has no number.
-    label
-        Of the controller.
-    cost, worst, tail
-        Root of the mean penalty, the largest cost of an episode, and that of the worst tenth [-].
-    ratio
-        Cost over that on the scene as designed [-].
-    """
-
+    # study, level: what is changed, and to which number, as "carriage.mass" and 1.1; a record has
+    # no number
     study: str
     level: float
-    label: str
+    label: str  # of the controller
+    # cost, worst, tail: root of the mean penalty, the largest cost of an episode, and that of the
+    # worst tenth [-]
     cost: float
     worst: float
     tail: float
-    ratio: float
+    ratio: float  # cost over that on the scene as designed [-]
 
 
 def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, float], Scene]:
@@ -222,26 +196,14 @@ NAME = "excitation.0"
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """The steady response of one controller.
+    """The steady response of one controller."""
 
-    Attributes
-    ----------
-    label
-        Of the controller.
-    frequencies
-        (n,) of the force [rad/s].
-    forces
-        (m,) its amplitudes [N].
-    gain
-        (m, n) amplitude of x1 at the frequency of the force over the static deflection F / k1 [-].
-    distortion
-        (m, n) root mean square of the rest of x1 over that of all [-]: 0 if x1 is harmonic.
-    """
-
-    label: str
-    frequencies: Array
-    forces: Array
+    label: str  # of the controller
+    frequencies: Array  # (n,) of the force [rad/s]
+    forces: Array  # (m,) its amplitudes [N]
+    # (m, n) amplitude of x1 at the frequency of the force over the static deflection F / k1 [-].
     gain: Array
+    # (m, n) root mean square of the rest of x1 over that of all [-]: 0 if x1 is harmonic.
     distortion: Array
 
 
@@ -323,19 +285,12 @@ UNCONTROLLED, PASSIVE = "no control", "best passive damper"
 
 @dataclass(frozen=True)
 class Effort:
-    """The indices of one controller over one reference, averaged over episodes.
+    """The indices of one controller over one reference, averaged over episodes."""
 
-    Attributes
-    ----------
-    label, reference
-        Of the controller, and what its motions are compared with.
-    indices
-        Name -> mean over the episodes, see `mm_gym.metrics.Indices`.
-    """
-
+    # label, reference: of the controller, and what its motions are compared with
     label: str
     reference: str
-    indices: dict[str, float]
+    indices: dict[str, float]  # name -> mean over the episodes, see `mm_gym.metrics.Indices`
 
 
 def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Effort]:

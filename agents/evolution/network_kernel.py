@@ -15,8 +15,7 @@ SINGLE = np.float32
 ZERO, ONE, TWO, THREE = SINGLE(0.0), SINGLE(1.0), SINGLE(2.0), SINGLE(3.0)
 NINE, TWENTY_SEVEN = SINGLE(9.0), SINGLE(27.0)
 
-FOUR = 4
-"""Products that are added at once."""
+FOUR = 4  # products that are added at once
 
 
 @intrinsic

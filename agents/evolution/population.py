@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.evolution.network_kernel import forward
 from agents.scoring import limit_penalty
-from mm_gym import MovingMassVectorEnv
+from agents.training.network import Network
+from mm_gym import Episodes, MovingMassVectorEnv, Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.training.network import Network
-    from mm_gym import Episodes, Scene
-
-    Single = NDArray[np.float32]
-    Values = NDArray[np.float64]
+Single = NDArray[np.float32]
+Values = NDArray[np.float64]
 
 LANES = 384
 """Those that a thread takes at a time: they stay in its cache, and no thread waits for long."""

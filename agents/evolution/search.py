@@ -10,43 +10,34 @@ from __future__ import annotations
 
 import warnings
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
 
 from agents.evolution.population import Candidates, Population
+from agents.evolution.settings import EvolveSettings
+from agents.network.arrays import Arrays
+from agents.policies import Policy
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
 from agents.training.network import Network
+from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
+from mm_gym import Scene
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.evolution.settings import EvolveSettings
-    from agents.policies import Policy
-    from agents.training.arrays import Arrays
-    from agents.training.runs import Run
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
     """Search until generations or time are used up, and write the best policy to the run's folder.
 
     An interrupted run continues from its last checkpoint; Ctrl-C writes one. A finished run goes on
-    where the settings differ in that they have more generations or time.
-
-    Raises
-    ------
-    SceneError, CompileError, DesignError
-        If there is nothing to search on, or the law does not apply. No folder is made.
-    RunError
-        If the folder holds another run, or another process uses it.
+    where the settings differ in that they have more generations or time. Raise `SceneError`,
+    `CompileError` or `DesignError` if there is nothing to search on, or the law does not apply. No
+    folder is made. Raise `RunError` if the folder holds another run, or another process uses it.
     """
     search = Evolution(settings, settings.rewarded_scene())
     with closing(search.population):

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.controllers.controller import Controller
 from agents.controllers.lqg import LQG, state_units
 from agents.network.layers import Clip, Dense, Regulator, Residual
 from agents.network.policy import Policy
 from agents.training.parts import base_controller
-from mm_gym import MovingMassVectorEnv, SceneError, compile_scene
+from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 SMALL = 2.0**-14
 """Observation whose action is not clipped; a power of two, which single precision has exactly."""
@@ -69,10 +63,7 @@ def residual(policy: Policy, gains: Values, authority: float) -> Policy:
 def controller_policy(name: str, scene: Scene) -> Policy:
     """Return a controller of a scene, by its name, as a policy.
 
-    Raises
-    ------
-    SceneError
-        If there is no such controller, or it is none that can be written as layers.
+    Raise `SceneError` if there is no such controller, or it is none that can be written as layers.
     """
     controller = base_controller(scene, name)
     if isinstance(controller, LQG):

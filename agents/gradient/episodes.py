@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.controllers.lqr import state_weight
-from agents.controllers.observation import ROWS
+from agents.controllers.observed_state import ROWS
 from mm_gym import DesignError, MovingMassVectorEnv
 from mm_gym.sensitivity import Outputs, Sensitivities
 

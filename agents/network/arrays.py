@@ -12,26 +12,20 @@ import math
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from mm_gym.files import parse_json, read_bytes
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from os import PathLike
+Arrays = Mapping[str, NDArray[Any]]
 
-    from numpy.typing import DTypeLike, NDArray
-
-    Arrays = Mapping[str, NDArray[Any]]
-
-MOST_MEMBERS = 4096
-"""Of an archive; a training's checkpoint has some hundred arrays."""
-
-MEMBER = b"PK\x01\x02"
-"""What the entry of each member in an archive's directory begins with."""
+MOST_MEMBERS = 4096  # of an archive; a training's checkpoint has some hundred arrays
+MEMBER = b"PK\x01\x02"  # what the entry of each member in an archive's directory begins with
 
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Of compression: those whose output can be read up to a limit."""
@@ -45,23 +39,16 @@ DAMAGE = (
 HEADERS = {b"\x93NUMPY\x01\x00": "<H", b"\x93NUMPY\x02\x00": "<I"}
 """First bytes of an array's file, and the type of the header's length, which follows."""
 
-MOST_AXES = 32
-"""Of an array, as NumPy allows in all its versions."""
-
-LONGEST_HEADER = 10_000
-"""In bytes, as in NumPy: Python's parser may crash on a longer one."""
-
-KINDS = "biufU"
-"""Of types: truth values, integers, floating-point numbers and text."""
+MOST_AXES = 32  # of an array, as NumPy allows in all its versions
+LONGEST_HEADER = 10_000  # in bytes, as in NumPy: Python's parser may crash on a longer one
+KINDS = "biufU"  # of types: truth values, integers, floating-point numbers and text
 
 
 def arrays_in(content: bytes, *, most: int) -> dict[str, NDArray[Any]]:
     """Return the arrays in the content of an ``.npz`` file, which unpacks to at most `most` bytes.
 
-    Raises
-    ------
-    ValueError
-        If it is damaged, too large, or holds anything but arrays of numbers and text.
+    Raise `ValueError` if it is damaged, too large, or holds anything but arrays of numbers and
+    text.
     """
     with _opened(content, most) as archive:
         members = archive.infolist()
@@ -109,17 +96,14 @@ def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
 def array_in(data: bytes, name: str = "array") -> NDArray[Any]:
     """Return the array in the content of an ``.npy`` file.
 
+    Raise `ValueError` if it is damaged, or an array of anything but numbers or text.
+
     Parameters
     ----------
     data
         The content.
     name
         Of the array, for messages.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, or an array of anything but numbers or text.
     """
     try:
         shape, order, dtype, start = _header(data)
@@ -161,12 +145,8 @@ def _header(data: bytes) -> tuple[tuple[int, ...], Any, np.dtype[Any], int]:
 def read_array(path: str | PathLike[str], *, most: int) -> NDArray[Any]:
     """Return the array of an ``.npy`` file of at most `most` bytes.
 
-    Raises
-    ------
-    SceneError
-        If the file cannot be read.
-    ValueError
-        If it holds no array of numbers or text.
+    Raise `SceneError` if the file cannot be read; `ValueError` if it holds no array of numbers or
+    text.
     """
     return array_in(read_bytes(path, most=most), str(path))
 
@@ -176,10 +156,7 @@ def numbers(
 ) -> NDArray[Any]:
     """Return one of several arrays, of finite numbers, in C order and of a type.
 
-    Raises
-    ------
-    ValueError
-        If it is missing, of another shape, of text, or not finite in the type.
+    Raise `ValueError` if it is missing, of another shape, of text, or not finite in the type.
     """
     check_shapes(arrays, {name: shape})
     array = arrays[name]

@@ -7,15 +7,11 @@ import subprocess
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.network.graph import Signal
-
-if TYPE_CHECKING:
-    from agents.network.graph import Graph, Operation, Values
-    from agents.network.interface import Interface
+from agents.network.graph import Graph, Operation, Signal, Values
+from agents.network.interface import Interface
 
 FUNCTIONS = {
     "tanh": "hyperbolic({})",
@@ -47,8 +43,7 @@ HELPERS = {
 """By how they are called."""
 
 
-CALLS = 200_000
-"""Of a measurement."""
+CALLS = 200_000  # of a measurement
 
 _MAIN = """
 #include <stdio.h>
@@ -71,43 +66,28 @@ int main(void) {{
 
 @dataclass(frozen=True)
 class Source:
-    """C source, and what it needs.
+    """C source, and what it needs."""
 
-    Attributes
-    ----------
-    text
-        The source.
-    constants, remembered, working
-        Numbers of each kind: read only, kept from step to step, and on the stack.
-    products
-        Multiplications with weights in a step.
-    """
-
-    text: str
+    text: str  # the source
+    # constants, remembered, working: numbers of each kind: read only, kept from step to step, and
+    # on the stack
     constants: int
     remembered: int
     working: int
-    products: int
+    products: int  # multiplications with weights in a step
 
 
 @dataclass
 class _Writer:
-    """Statements, and the numbers that they work on.
-
-    Attributes
-    ----------
-    tables
-        Names of the tables of constants, by their numbers.
-    places
-        By operation: the array that its numbers are in, and where they begin there.
-    used
-        Beginning and length of the pieces of working memory that are read again.
-    """
+    """Statements, and the numbers that they work on."""
 
     statements: list[str] = field(default_factory=list)
+    # Names of the tables of constants, by their numbers.
     tables: dict[tuple[str, ...], str] = field(default_factory=dict)
     products: int = 0
+    # By operation: the array that its numbers are in, and where they begin there.
     places: dict[Operation, tuple[str, int]] = field(default_factory=dict)
+    # Beginning and length of the pieces of working memory that are read again.
     used: dict[Operation, tuple[int, int]] = field(default_factory=dict)
     working: int = 0
 

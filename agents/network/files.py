@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import safetensors.numpy
+from numpy.typing import NDArray
 from safetensors import SafetensorError
 
 from agents.network.arrays import arrays_in, described
 from mm_gym.files import parse_json
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, NDArray[Any]]
 
 LARGEST = 64 * 2**20
 """Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
@@ -25,8 +22,7 @@ LARGEST = 64 * 2**20
 ENDINGS = (".safetensors", ".npz")
 """Of files of policies; those with the second are of earlier versions, NumPy's archives."""
 
-ARCHIVE = b"PK"
-"""What NumPy's archives begin with."""
+ARCHIVE = b"PK"  # what NumPy's archives begin with
 
 
 class PolicyError(RuntimeError):
@@ -43,10 +39,7 @@ def content_of(description: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
 def read_content(content: bytes) -> tuple[dict[str, Any], Arrays]:
     """Return the description and the arrays in the content of a file.
 
-    Raises
-    ------
-    ValueError
-        If it is damaged, or holds anything but a description and arrays.
+    Raise `ValueError` if it is damaged, or holds anything but a description and arrays.
     """
     if content.startswith(ARCHIVE):
         arrays = arrays_in(content, most=LARGEST)

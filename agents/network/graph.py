@@ -7,18 +7,15 @@ second description of it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 UNARY = ("tanh", "negative", "absolute", "sqrt")
 BINARY = ("add", "subtract", "multiply", "divide", "minimum", "maximum")
@@ -27,24 +24,13 @@ BINARY = ("add", "subtract", "multiply", "divide", "minimum", "maximum")
 
 @dataclass(eq=False)
 class Operation:
-    """One of the steps of a computation.
+    """One of the steps of a computation."""
 
-    Attributes
-    ----------
-    name
-        "input", "slice", "concatenate", "product" (x @ W.T, + bias), or one of `UNARY` or `BINARY`.
-    inputs
-        Signals, or constants: arrays (n,), or (m, n) of a product.
-    width
-        How many numbers it makes in each lane.
-    first
-        Of a slice, the number of its input with which it begins.
-    """
-
+    # "input", "slice", "concatenate", "product" (x @ W.T, + bias), or one of `UNARY` or `BINARY`.
     name: str
-    inputs: list[Signal | Values]
-    width: int
-    first: int = 0
+    inputs: list[Signal | Values]  # signals, or constants: arrays (n,), or (m, n) of a product
+    width: int  # how many numbers it makes in each lane
+    first: int = 0  # of a slice, the number of its input with which it begins
 
 
 @dataclass(eq=False)
@@ -103,15 +89,10 @@ def _width(one: Signal | Values) -> int:
 
 @dataclass(eq=False)
 class Graph:
-    """A computation over lanes.
-
-    Attributes
-    ----------
-    inputs, outputs
-        By name.
-    """
+    """A computation over lanes."""
 
     operations: list[Operation] = field(default_factory=list)
+    # inputs, outputs: by name
     inputs: dict[str, Signal] = field(default_factory=dict)
     outputs: dict[str, Signal] = field(default_factory=dict)
 

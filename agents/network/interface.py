@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from mm_gym import compile_scene
+from mm_gym import Scene, compile_scene
 from mm_gym.scene import Document
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from mm_gym import Scene
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 UNITS = {"force": "N", "stretch": "-", "damping": "N s/m", "voltage": "V"}
 """Of what actuators apply."""

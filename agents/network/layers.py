@@ -8,34 +8,23 @@ NumPy and torch have in common; arrays are constants or trained, see `Layer.fixe
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from types import ModuleType
+from typing import Any, ClassVar, TypeAlias
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from types import ModuleType
+import numpy as np
+from numpy.typing import NDArray
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Single = NDArray[np.float32]
-    Numbers: TypeAlias = Any
-    """Arrays of NumPy, tensors of torch, or signals."""
+Single = NDArray[np.float32]
+Numbers: TypeAlias = Any  # arrays of NumPy, tensors of torch, or signals
 
 
 class Layer:
-    """A part of a policy.
+    """A part of a policy."""
 
-    Attributes
-    ----------
-    kind
-        Its name in files.
-    fixed
-        Names of the arrays that training leaves alone.
-    """
-
-    kind: ClassVar[str]
-    fixed: ClassVar[tuple[str, ...]] = ()
+    kind: ClassVar[str]  # its name in files
+    fixed: ClassVar[tuple[str, ...]] = ()  # names of the arrays that training leaves alone
 
     @property
     def remembers(self) -> int:
@@ -100,17 +89,10 @@ class Correlation(Layer):
 
     Without memory it is a switching function, +1 where a = b and -1 where a = -b, however small the
     motion; with memory, of one signal at two instants, the cosine of its phase between them.
-
-    Attributes
-    ----------
-    pairs
-        (r, 2, n).
-    units
-        (r, 4): memory, floor, offset and scale of each, see `UNIT`.
     """
 
-    pairs: Single
-    units: Single
+    pairs: Single  # (r, 2, n)
+    units: Single  # (r, 4): memory, floor, offset and scale of each, see `UNIT`
     kind: ClassVar[str] = "correlation"
     fixed: ClassVar[tuple[str, ...]] = ("units",)
 
@@ -136,8 +118,7 @@ class Correlation(Layer):
         return xp.concatenate([values, units], 1), xp.concatenate([products, squares], 1)
 
 
-UNIT = ("memory", "floor", "offset", "scale")
-"""The numbers of a correlation unit."""
+UNIT = ("memory", "floor", "offset", "scale")  # the numbers of a correlation unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,13 +130,9 @@ class LSTM(Layer):
         i, f, g, o = enter @ values + recur @ output + bias
         state = sigmoid(f) * state + sigmoid(i) * tanh(g)
         output = sigmoid(o) * tanh(state)
-
-    Attributes
-    ----------
-    enter, recur, bias
-        (4 h, n), (4 h, h) and (4 h,).
     """
 
+    # enter, recur, bias: (4 h, n), (4 h, h) and (4 h,).
     enter: Single
     recur: Single
     bias: Single
@@ -189,13 +166,9 @@ class GRU(Layer):
         r, z = sigmoid((enter @ values + recur @ output + bias)[: 2 h])
         c = tanh(enter @ values + bias + r * (recur @ output + bias of the memory))
         output = (1 - z) * c + z * output
-
-    Attributes
-    ----------
-    enter, recur, bias
-        (3 h, n), (3 h, h) and (4 h,), where the bias of the memory is the last.
     """
 
+    # enter, recur, bias: (3 h, n), (3 h, h) and (4 h,), where the bias of the memory is the last.
     enter: Single
     recur: Single
     bias: Single
@@ -302,13 +275,9 @@ class Regulator(Layer):
         x = x + correct @ (values - show @ x)
         action = clip(-gain @ x, -1, 1)
         x = predict @ x + command @ action
-
-    Attributes
-    ----------
-    predict, command, show, correct, gain
-        (s, s), (s, k), (n, s), (s, n) and (k, s).
     """
 
+    # predict, command, show, correct, gain: (s, s), (s, k), (n, s), (s, n) and (k, s).
     predict: Single
     command: Single
     show: Single
@@ -380,13 +349,9 @@ class Observer(_Around):
 
     That is s = keep @ s + enter @ y + back @ a, with the action of the step before: a Kalman
     filter whose estimate holds although the action is clipped, and whatever else acts.
-
-    Attributes
-    ----------
-    keep, enter, back
-        (m, m), (m, n) and (m, k).
     """
 
+    # keep, enter, back: (m, m), (m, n) and (m, k).
     keep: Single
     enter: Single
     back: Single

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
+from numpy.typing import NDArray
 from pydantic import Field, Strict
 
-from agents.network.policy import PARTS, network, taken
+from agents.network.policy import PARTS, Policy, network, taken
 from mm_gym.scene import Document
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from agents.network.policy import Policy
 
 
 class Description(Document):

@@ -6,18 +6,14 @@ would need torch and onnxscript in addition, and reads modules of torch only.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.network.graph import Signal
+from agents.network.graph import Graph, Operation, Signal, Values
 
-if TYPE_CHECKING:
-    from agents.network.graph import Graph, Operation, Values
-
-OPSET, FORMAT = 17, 8
-"""Versions of operators and file, of 2022: runtimes since read them."""
+OPSET, FORMAT = 17, 8  # versions of operators and file, of 2022: runtimes since read them
 
 OPERATORS = {
     "tanh": "Tanh",
@@ -38,17 +34,13 @@ def onnx_bytes(graph: Graph, comment: str = "") -> bytes:
     """Return the content of a graph's ONNX file.
 
     The input "observation" and the output "action" are float (lanes, n), all others double; the
-    arithmetic between them is in double precision, as NumPy's is.
+    arithmetic between them is in double precision, as NumPy's is. Raise `DependencyNotInstalled` if
+    onnx is missing.
 
     Parameters
     ----------
     comment
         What is noted in the file.
-
-    Raises
-    ------
-    DependencyNotInstalled
-        If onnx is missing.
     """
     try:
         import onnx  # noqa: PLC0415 - an extra

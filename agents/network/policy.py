@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from agents.network.arrays import numbers
 from agents.network.files import PolicyError, content_of
 from agents.network.graph import Graph
+from agents.network.interface import Interface
 from agents.network.layers import (
     KINDS,
     LSTM,
@@ -28,41 +32,23 @@ from agents.network.layers import (
 )
 from mm_gym.files import write_bytes
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from agents.network.interface import Interface
-
-    Single = NDArray[np.float32]
-    Values = NDArray[np.float64]
+Single = NDArray[np.float32]
+Values = NDArray[np.float64]
 
 Kind = TypeVar("Kind", bound=Layer)
 
-FORMAT = 4
-"""Of files. 1 to 3 are NumPy's archives, see `agents.network.old_files`."""
+FORMAT = 4  # of files. 1 to 3 are NumPy's archives, see `agents.network.old_files`.
 
 
 @dataclass(frozen=True, eq=False)
 class Policy:
     """Layers, one after the other, whose last output is the action: that of a trained agent's mean.
 
-    Attributes
-    ----------
-    layers
-        From the observation (n,) to the action (k,) in [-1, 1].
-    observed, actions
-        n, k.
-
-    Raises
-    ------
-    ValueError
-        If the layers do not fit each other.
+    Raise `ValueError` if the layers do not fit each other.
     """
 
-    layers: tuple[Layer, ...]
+    layers: tuple[Layer, ...]  # from the observation (n,) to the action (k,) in [-1, 1]
+    # observed, actions: n, k.
     observed: int
     actions: int = field(init=False)
 
@@ -192,8 +178,7 @@ def policy_of(description: Mapping[str, Any], arrays: Mapping[str, Single]) -> P
     return policy
 
 
-DEEPEST = 4
-"""Layers within layers that are read."""
+DEEPEST = 4  # layers within layers that are read
 
 
 def _read(told: object, left: dict[str, Single], prefix: str) -> tuple[Layer, ...]:

@@ -27,14 +27,14 @@ except ImportError as error:
     msg = "Minari is not installed: install the extra `datasets`"
     raise DependencyNotInstalled(msg) from error
 
+from collections.abc import Iterable
+
 from agents.errors import DatasetError
+from agents.recording.episodes import Episode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     import gymnasium
 
-    from agents.recording.episodes import Episode
 
 _ID = re.compile(
     r"(?P<name>(?:[-_\w]{2,}/(?:[-_\w]+/)*)?[-_\w]+?)(?:-v(?P<version>\d+))?", re.ASCII
@@ -45,17 +45,14 @@ _ID = re.compile(
 def free_id(wanted: str, *, new_version: bool) -> str:
     """Return the id under which a dataset can be written, with its version.
 
+    Raise `DatasetError` if it is no id, or exists and no new version is asked for.
+
     Parameters
     ----------
     wanted
         ``<namespace>/<name>``, with or without ``-v<version>``; version 0 by default.
     new_version
         Whether to take the version after the newest one, if there is any.
-
-    Raises
-    ------
-    DatasetError
-        If it is no id, or exists and no new version is asked for.
     """
     match = _ID.fullmatch(wanted)
     if match is None:
@@ -94,6 +91,9 @@ def write(
 ) -> minari.MinariDataset:
     """Write a dataset, and return it.
 
+    Raise `DatasetError` if it cannot be written, or another process has written one of this id
+    meanwhile. Nothing of it is left, but after a kill a hidden folder.
+
     Parameters
     ----------
     dataset_id
@@ -102,12 +102,6 @@ def write(
         An environment as the episodes', for its specification and spaces.
     description
         Further entries of the dataset's metadata.
-
-    Raises
-    ------
-    DatasetError
-        If it cannot be written, or another process has written one of this id meanwhile. Nothing
-        of it is left, but after a kill a hidden folder.
     """
     # Minari joins a relative path to itself when it measures the size of a dataset.
     root, target = get_dataset_path().absolute(), get_dataset_path(dataset_id).absolute()

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
+from agents.controllers.controller import Controller
 from agents.rollout import Rollout
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,49 +21,26 @@ class Episode:
     """One episode of n steps.
 
     ``env.reset(seed=seed)`` and the actions reproduce it to the last bit.
-
-    Attributes
-    ----------
-    seed
-        Of the reset that began it.
-    observations
-        (n + 1, numbers of an observation) float32 [-]
-    actions
-        (n, k) float32 in [-1, 1]
-    rewards
-        (n,) [-]
-    terminations, truncations
-        (n,) true at most in the last step
-    states
-        (n + 1, 4) x1, x2 [m], v1, v2 [m/s], ground frame
-    applied
-        (n + 1, k) the force [N] and stretch [-] that the actuators reached
     """
 
-    seed: int
-    observations: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float64]
+    seed: int  # of the reset that began it
+    observations: NDArray[np.float32]  # (n + 1, numbers of an observation) float32 [-]
+    actions: NDArray[np.float32]  # (n, k) float32 in [-1, 1]
+    rewards: NDArray[np.float64]  # (n,) [-]
+    # terminations, truncations: (n,) true at most in the last step
     terminations: NDArray[np.bool_]
     truncations: NDArray[np.bool_]
-    states: NDArray[np.float64]
+    states: NDArray[np.float64]  # (n + 1, 4) x1, x2 [m], v1, v2 [m/s], ground frame
+    # (n + 1, k) the force [N] and stretch [-] that the actuators reached
     applied: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Exploration:
-    """Gaussian noise on a controller's actions.
+    """Gaussian noise on a controller's actions."""
 
-    Attributes
-    ----------
-    deviation
-        Standard deviation of the noise [-].
-    generator
-        Where it is drawn from.
-    """
-
-    deviation: float
-    generator: np.random.Generator
+    deviation: float  # standard deviation of the noise [-]
+    generator: np.random.Generator  # where it is drawn from
 
     def applied_to(self, actions: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
         """Return actions within [-1, 1], in the type of the action space.
@@ -90,21 +63,15 @@ def play(
 ) -> Iterator[list[Episode]]:
     """Play one episode a seed, so many lanes at a time, and yield each batch in the seeds' order.
 
+    Raise `ActionError` if the controller's actions are not finite; `PolicyError` if a trained
+    policy is of other observations or actions; `SimulationError` if a motion cannot be followed.
+
     Parameters
     ----------
     task
         A registered id.
     arguments
         Further keyword arguments of the environment.
-
-    Raises
-    ------
-    ActionError
-        If the controller's actions are not finite.
-    PolicyError
-        If a trained policy is of other observations or actions.
-    SimulationError
-        If a motion cannot be followed.
     """
     for first in range(0, len(seeds), lanes):
         batch = list(seeds[first : first + lanes])

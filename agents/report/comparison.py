@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from math import nan
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 
 from agents.evaluation.aggregates import Estimate
-from agents.evaluation.conclusions import THRESHOLDS
+from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
+from agents.evaluation.measure import TaskResult
 from agents.report.comparison_figures import draw_comparison
 from agents.report.pages import not_scored_cells, percent, render
 from agents.report.tables import print_table, write_rows
 from mm_gym import SceneError
 from mm_gym.files import write_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from agents.evaluation.conclusions import Comparison, Overall, Row
-    from agents.evaluation.measure import TaskResult
 
 PRINTED = ("controller", "cost", "95 % interval", "score", "95 % interval")
 PAIRED = ("controller", "change of cost", "95 % interval", "episodes won")
@@ -32,10 +27,7 @@ OVERALL = ("controller", "interquartile mean", "95 % interval")
 def report_comparison(comparison: Comparison, folder: Path | None = None) -> None:
     """Print the tables, and write them with figures to a folder.
 
-    Raises
-    ------
-    SceneError
-        If nothing but the reference could be scored on any task.
+    Raise `SceneError` if nothing but the reference could be scored on any task.
     """
     results = comparison.results
     nothing = [

@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.evaluation.conclusions import THRESHOLDS
+from agents.evaluation.conclusions import THRESHOLDS, Comparison
+from agents.evaluation.measure import TaskResult
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL, RECORD
 from agents.report.figures import logarithmic, study_label
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
 
-    from agents.evaluation.conclusions import Comparison
-    from agents.evaluation.measure import TaskResult
 
-LINE = 0.17
-"""Height of a line of text [inch]."""
-
-COLUMNS = 2
-"""Panels side by side."""
+LINE = 0.17  # height of a line of text [inch]
+COLUMNS = 2  # panels side by side
 
 
 def draw_comparison(comparison: Comparison, folder: Path) -> None:
@@ -164,10 +159,7 @@ def draw_closed_loops(result: TaskResult, path: Path) -> None:
 
 def _look(k: int) -> dict[str, str]:
     """Return colour and style of the k-th controller, so that equal lines can be told apart."""
-    return {
-        "color": COLOURS[k % len(COLOURS)],
-        "linestyle": STYLES[k % len(STYLES)],
-    }
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": STYLES[k % len(STYLES)]}
 
 
 def _plain_digits(axes: Axes) -> None:

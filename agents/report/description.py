@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 from agents.report.pages import render
-from mm_gym import compile_scene
+from mm_gym import Scene, compile_scene
+from mm_gym.scene import Part
 
-if TYPE_CHECKING:
-    from mm_gym import Scene
-    from mm_gym.scene import Part
-
-TARGETS = ("force", "ground")
-"""In the order in which docstrings give the units of an amplitude."""
+TARGETS = ("force", "ground")  # in the order in which docstrings give the units of an amplitude
 
 
 def describe(scene: Scene) -> str:

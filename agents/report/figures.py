@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.controller import columns
 from agents.evaluation.studies import DELAY, NOISE, RECORD
+from agents.scoring import Evaluation
+from mm_gym import Scene
 from mm_gym.drawing import ACTUATORS, COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    from agents.scoring import Evaluation
-    from mm_gym import Scene
 
-IN_A_BIN = 10
-"""Episodes that each point of a line stands for."""
-
-NARROW = 4.0
-"""Ratio of an axis's ends below which round numbers are better ticks than 1, 2 and 5."""
-
-*BASELINES, LEARNED = COLOURS
-"""Colours: black is the learned controller's, the last of all results."""
+IN_A_BIN = 10  # episodes that each point of a line stands for
+NARROW = 4.0  # ratio of an axis's ends below which round numbers are better ticks than 1, 2 and 5
+*BASELINES, LEARNED = COLOURS  # colours: black is the learned controller's, the last of all results
 
 
 def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:

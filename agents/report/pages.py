@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import re
 import subprocess
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from shutil import which
-from typing import TYPE_CHECKING
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
 
 FOLDER = Path(__file__).with_name("templates")
 
@@ -51,8 +48,7 @@ def render(name: str, **data: object) -> str:
     return re.sub(r"\n{3,}", "\n\n", text).strip("\n") + "\n"
 
 
-WEB = TEMPLATES.overlay(autoescape=True)
-"""The same for HTML, where a name may hold any character."""
+WEB = TEMPLATES.overlay(autoescape=True)  # the same for HTML, where a name may hold any character
 
 
 def web_page(name: str, **data: object) -> str:

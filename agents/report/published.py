@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import BaseModel, Field, ValidationError
 
 from agents.policies import PolicyError, load_policy
 from agents.report.pages import commit, render
 from agents.scoring import evaluate
+from agents.sweeps.on_task import Trainings
 from agents.sweeps.trials import EPISODES
 from agents.training.parts import recorded_parts
 from agents.training.runs import Run
@@ -19,56 +21,37 @@ from mm_gym import SceneError, load_scene
 from mm_gym.files import read_bytes, read_json, write_bytes, write_text
 from mm_gym.tasks import short_name
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from agents.sweeps.on_task import Trainings
-
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "policies"
 PAGE = DOCS / "published.md"
 
-RECORD = "published.json"
-"""The file in the folder that says what each policy is."""
-
-LARGEST = 60_000
-"""Size of a policy that is published [bytes]; a table of value iteration is larger."""
-
-MOST_BYTES = 2**20
-"""Largest record."""
+RECORD = "published.json"  # the file in the folder that says what each policy is
+LARGEST = 60_000  # size of a policy that is published [bytes]; a table of value iteration is larger
+MOST_BYTES = 2**20  # largest record
 
 Cost = Annotated[float, Field(ge=0)]
 
 
 class Row(BaseModel, strict=True, allow_inf_nan=False):
-    """A published policy, or one that is too large.
+    """A published policy, or one that is too large."""
 
-    Attributes
-    ----------
-    task, scene_digest
-        What it was trained and scored on.
-    algorithm, seed, seeds
-        What it was trained by; its seed is that of the median cost among so many.
-    cost, least, most
-        Its cost on the held-out episodes, and those of the best and the worst seed [-].
-    size
-        Of its file [bytes].
-    file
-        Its name in the folder, or None for a policy that is too large.
-    base, authority
-        The controller that it is added to, if any, and how much it may change.
-    """
-
+    # task, scene_digest: what it was trained and scored on
     task: str
     scene_digest: str
+    # algorithm, seed, seeds: what it was trained by; its seed is that of the median cost among so
+    # many
     algorithm: str
     seed: int
     seeds: int
+    # cost, least, most: its cost on the held-out episodes, and those of the best and the worst seed
+    # [-]
     cost: Cost
     least: Cost
     most: Cost
-    size: int
+    size: int  # of its file [bytes]
+    # Its name in the folder, or None for a policy that is too large.
     file: Annotated[str, Field(pattern=r"^[\w-]+\.(safetensors|npz)$")] | None = None
+    # base, authority: the controller that it is added to, if any, and how much it may change
     base: str | None = None
     authority: float = 0.0
 
@@ -79,23 +62,14 @@ class Row(BaseModel, strict=True, allow_inf_nan=False):
 
 
 class Published(BaseModel, strict=True):
-    """What ``published.json`` holds: the policies, and what scored them.
+    """What ``published.json`` holds: the policies, and what scored them."""
 
-    Attributes
-    ----------
-    with_results
-        Whether they are of the trainings of the page of results.
-    commit, python, machine
-        What scored them.
-    rows
-        The policies.
-    """
-
-    with_results: bool
+    with_results: bool  # whether they are of the trainings of the page of results
+    # commit, python, machine: what scored them
     commit: str
     python: str
     machine: str
-    rows: list[Row]
+    rows: list[Row]  # the policies
 
 
 def publish(
@@ -173,10 +147,7 @@ def printed(cost: float) -> str:
 def scored_again(published: Published, folder: Path = FOLDER) -> Iterator[tuple[Row, float]]:
     """Yield every policy that is published with its cost on the held-out episodes today.
 
-    Raises
-    ------
-    PolicyError
-        If a policy is missing or damaged, or its task has another scene now.
+    Raise `PolicyError` if a policy is missing or damaged, or its task has another scene now.
     """
     for row in published.rows:
         if row.file is None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
 
 from agents.evaluation.headroom import CLASSICAL, least_cost
 from agents.evaluation.scores import SCORES
 from agents.report.pages import render
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    Row = Mapping[str, str | float]
+Row = Mapping[str, str | float]
 
 PAGE = SCORES.with_name("ranking.md")
 
@@ -26,8 +23,7 @@ COLUMNS = {
 """Heading -> roles."""
 
 
-MARGIN = 1e-3
-"""Relative differences of costs up to this one count as none."""
+MARGIN = 1e-3  # relative differences of costs up to this one count as none
 
 NO_BETTER = "no better than the best constant"
 

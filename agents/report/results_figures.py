@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.evaluation.aggregates import performance_profile
 from agents.evaluation.studies import NOMINAL
 from agents.report.figures import logarithmic, study_label
-from agents.sweeps.on_task import STUDIES, algorithms_of
+from agents.scoring import Evaluation
+from agents.sweeps.on_task import STUDIES, OnTask, algorithms_of
 from mm_gym.drawing import COLOURS, STYLES, legend_below, panels, save, style
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    from agents.scoring import Evaluation
-    from agents.sweeps.on_task import OnTask
 
-THRESHOLDS = np.linspace(-0.2, 1.05, 126)
-"""Scores at which the performance profile is taken."""
-
-WINDOW = 60
-"""Control steps of an episode that are shown."""
+THRESHOLDS = np.linspace(-0.2, 1.05, 126)  # scores at which the performance profile is taken
+WINDOW = 60  # control steps of an episode that are shown
 
 MOST, MARGIN = 2.0, 1.01
 """Most cost on a learning curve, over the reference's; and its least, below all costs."""
 
-BEST = "best on each task"
-"""Label of the line that has the best algorithm's trainings of each task."""
+BEST = "best on each task"  # label of the line that has the best algorithm's trainings of each task
 
 LAW = {"color": "0.4", "linestyle": (0, (6, 2, 1, 2, 1, 2)), "label": "reference controller"}
 """How the reference controller's line looks."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import platform
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.evaluation.aggregates import tail_mean
+from agents.evaluation.aggregates import Estimate, tail_mean
 from agents.evaluation.headroom import CLASSICAL
 from agents.report.pages import percent, render
 from agents.sweeps.on_task import (
+    OnTask,
+    Trainings,
     algorithms_of,
     cheaper,
     episodes_won,
@@ -19,15 +23,6 @@ from agents.sweeps.on_task import (
 )
 from mm_gym import compile_scene, load_scene
 from mm_gym.tasks import ids, short_name
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from agents.evaluation.aggregates import Estimate
-    from agents.sweeps.on_task import OnTask, Trainings
 
 COMPARED = {
     "best controller": CLASSICAL,

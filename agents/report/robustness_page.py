@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from inspect import signature
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.evaluation.rigs import DELAYS, EPISODES, task_of
 from agents.evaluation.scores import SCORES
@@ -12,15 +13,11 @@ from agents.report.pages import percent, render
 from mm_gym import load_scene, over_rigs
 from mm_gym.tasks import robust_ids, short_name
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    Row = Mapping[str, Any]
+Row = Mapping[str, Any]
 
 PAGE = SCORES.with_name("robustness.md")
 
-SHOWN = "mm_gym/PreStretchNoiseRobust-v0"
-"""Variant whose ranges are shown."""
+SHOWN = "mm_gym/PreStretchNoiseRobust-v0"  # variant whose ranges are shown
 
 
 def page(scores: Mapping[str, Any]) -> str:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import EPISODES, first_seed
 from agents.report.pages import render
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    Row = Mapping[str, Any]
+Row = Mapping[str, Any]
 
 PAGE = SCORES.with_name("sealed.md")
 

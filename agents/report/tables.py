@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from math import nan
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from agents.report.pages import not_scored_cells
+from agents.scoring import Evaluation
+from mm_gym import Scene
 from mm_gym.files import write_csv
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from agents.scoring import Evaluation
-    from mm_gym import Scene
 
 
 def write_rows(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
@@ -28,10 +24,7 @@ def write_rows(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
 
 
 def print_table(
-    title: str,
-    header: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    words: Sequence[str] = (),
+    title: str, header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[str] = ()
 ) -> None:
     """Print a table; the first column and those named as words are set to the left."""
     table = Table(title=title)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from agents.evaluation.headroom import CLASSICAL, LEARNED, best_controller
 from agents.evaluation.scores import SCORES
@@ -12,16 +14,11 @@ from mm_gym import load_scene
 from mm_gym.files import read_text
 from mm_gym.tasks import ids, path_of
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    Row = Mapping[str, str | float]
+Row = Mapping[str, str | float]
 
 PAGE = SCORES.with_name("tasks.md")
 
-OBSERVING = (*CLASSICAL, LEARNED)
-"""Roles of what reads no more than an agent does."""
+OBSERVING = (*CLASSICAL, LEARNED)  # roles of what reads no more than an agent does
 
 
 def page(scores: Mapping[str, Mapping[str, Any]]) -> str:

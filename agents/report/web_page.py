@@ -4,45 +4,35 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from agents.controllers.controller import columns
-from agents.evaluation.measure import Studies
+from agents.evaluation.conclusions import Comparison, Row
+from agents.evaluation.contestants import Episodes, Field
+from agents.evaluation.measure import Studies, TaskResult
+from agents.evaluation.motions import Motions
 from agents.evaluation.studies import DELAY, NOISE, NOMINAL
 from agents.report.comparison import against, episodes_in_words, paired_cells
 from agents.report.pages import FOLDER, commit, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
 from agents.training.runs import Run, by_dotted_name, versions
+from mm_gym import Scene
 from mm_gym.drawing import ACTUATORS, COLOURS
 from mm_gym.tasks import short_name
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+Array = NDArray[np.float64]
+Points = list[float | None]
 
-    from numpy.typing import NDArray
-
-    from agents.evaluation.conclusions import Comparison, Row
-    from agents.evaluation.contestants import Episodes, Field
-    from agents.evaluation.measure import TaskResult
-    from agents.evaluation.motions import Motions
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
-    Points = list[float | None]
-
-LARGEST = 5 * 2**20
-"""Size that a page stays below [bytes]."""
-
-DIGITS = 5
-"""Significant digits of what is drawn: a fiftieth of a pixel."""
-
-SHOWN = 2_000
-"""Control steps of a response that are drawn, from its start."""
+LARGEST = 5 * 2**20  # size that a page stays below [bytes]
+DIGITS = 5  # significant digits of what is drawn: a fiftieth of a pixel
+SHOWN = 2_000  # control steps of a response that are drawn, from its start
 
 BRIGHT = ("#56B4E9", "#F08A4B", "#2FBF94", "#E2A1C8", "#F2B632", "#9AD4F5", "#F2F2F2")
 """The colours of `COLOURS`, lighter: on a dark ground."""
@@ -59,31 +49,20 @@ STUDIES = {
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes with a curve of each controller over common abscissas.
+    """Axes with a curve of each controller over common abscissas."""
 
-    Attributes
-    ----------
-    x, curves
-        Abscissas (n,), and ordinates (n,) of each controller, None where there is nothing to draw;
-        a controller without a curve has an empty one.
-    x_label, y_label
-        With units.
-    x_log, y_log
-        Whether an axis is logarithmic.
-    held
-        Whether a value holds from the instant before to its own.
-    title
-        Above the axes.
-    """
-
+    # x, curves: abscissas (n,), and ordinates (n,) of each controller, None where there is nothing
+    # to draw; a controller without a curve has an empty one
     x: Points
     curves: list[Points]
+    # x_label, y_label: with units
     x_label: str
     y_label: str
+    # x_log, y_log: whether an axis is logarithmic
     x_log: bool = False
     y_log: bool = False
-    held: bool = False
-    title: str = ""
+    held: bool = False  # whether a value holds from the instant before to its own
+    title: str = ""  # above the axes
 
 
 @dataclass(frozen=True)
@@ -99,43 +78,25 @@ class Group:
 
 @dataclass(frozen=True)
 class OnPage:
-    """A task on the page: its table, its controllers in the charts, and the charts.
+    """A task on the page: its table, its controllers in the charts, and the charts."""
 
-    Attributes
-    ----------
-    name, against, span
-        The task, what is compared with, and the ends of the bars of the table [-].
-    rows, not_scored
-        Of the table.
-    labels
-        Of the controllers in the charts, the agents first.
-    agents
-        How many of them were asked for by name.
-    groups
-        The charts.
-    springs
-        Whether springs hold the sphere.
-    scene
-        Its digest, and its fields by dotted name.
-    runs
-        What the record of each run says, by its folder.
-    """
-
+    # name, against, span: the task, what is compared with, and the ends of the bars of the table
+    # [-]
     name: str
     against: str
     span: tuple[float, float]
+    # rows, not_scored: of the table
     rows: Sequence[Row]
     not_scored: Sequence[str]
-    labels: list[str]
-    agents: int
-    groups: list[Group]
-    springs: bool
-    scene: dict[str, str]
-    runs: dict[str, dict[str, str]]
+    labels: list[str]  # of the controllers in the charts, the agents first
+    agents: int  # how many of them were asked for by name
+    groups: list[Group]  # the charts
+    springs: bool  # whether springs hold the sphere
+    scene: dict[str, str]  # its digest, and its fields by dotted name
+    runs: dict[str, dict[str, str]]  # what the record of each run says, by its folder
 
 
-STUDIED = Studies(robustness=True, frequency=True, motions=True)
-"""What the page takes."""
+STUDIED = Studies(robustness=True, frequency=True, motions=True)  # what the page takes
 
 
 def report_page(compared: Field, comparison: Comparison) -> str:

@@ -2,44 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.controllers.controller import columns
+from agents.controllers.controller import Controller, columns
 from agents.controllers.learned import Learned
 from agents.controllers.tuned import classical_laws
-from agents.evaluation.aggregates import interquartile_mean, proportion, shared_episodes
+from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
 from agents.evaluation.contestants import Entry, Episodes
 from agents.evaluation.headroom import EPISODES
 from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.scores import SCORES, read_scores
-from agents.evaluation.studies import DELAY, NOISE, outcomes
+from agents.evaluation.studies import DELAY, NOISE, Outcome, outcomes
 from agents.evolution.settings import EvolveSettings
-from agents.policies import load_policy
-from agents.scoring import evaluate, validation_cost
+from agents.policies import Policy, load_policy
+from agents.scoring import Evaluation, evaluate, validation_cost
 from agents.sweeps.trials import LEARNERS, algorithm_of
-from agents.training.config import TrainSettings, short_name
+from agents.training.config import RunSettings, TrainSettings, short_name
 from agents.training.parts import Parts, make_parts
 from agents.training.runs import Run, RunError
 from agents.training.starts import start_of
+from mm_gym import Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from agents.controllers.controller import Controller
-    from agents.evaluation.aggregates import Estimate
-    from agents.evaluation.studies import Outcome
-    from agents.policies import Policy
-    from agents.scoring import Evaluation
-    from agents.training.config import RunSettings
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
 """What is changed -> the level of the scene as designed, if no level is it."""
@@ -50,14 +39,9 @@ EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, last=8)
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The validations of one training.
+    """The validations of one training."""
 
-    Attributes
-    ----------
-    steps, seconds, costs
-        (validations,) control steps of all lanes [-], time [s] and cost [-].
-    """
-
+    # steps, seconds, costs: (validations,) control steps of all lanes [-], time [s] and cost [-].
     steps: Array
     seconds: Array
     costs: Array
@@ -65,21 +49,11 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Trainings:
-    """The trainings of one algorithm on a task.
+    """The trainings of one algorithm on a task."""
 
-    Attributes
-    ----------
-    algorithm
-        Its name.
-    results
-        Of each seed, in the same held-out episodes.
-    curves
-        Of each seed.
-    """
-
-    algorithm: str
-    results: Sequence[Evaluation]
-    curves: Sequence[Curve]
+    algorithm: str  # its name
+    results: Sequence[Evaluation]  # of each seed, in the same held-out episodes
+    curves: Sequence[Curve]  # of each seed
 
     @property
     def penalties(self) -> Array:
@@ -114,39 +88,21 @@ class Trainings:
 
 @dataclass(frozen=True, eq=False)
 class OnTask:
-    """What is known on a task.
+    """What is known on a task."""
 
-    Attributes
-    ----------
-    task
-        Its id.
-    law
-        The reference controller in the same episodes: the best of `classical_laws` in them.
-    law_validation
-        Its cost in the validation episodes [-].
-    trainings
-        Of each algorithm.
-    known
-        Role -> the least cost of `docs/task_scores.json` [-].
-    plans
-        (episodes,) costs of the clairvoyant optima [-].
-    outcomes
-        Of the law and of each algorithm's middle training on changed scenes.
-    slopes
-        Of a force alone: the LQR's, the best algorithm's middle training's at rest and at full
-        scale, see `slopes`.
-    examples
-        Of a stretch: an episode by the law, by the same training and by the planner.
-    """
-
-    task: str
+    task: str  # its id
+    # The reference controller in the same episodes: the best of `classical_laws` in them.
     law: Evaluation
-    law_validation: float
-    trainings: Sequence[Trainings]
-    known: Mapping[str, float]
-    plans: Array
+    law_validation: float  # its cost in the validation episodes [-]
+    trainings: Sequence[Trainings]  # of each algorithm
+    known: Mapping[str, float]  # role -> the least cost of `docs/task_scores.json` [-]
+    plans: Array  # (episodes,) costs of the clairvoyant optima [-]
+    # Of the law and of each algorithm's middle training on changed scenes.
     outcomes: Sequence[Outcome]
+    # Of a force alone: the LQR's, the best algorithm's middle training's at rest and at full scale,
+    # see `slopes`.
     slopes: Array | None
+    # Of a stretch: an episode by the law, by the same training and by the planner.
     examples: Sequence[Evaluation]
 
     @property
@@ -211,12 +167,8 @@ def slopes(policy: Policy, at: float) -> Array:
 def on_task(task: str, trials: Sequence[RunSettings], folder: Path) -> OnTask:
     """Measure a task, with finished trainings in a folder and the committed scores.
 
-    Raises
-    ------
-    SceneError
-        If the scores cannot be read, or the task has none.
-    RunError
-        If the scores are of another scene.
+    Raise `SceneError` if the scores cannot be read, or the task has none; `RunError` if the scores
+    are of another scene.
     """
     scene = trials[0].load_scene()
     scores = read_scores(tasks=[task])[task]

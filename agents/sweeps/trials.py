@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import json
 import os
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import BaseModel, Field, JsonValue, Strict
 
@@ -16,13 +18,7 @@ from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate
 from agents.training.algorithm_settings import Algorithm, Count
-from agents.training.config import (
-    Changes,
-    RunSettings,
-    TrainSettings,
-    good_settings,
-    short_name,
-)
+from agents.training.config import Changes, RunSettings, TrainSettings, good_settings, short_name
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, read_as
 from agents.value_iteration.iteration import iterate
@@ -32,10 +28,6 @@ from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
 from mm_gym.scene import Document
 from mm_gym.tasks import ids
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
 EVOLUTION, GRADIENT, VALUES = "evolution", "gradient", "value_iteration"
 RESIDUAL = "residual"
@@ -56,8 +48,7 @@ SEARCHES = {
 }
 """The searches by agents' own algorithms: their settings, and what runs them."""
 
-EPISODES = 100
-"""Held-out episodes on which each policy is scored."""
+EPISODES = 100  # held-out episodes on which each policy is scored
 
 COLUMNS = ("task", "algorithm", "variant", "seed", "steps", "validation", "cost")
 """Of ``results.csv``; the last two are costs [-], on the validation and the held-out episodes."""
@@ -93,10 +84,7 @@ class SweepSettings(Document):
     def trials(self) -> list[RunSettings]:
         """Return the settings of each training, its name the folder in that of the sweep.
 
-        Raises
-        ------
-        SceneError
-            If a setting is wrong; the message names the training.
+        Raise `SceneError` if a setting is wrong; the message names the training.
         """
         tasks = [short_name(task) for task in self.tasks]
         _check_names("task_settings", self.task_settings, [short_name(task) for task in ids()])
@@ -160,19 +148,14 @@ def _kind(algorithm: str) -> type[RunSettings]:
 def check_scenes(trials: Iterable[RunSettings], folder: Path | None = None) -> None:
     """Refuse a sweep that would compare trainings on different scenes.
 
-    Trainings of one task and one variant have to have the same scene.
+    Trainings of one task and one variant have to have the same scene. Raise `SceneError` if a scene
+    differs, or cannot be read; the message names the trainings; `RunError` if a run's record cannot
+    be read.
 
     Parameters
     ----------
     folder
         The sweep's; the scene of a run there is that of its record.
-
-    Raises
-    ------
-    SceneError
-        If a scene differs, or cannot be read; the message names the trainings.
-    RunError
-        If a run's record cannot be read.
     """
     scenes: dict[str, str] = {}
     first: dict[tuple[str, str], tuple[str, str]] = {}
@@ -307,12 +290,8 @@ def read_cost(run: Run) -> float:
 def write_results(trials: Iterable[RunSettings], folder: Path) -> Path:
     """Write ``results.csv``, a row for each training that is done, in the order of the sweep.
 
-    Raises
-    ------
-    SceneError
-        If trainings that are compared had different scenes; see `check_scenes`.
-    RunError
-        If a run's files are damaged.
+    Raise `SceneError` if trainings that are compared had different scenes; see `check_scenes`;
+    `RunError` if a run's files are damaged.
     """
     rows: list[tuple[object, ...]] = []
     done = [trial for trial in trials if result_file(Run(trial.name, folder)).exists()]

@@ -10,20 +10,18 @@ import multiprocessing
 import os
 import signal
 import time
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from gymnasium.error import DependencyNotInstalled
 
 from agents.sweeps.trials import do_trial
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from multiprocessing.connection import Connection
-    from multiprocessing.process import BaseProcess
-
-    Trials: TypeAlias = Sequence[tuple[str, str]]
-    Report: TypeAlias = Callable[[int, str | None], None]
+Trials: TypeAlias = Sequence[tuple[str, str]]
+Report: TypeAlias = Callable[[int, str | None], None]
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,8 +33,7 @@ MOST_KILLS = 20
 
 GIVEN_UP = f"its process was killed {MOST_KILLS} times"
 
-PAUSE = 0.05
-"""Time between two looks at the processes [s]."""
+PAUSE = 0.05  # time between two looks at the processes [s]
 
 
 def work_here(trials: Trials, processes: int | None, report: Report) -> None:
@@ -109,6 +106,9 @@ def _done(text: str, folder: str) -> str | None:
 def work_on_ray(trials: Trials, address: str | None, processes: int | None, report: Report) -> None:
     """Do all trainings on a Ray cluster, each with one processor.
 
+    Raise `DependencyNotInstalled` if Ray is missing; `ConnectionError` if there is no cluster at
+    the address.
+
     Parameters
     ----------
     trials, report
@@ -118,13 +118,6 @@ def work_on_ray(trials: Trials, address: str | None, processes: int | None, repo
         None begins one on this machine.
     processes
         Processors of a cluster on this machine; by default all.
-
-    Raises
-    ------
-    DependencyNotInstalled
-        If Ray is missing.
-    ConnectionError
-        If there is no cluster at the address.
     """
     try:
         import ray  # noqa: PLC0415 - an extra

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from agents.controllers.names import RANDOM, laws
+from agents.controllers.registry import RANDOM, laws
 from agents.controllers.tuned import NOT_SCORED
 from agents.scoring import validation_cost
 from mm_gym import ActionError, MovingMassVectorEnv

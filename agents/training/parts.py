@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from agents.controllers.learned import Learned
-from agents.controllers.names import laws, not_a_law
-from agents.controllers.residual import Residual
+from agents.controllers.learned import Learned, Residual
+from agents.controllers.registry import laws, not_a_law
 from agents.controllers.user_defined import user_defined
 from agents.policies import PolicyError, load_policy
 from agents.training.ending import read_ending

@@ -10,7 +10,7 @@ from gymnasium.vector import VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from agents.controllers.controller import chosen, joined, part
-from agents.controllers.residual import observed
+from agents.controllers.learned import observed
 from agents.training.arrays import check_like
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from agents.controllers.controller import columns, plant_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
-from agents.controllers.observation import ROWS
+from agents.controllers.observed_state import ROWS
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.forecast import force_memory

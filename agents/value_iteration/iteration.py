@@ -9,27 +9,23 @@ Ferretti, *Semi-Lagrangian approximation schemes for linear and Hamilton-Jacobi 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from agents.network.arrays import Arrays
+from agents.training.runs import Run
 from agents.training.search import Search
 from agents.value_iteration.problem import problem_of
+from agents.value_iteration.settings import IterateSettings
 from agents.value_table.kernel import expect, sweep
 from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy
+from mm_gym import Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from agents.training.arrays import Arrays
-    from agents.training.runs import Run
-    from agents.value_iteration.settings import IterateSettings
-    from mm_gym import Scene
-
-    Table = NDArray[np.float32]
+Table = NDArray[np.float32]
 
 BETWEEN = 20
 """Sweeps from one expectation to the next; an impulse is rare, and what it adds changes slowly."""
@@ -38,14 +34,9 @@ BETWEEN = 20
 def iterate(settings: IterateSettings, run: Run, *, bar: bool = True) -> None:
     """Iterate until sweeps or time are used up, and write the best policy to the run's folder.
 
-    An interrupted run continues from its last checkpoint; Ctrl-C writes one.
-
-    Raises
-    ------
-    SceneError, CompileError, DesignError
-        If the scene is not one that it solves. No folder is made.
-    RunError
-        If the folder holds another run, or another process uses it.
+    An interrupted run continues from its last checkpoint; Ctrl-C writes one. Raise `SceneError`,
+    `CompileError` or `DesignError` if the scene is not one that it solves. No folder is made. Raise
+    `RunError` if the folder holds another run, or another process uses it.
     """
     ValueIteration(settings, settings.rewarded_scene()).finish(run, bar=bar)
 

@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.controllers.actuators import Actuators, require_stable_rest
 from agents.controllers.controller import require_actuator
 from agents.controllers.lqr import state_weight
 from agents.training.starts import Shown
-from mm_gym import DesignError, compile_scene
+from mm_gym import DesignError, Scene, compile_scene
 from mm_gym.analysis import spring_stiffness
+from mm_gym.scene import Part
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from mm_gym import Scene
-    from mm_gym.scene import Part
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 RELATIVE = np.array([[1.0, 0, 0, 0], [-1, 1, 0, 0], [0, 0, 1, 0], [0, 0, -1, 1]])
 """From x1, x2, v1, v2 to x1, x2 - x1, v1, v2 - v1."""
 
-LARGEST = 2.2
-"""Largest size of the grid, over that of the largest impulse."""
-
-RARE = 0.1
-"""Most impulses in a control step, on average: that there are two of them is left out."""
-
-SIZES_DRAWN = 4
-"""Nodes of Gauss and Legendre over the range of an impulse's sizes."""
+LARGEST = 2.2  # largest size of the grid, over that of the largest impulse
+RARE = 0.1  # most impulses in a control step, on average: that there are two of them is left out
+SIZES_DRAWN = 4  # nodes of Gauss and Legendre over the range of an impulse's sizes
 
 
 class Problem(NamedTuple):
@@ -42,46 +32,25 @@ class Problem(NamedTuple):
     A motion y (4,) is x1, x2 - x1, v1 and v2 - v1, each times the root of the stiffness or mass
     that goes with it, so that squares are energies [2 J] and like in size. The offset's stiffness
     k2 is the geometric mean of its ends, the carriage's at least that.
-
-    Attributes
-    ----------
-    stretches
-        (m,) of the grid [-].
-    squares
-        (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact.
-    moves
-        (m, 4, 4) transition of the motion in a control step with each stretch.
-    cost
-        (4,) weights of the squares at a step's end: -reward.
-    jumps, chances
-        (m, impulses, 4), (impulses,): what an impulse in the middle of a step adds at its end, and
-        how probable it is.
-    travel
-        Most that the stretch moves in a control step, in distances between stretches.
-    reads
-        (5, 1 + n) constants and weights of an observation: motion and stretch [-].
-    is_rate
-        Whether an action commands a rate.
     """
 
-    stretches: Values
-    squares: Values
-    moves: Values
-    cost: Values
+    stretches: Values  # (m,) of the grid [-]
+    squares: Values  # (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact
+    moves: Values  # (m, 4, 4) transition of the motion in a control step with each stretch
+    cost: Values  # (4,) weights of the squares at a step's end: -reward
+    # jumps, chances: (m, impulses, 4), (impulses,): what an impulse in the middle of a step adds at
+    # its end, and how probable it is.
     jumps: Values
     chances: Values
-    travel: float
-    reads: Values
-    is_rate: bool
+    travel: float  # most that the stretch moves in a control step, in distances between stretches
+    reads: Values  # (5, 1 + n) constants and weights of an observation: motion and stretch [-]
+    is_rate: bool  # whether an action commands a rate
 
 
 def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
     """Return the problem of a scene on a grid of so many stretches and sizes.
 
-    Raises
-    ------
-    DesignError
-        With all that value iteration cannot solve in the scene.
+    Raise `DesignError` with all that value iteration cannot solve in the scene.
     """
     require_actuator(scene, "stretch")
     require_stable_rest(scene, "value iteration")

@@ -16,11 +16,8 @@ from mm_gym.compiler import kernel
 
 SINGLE = np.float32
 
-NODES = 4
-"""Of the cubic polynomials; the least number of points along a direction."""
-
-ON_NODE = 1e-6
-"""Part of the distance between two stretches within which one is met."""
+NODES = 4  # of the cubic polynomials; the least number of points along a direction
+ON_NODE = 1e-6  # part of the distance between two stretches within which one is met
 
 
 @kernel

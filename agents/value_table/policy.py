@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from agents.network.arrays import numbers
+from agents.network.arrays import Arrays, numbers
 from agents.network.files import PolicyError, content_of
 from agents.value_table.kernel import NODES, choose
 from mm_gym.files import write_bytes
 from mm_gym.scene import Document
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from agents.network.arrays import Arrays
-
-    Values = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +26,11 @@ class TablePolicy:
 
     In each step the stretches of the grid that are within reach are tried, and the ends of what is,
     for the step's cost and the cost to come.
-
-    Attributes
-    ----------
-    after
-        (stretches, 4, n, n, n, sizes) float32, see `agents.value_table.kernel`.
-    stretches, squares, moves, cost, reads, travel, is_rate
-        As of the problem.
     """
 
+    # (stretches, 4, n, n, n, sizes) float32, see `agents.value_table.kernel`.
     after: NDArray[np.float32]
+    # stretches, squares, moves, cost, reads, travel, is_rate: as of the problem
     stretches: Values
     squares: Values
     moves: Values

@@ -13,5 +13,6 @@ from mm_gym.analysis.response import frequency_response as frequency_response
 from mm_gym.analysis.spectrum import ResponseSpectrum as ResponseSpectrum
 from mm_gym.analysis.spectrum import response_spectrum as response_spectrum
 from mm_gym.analysis.springs import spring_energy as spring_energy
+from mm_gym.analysis.springs import spring_force as spring_force
 from mm_gym.analysis.springs import spring_stiffness as spring_stiffness
 from mm_gym.analysis.springs import stretch_for_stiffness as stretch_for_stiffness

@@ -1,4 +1,4 @@
-"""The stiffness and energy that pre-stretched springs have, and the stretch for a stiffness."""
+"""Stiffness, force and energy of pre-stretched springs, and the stretch for a stiffness."""
 
 from __future__ import annotations
 
@@ -40,6 +40,20 @@ def stretch_for_stiffness(k2: ArrayLike, k0: ArrayLike) -> NDArray[np.float64]:
     excess = np.asarray(k2, np.float64) / (2.0 * np.asarray(k0, np.float64)) - 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(excess > 0.0, (2.0 / excess) ** (1.0 / 3.0), np.inf)
+
+
+def spring_force(
+    offset: ArrayLike, stretch: ArrayLike, k0: float, l0: float = 0.0
+) -> NDArray[np.float64]:
+    """Return the force [N] of the springs on the carriage; the sphere feels the opposite.
+
+    Parameters
+    ----------
+    offset, stretch, k0, l0
+        As for `spring_energy`.
+    """
+    stretched, moved = np.asarray(stretch, np.float64), np.asarray(offset, np.float64)
+    return plain(springs.spring_force)(k0, l0, stretched, moved)
 
 
 def spring_energy(

@@ -11,7 +11,7 @@ from agents.controllers.constant import constant_damping, uncontrolled
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.learned import Learned
 from agents.controllers.model import Model
-from agents.controllers.names import laws, obstacle
+from agents.controllers.registry import laws, obstacle
 from agents.controllers.tuned import classical_laws
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings

@@ -17,25 +17,25 @@ from tasks import (
     TASKS,
 )
 
-from agents.controllers.actuators import Command
+from agents.controllers.actuators import GRID, Command, Lead
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import Held, best_constant, no_control
 from agents.controllers.controller import columns
 from agents.controllers.disturbance import ForceObserver
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.forecast import Forecast
-from agents.controllers.frequency_estimators import (
+from agents.controllers.frequency_tracking import (
     FrequencyLockedLoop,
+    FrequencyTracking,
     LinearPrediction,
+    MatchingStretch,
     ShortTimeFourier,
+    reachable_band,
 )
-from agents.controllers.frequency_tracking import FrequencyTracking, reachable_band
-from agents.controllers.lead import GRID, Lead
 from agents.controllers.lqr import regulator
-from agents.controllers.matching_stretch import MatchingStretch
+from agents.controllers.noise import RandomActions
 from agents.controllers.phase_law import PhaseLaw, best_phase_law
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
-from agents.controllers.random_actions import RandomActions
 from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.tuned import baselines, classical_laws, further_laws, makers
 from agents.scoring import evaluate

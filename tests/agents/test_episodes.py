@@ -12,7 +12,7 @@ from agents.controllers.constant import ConstantForce, Held, no_control
 from agents.controllers.controller import Controller
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
-from agents.controllers.random_actions import RandomActions
+from agents.controllers.noise import RandomActions
 from agents.scoring import HELD_OUT_SEED, evaluate, limit_penalty
 from mm_gym import MovingMassVectorEnv, simulate
 from mm_gym.analysis import spring_energy

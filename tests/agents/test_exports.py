@@ -13,7 +13,7 @@ from tasks import CARRIAGE_FORCE
 from agents.commands import export as command
 from agents.controllers.controller import Law
 from agents.controllers.feedback import Feedback
-from agents.controllers.residual import Residual
+from agents.controllers.learned import Residual
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source
 from agents.policies import load_policy

@@ -9,7 +9,7 @@ from agents.controllers.feedback import Both, Feedback, TrueState
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.controllers.tuned import best_without_memory
 from agents.scoring import evaluate
 from mm_gym import DesignError, Scene

@@ -12,7 +12,7 @@ from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqr import LQR, design
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.controllers.tuned import further_laws
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene

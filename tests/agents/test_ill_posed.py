@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH
 
+from agents.controllers.actuators import Lead
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import ConstantForce, Held
 from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
+from agents.controllers.frequency_tracking import MatchingStretch
 from agents.controllers.h_infinity import HInfinity
-from agents.controllers.lead import Lead
 from agents.controllers.linear_mpc import LinearMPC
 from agents.controllers.lqg import LQG
 from agents.controllers.lqr import LQR, regulator
-from agents.controllers.matching_stretch import MatchingStretch
-from agents.controllers.names import laws
 from agents.controllers.observed_state import ObservedState
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.phase_law import PhaseLaw
+from agents.controllers.registry import laws
 from agents.controllers.resetting_stiffness import ResettingStiffness
 from agents.controllers.tuned import baselines
 from agents.controllers.velocity_feedback import VelocityFeedback

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, TASKS
 
-from agents.controllers.excitation_filter import ExcitationFilter
 from agents.controllers.feedback import Feedback, TrueState
-from agents.controllers.forecast import PushForecast
+from agents.controllers.forecast import ExcitationFilter, PushForecast
 from agents.controllers.lqr import LQR
 from agents.controllers.model import Model
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps

@@ -6,12 +6,11 @@ from tasks import CARRIAGE_FORCE, CARRIAGE_FORCE_FRICTION, HYBRID, PRE_STRETCH, 
 
 from agents.controllers.actuators import Actuators
 from agents.controllers.constant import no_control
-from agents.controllers.cross_entropy import Search
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.lqr import LQR
 from agents.controllers.model import Innovation, Model
 from agents.controllers.observed_state import ObservedState
-from agents.controllers.predictive_control import PredictiveControl
+from agents.controllers.predictive_control import PredictiveControl, Search
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 

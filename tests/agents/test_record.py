@@ -9,8 +9,8 @@ from transitions import CHANGES, SCENE, STEPS, check_transitions
 
 from agents.commands import record as command
 from agents.commands.record import RecordSettings, record
-from agents.controllers.names import laws
-from agents.controllers.random_actions import RandomActions
+from agents.controllers.noise import RandomActions
+from agents.controllers.registry import laws
 from agents.errors import DatasetError
 from agents.evaluation.named import law_of
 from agents.policies import network

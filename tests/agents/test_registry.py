@@ -7,8 +7,7 @@ import pytest
 from tasks import CARRIAGE_FORCE, PRE_STRETCH
 
 import agents.controllers
-from agents.controllers.names import laws, obstacle
-from agents.controllers.registry import every_entry
+from agents.controllers.registry import every_entry, laws, obstacle
 from agents.controllers.tuned import classical_laws
 from agents.training.parts import base_controller
 from mm_gym import SceneError

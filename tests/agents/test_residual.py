@@ -10,9 +10,9 @@ from tasks import CARRIAGE_FORCE
 
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
-from agents.controllers.names import laws
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.predictive_control import SEARCH, PredictiveControl
+from agents.controllers.registry import laws
 from agents.training.parts import base_controller
 from agents.training.residual_lanes import ResidualLanes
 from mm_gym import SceneError, load_scene

@@ -10,7 +10,7 @@ import pytest
 from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import LQG, design_lqg
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy

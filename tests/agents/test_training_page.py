@@ -10,7 +10,7 @@ import pytest
 from pages import ROOT, blocks
 
 from agents.commands.evaluate import report_run
-from agents.controllers.names import laws
+from agents.controllers.registry import laws
 from agents.policies import PolicyError
 from agents.sweeps.trials import do_trial
 from agents.training.config import TrainSettings, read_settings
