@@ -5,7 +5,9 @@ Run from the checkout: ``python -m agents`` lists the commands.
 
 import os
 import sys
-from importlib.util import find_spec
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec, spec_from_file_location
 from pathlib import Path
 
 NEEDED = (
@@ -23,8 +25,19 @@ if sys.argv[:1] == ["-m"]:  # so it is while Python looks for a command of this 
         )
         sys.exit(2)
 
-# ``python -m agents train`` is ``python -m agents train``, as it was called before.
-__path__.append(str(Path(__file__).with_name("commands")))
+
+class _OldSpelling(MetaPathFinder):
+    """``python -m agents.train`` is ``python -m agents train``."""
+
+    @staticmethod
+    def find_spec(name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
+        here, (package, _, command) = Path(__file__).parent, name.partition(".")
+        if package != __name__ or not (here / "commands" / f"{command}.py").exists():
+            return None
+        return spec_from_file_location(name, here / "__main__.py")
+
+
+sys.meta_path.append(_OldSpelling)
 
 # Matrices are small here: threads of NumPy's linear algebra cost more than they save, and a result
 # would depend on their number in the last digits. Of use where NumPy is not loaded yet.

@@ -54,4 +54,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    own = __spec__.name.rpartition(".")[2]
+    sys.argv[1:1] = [] if own == "__main__" else [own]
     main()

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from functools import wraps
-from typing import NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias, get_type_hints
 
 from gymnasium.error import DependencyNotInstalled
+from tyro import cli
 
 from agents.network.files import PolicyError
+from agents.training.config import settings_from_command_line
 from agents.training.runs import INTERRUPTED, RunError
 from mm_gym import ActionError, CompileError, DesignError, SceneError, SimulationError
+from mm_gym.scene import Document
 
 Outcome: TypeAlias = str | int | None  # how a command ends: with an error's text, a status, or well
 
@@ -37,13 +41,17 @@ ERRORS = (
 FAILED = 2  # exit status after an error, that of a wrong flag and of `mm_gym` too
 
 
-def command(main: Callable[[], Outcome]) -> Callable[[], Outcome]:
-    """Let a command return the text of an error, and the status of Ctrl-C, which is told."""
+def command(main: Callable[..., Outcome]) -> Callable[[], Outcome]:
+    """Let a function be a command, which returns the text of an error, and the status of Ctrl-C.
+
+    Its module's docstring says what it does. Its only argument, if it is a class, has the flags:
+    named settings may also come from a file. Otherwise its arguments are flags.
+    """
 
     @wraps(main)
     def ended() -> Outcome:
         try:
-            return main()
+            return _called(main)
         except ERRORS as error:
             return f"error: {error}"
         except KeyboardInterrupt as interrupt:
@@ -53,6 +61,17 @@ def command(main: Callable[[], Outcome]) -> Callable[[], Outcome]:
             return INTERRUPTED
 
     return ended
+
+
+def _called(main: Callable[..., Outcome]) -> Outcome:
+    """Call a function with what the command line says."""
+    description = sys.modules[main.__module__].__doc__ or ""
+    kind = next(iter(get_type_hints(main).values()))
+    if not (is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, Document))):
+        return cli(main, description=description)
+    if issubclass(kind, Document) and "name" in kind.model_fields:
+        return main(settings_from_command_line(kind, description))
+    return main(cli(kind, description=description))
 
 
 def leave(outcome: Outcome) -> NoReturn:

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.late_sensors import compare, time_of_action, tuned
 from agents.report.pages import markdown
 from mm_gym import SceneError, load_scene
@@ -49,9 +49,8 @@ def with_rows(text: str, header: tuple[str, ...], task: str, rows: list[list[str
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Measure from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     for name in map(task_called, arguments.tasks or ids()):
         scene = load_scene(name)
         laws = tuned(scene)
@@ -64,7 +63,3 @@ def main() -> None:
         page = with_rows(read_text(PAGE), RATES, name, rates)
         write_text(PAGE, with_rows(page, LATE, name, late))
         print(f"{name}: written to {PAGE}")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import tyro
-
 from agents.commands._search import search_and_score
 from agents.commands.report import write_report
 from agents.commands.train import train_and_report
 from agents.controllers.learned import Learned
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.headroom import EPISODES
 from agents.evaluation.plans import Effort, Planner
 from agents.evolution.search import evolve
@@ -33,11 +31,6 @@ EFFORT = Effort(random=3, kept=2, first=8, second=20, rounds=2, steps=10, last=1
 
 @command
 def main() -> None:
-    """Run from the command line."""
-    tyro.cli(demo, description=__doc__)
-
-
-def demo() -> None:
     """Run anew, next to earlier demos, or continue an interrupted one."""
     trained = numbered(read_settings(SETTINGS, TrainSettings))
     evolved = EvolveSettings(
@@ -52,7 +45,3 @@ def demo() -> None:
     train_and_report(trained, [planner, network], episodes=EPISODES, name="PPO")
     folders = [str(Run(name).folder) for name in (evolved.name, trained.name)]
     write_report(folders, Run(trained.name).folder / "report.html")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -11,17 +11,12 @@ of the validations is kept.
 from __future__ import annotations
 
 from agents.commands._search import search_and_score
-from agents.errors import command, leave
+from agents.errors import command
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
-from agents.training.config import settings_from_command_line
 
 
 @command
-def main() -> None:
+def main(settings: GradientSettings) -> None:
     """Train from the command line, and print the cost on the held-out episodes."""
-    search_and_score(settings_from_command_line(GradientSettings, __doc__ or ""), descend)
-
-
-if __name__ == "__main__":
-    leave(main())
+    search_and_score(settings, descend)

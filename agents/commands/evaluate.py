@@ -24,7 +24,7 @@ import tyro
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import NOT_SCORED, baselines
 from agents.controllers.user_defined import user_defined
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
 from agents.evaluation.measure import Studies, measure
@@ -224,9 +224,8 @@ def score_published() -> str | None:
 
 
 @command
-def main() -> str | None:
+def main(arguments: Arguments) -> str | None:
     """Evaluate from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     if arguments.published and arguments.subjects:
         got = " ".join(arguments.subjects)
         return f"error: --published: got {got} too; allowed: nothing else to evaluate"
@@ -250,7 +249,3 @@ def main() -> str | None:
         given |= {"policy": policy, "name": path.stem, "folder": run.folder / path.stem}
     report_run(run, episodes, **given)
     return None
-
-
-if __name__ == "__main__":
-    leave(main())

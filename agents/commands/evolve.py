@@ -10,17 +10,12 @@ last checkpoint when the same command is given again, and a finished one goes on
 from __future__ import annotations
 
 from agents.commands._search import search_and_score
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
-from agents.training.config import settings_from_command_line
 
 
 @command
-def main() -> None:
+def main(settings: EvolveSettings) -> None:
     """Evolve from the command line, and print the cost on the held-out episodes."""
-    search_and_score(settings_from_command_line(EvolveSettings, __doc__ or ""), evolve)
-
-
-if __name__ == "__main__":
-    leave(main())
+    search_and_score(settings, evolve)

@@ -20,7 +20,7 @@ from typing import Annotated
 import tyro
 
 from agents.commands.evaluate import read_policy
-from agents.errors import command, leave
+from agents.errors import command
 from agents.exports.controllers import controller_policy, linear_base, residual
 from agents.network.c_source import c_source, seconds_of
 from agents.network.interface import Interface
@@ -118,9 +118,8 @@ def _of_run(run: Run, *, trust: bool) -> Exported:
 
 
 @command
-def main() -> str | None:
+def main(arguments: Arguments) -> str | None:
     """Export from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     out = arguments.out
     if out.suffix not in WRITERS:
         return f"error: --out: got {str(out)!r}; allowed: a name that ends in {', '.join(WRITERS)}"
@@ -148,7 +147,3 @@ def print_expense(exported: Exported) -> None:
     seconds = seconds_of(source, policy.observed, policy.actions)
     print(f"{source.products} products a step", end="")
     print("" if seconds is None else f", {1e9 * seconds:.0f} ns on this machine")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -24,7 +24,7 @@ import tyro
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Controller, columns
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import (
     EPISODES,
@@ -134,9 +134,8 @@ def check(name: str, scene: Scene, agents: list[Controller], scores: dict[str, A
 
 
 @command
-def main() -> str | None:
+def main(arguments: Arguments) -> str | None:
     """Score or check from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     out = arguments.out
     better: list[str] = []
     scores = read_scores(out) if os.path.lexists(out) else {}
@@ -161,7 +160,3 @@ def main() -> str | None:
     if better:
         return "\n".join([*better, "make their plans starts: python -m agents headroom --runs RUN"])
     return None
-
-
-if __name__ == "__main__":
-    leave(main())

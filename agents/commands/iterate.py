@@ -11,17 +11,12 @@ finished one goes on with more ``--sweeps`` or ``--time-budget``.
 from __future__ import annotations
 
 from agents.commands._search import search_and_score
-from agents.errors import command, leave
-from agents.training.config import settings_from_command_line
+from agents.errors import command
 from agents.value_iteration.iteration import iterate
 from agents.value_iteration.settings import IterateSettings
 
 
 @command
-def main() -> None:
+def main(settings: IterateSettings) -> None:
     """Iterate from the command line, and print the cost on the held-out episodes."""
-    search_and_score(settings_from_command_line(IterateSettings, __doc__ or ""), iterate)
-
-
-if __name__ == "__main__":
-    leave(main())
+    search_and_score(settings, iterate)

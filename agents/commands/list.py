@@ -11,19 +11,14 @@ from typing import Annotated
 import tyro
 
 from agents.controllers.registry import laws
-from agents.errors import command, leave
+from agents.errors import command
 from agents.report.task_page import about
 from mm_gym import load_scene
 from mm_gym.tasks import ids, path_of, short_name, task_or_scene
 
 
 @command
-def main() -> None:
-    """List from the command line."""
-    tyro.cli(show, description=__doc__)
-
-
-def show(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
+def main(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
     """Print the tasks, or the names of controllers.
 
     Parameters
@@ -38,7 +33,3 @@ def show(task: Annotated[str | None, tyro.conf.Positional] = None) -> None:
         print("Each also on rigs that differ, with Robust behind its name: docs/robustness.md")
     else:
         print(*laws(load_scene(task_or_scene(task))), sep="\n")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -16,7 +16,7 @@ from typing import Annotated
 import tyro
 
 from agents.controllers.registry import Entry, entries, every_entry
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
 from agents.evaluation.scores import SCORES, read_scores
@@ -93,9 +93,8 @@ def add_runs(scores: dict[str, dict[str, list[dict[str, str | float]]]], text: s
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Rank from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     scores = read_scores(SCORES)
     for text in arguments.runs:
         add_runs(scores, text)
@@ -103,7 +102,3 @@ def main() -> None:
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
     write_text(PAGE, page(scores))
     print(f"written: {PAGE}")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from pydantic import Field, JsonValue
 
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.named import law_of
 from agents.recording.episodes import Exploration, play
 from agents.training.config import Changes
@@ -100,10 +100,6 @@ def record(settings: RecordSettings) -> str:
 
 
 @command
-def main() -> None:
+def main(settings: RecordSettings) -> None:
     """Record from the command line."""
-    record(tyro.cli(RecordSettings, description=__doc__))
-
-
-if __name__ == "__main__":
-    leave(main())
+    record(settings)

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import BASELINES, Episodes, read_field
 from agents.evaluation.measure import measure
@@ -48,9 +48,8 @@ class Arguments:
 
 
 @command
-def main() -> str | None:
+def main(arguments: Arguments) -> str | None:
     """Write the page from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     if not arguments.subjects:
         return "error: got nothing to report on; allowed: the folder of a run, runs/NAME"
     if arguments.processes < 1:
@@ -80,7 +79,3 @@ def write_report(subjects: Sequence[str], out: Path, arguments: Arguments | None
         raise SceneError(msg)
     write_text(out, page)
     print(f"written: {out}")
-
-
-if __name__ == "__main__":
-    leave(main())

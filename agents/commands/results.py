@@ -11,13 +11,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from agents.commands.sweep import sweep
-from agents.errors import command, leave
+from agents.errors import command
 from agents.report import published
 from agents.report.results_figures import draw_results
 from agents.report.results_page import page
 from agents.sweeps.on_task import on_task, trainings_of
 from agents.sweeps.trials import SweepSettings, result_file
-from agents.training.config import settings_from_command_line
 from agents.training.runs import Run
 from mm_gym.files import write_text
 
@@ -37,9 +36,8 @@ class ResultsSettings(SweepSettings):
 
 
 @command
-def main() -> str | None:
+def main(settings: ResultsSettings) -> str | None:
     """Train and write from the command line."""
-    settings = settings_from_command_line(ResultsSettings, __doc__ or "")
     problem = sweep(settings) if settings.train else None
     return problem or write(settings)
 
@@ -64,7 +62,3 @@ def write(settings: ResultsSettings, root: Path = Path("runs")) -> str | None:
     write_text(told, published.page(found))
     print(f"written: {told}, {policies}/")
     return None
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.rigs import EPISODES, scores_of
 from agents.evaluation.scores import SCORES
@@ -38,9 +38,8 @@ class Arguments:
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Score from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     variants, agents = robust_ids(), agents_of(arguments.runs)
     scores = json.loads(DATA.read_text()) if DATA.exists() else {}
     for variant in map(task_called, arguments.tasks or variants):
@@ -57,7 +56,3 @@ def main() -> None:
         write_text(PAGE, page(ordered))
         print(f"{variant}: {time.perf_counter() - began:.0f} s")
     print(f"written: {PAGE}")
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import tyro
 
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import AGENT, EPISODES, Seal, fixed_and_classical
@@ -42,9 +42,9 @@ class Arguments:
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Score from the command line."""
-    arguments, release = tyro.cli(Arguments, description=__doc__), version("mm-gym")
+    release = version("mm-gym")
     agents = {text: agents_of((text,)) for text in arguments.runs}
     named = arguments.tasks or [task for found in agents.values() for task in found] or ids()
     done = {}
@@ -75,7 +75,3 @@ def main() -> None:
         write_text(DATA, json.dumps(data, indent=1) + "\n")
         write_text(PAGE, page(data))
         print(f"written: {PAGE}")
-
-
-if __name__ == "__main__":
-    leave(main())

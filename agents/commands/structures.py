@@ -14,10 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import tyro
-
 from agents.controllers.registry import laws
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
 from agents.gradient.descent import descend
@@ -55,9 +53,8 @@ class Arguments:
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Search from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     rows = json.loads(SCORES.read_text("utf-8")) if SCORES.exists() else {}
     files = sorted((CONFIGS / "structures").glob("*.toml"))
     for file in files:
@@ -107,7 +104,3 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
         cells = " | ".join([name.replace("_", " "), known, *numbers, f"{row['seconds']:g}"])
         lines.append(f"| {cells} |")
     return "\n".join(lines)
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -10,38 +10,21 @@ same command again does what is left, and with more seeds or tasks what is new.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.errors import command, leave
-from agents.sweeps.trials import SweepSettings, check_scenes, result_file, write_results
+from agents.errors import command
+from agents.sweeps.trials import HERE, SweepSettings, check_scenes, result_file, write_results
 from agents.sweeps.workers import work_here, work_on_ray
-from agents.training.config import settings_from_command_line
 from agents.training.ending import notes_of
 from agents.training.runs import Run
 
-HERE = "none"  # what ``--ray`` alone stands for
-
 
 @command
-def main() -> str | None:
+def main(settings: SweepSettings) -> str | None:
     """Sweep from the command line."""
-    with_address()
-    return sweep(settings_from_command_line(SweepSettings, __doc__ or ""))
-
-
-def with_address() -> None:
-    """Let ``--ray`` alone stand for a cluster on this machine."""
-    for place, word in enumerate(sys.argv):
-        if word == "--ray" and sys.argv[place + 1 : place + 2] in ([], *_flags(sys.argv)):
-            sys.argv.insert(place + 1, HERE)
-            return
-
-
-def _flags(words: list[str]) -> list[list[str]]:
-    return [[word] for word in words if word.startswith("-")]
+    return sweep(settings)
 
 
 def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | None:
@@ -82,7 +65,3 @@ def sweep(settings: SweepSettings, root: Path = Path("runs")) -> str | None:
         for note in notes_of(Run(trial.name, whole)):
             print(f"{trial.name}: {note}")
     return "\n".join(f"{name}: {problem}" for name, problem in problems.items()) or None
-
-
-if __name__ == "__main__":
-    leave(main())

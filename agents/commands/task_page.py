@@ -5,9 +5,7 @@ It describes the tasks' scenes; its scores come from ``python -m agents headroom
 
 from __future__ import annotations
 
-import tyro
-
-from agents.errors import command, leave
+from agents.errors import command
 from agents.evaluation.scores import read_scores
 from agents.report.task_page import PAGE, page
 from mm_gym.files import write_text
@@ -16,14 +14,5 @@ from mm_gym.tasks import ids
 
 @command
 def main() -> None:
-    """Write the page from the command line."""
-    tyro.cli(write, description=__doc__)
-
-
-def write() -> None:
     """Write the page."""
     write_text(PAGE, page(read_scores(tasks=ids())))
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 from agents.commands.evaluate import SINGLE, report_run
 from agents.controllers.controller import Controller
-from agents.errors import command, leave
-from agents.training.config import TrainSettings, settings_from_command_line
+from agents.errors import command
+from agents.training.config import TrainSettings
 from agents.training.ending import notes_of
 from agents.training.misfits import print_misfits
 from agents.training.reinforcement import train
@@ -22,9 +22,9 @@ from agents.training.runs import Run
 
 
 @command
-def main() -> None:
+def main(settings: TrainSettings) -> None:
     """Train from the command line, then report."""
-    train_and_report(settings_from_command_line(TrainSettings, __doc__ or ""))
+    train_and_report(settings)
 
 
 def train_and_report(
@@ -47,7 +47,3 @@ def train_and_report(
         train(settings, run)
         report_run(run, episodes, name=name, others=others, trust=True)
     print(*notes_of(run), sep="\n", end="\n" if notes_of(run) else "")
-
-
-if __name__ == "__main__":
-    leave(main())

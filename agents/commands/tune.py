@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from agents.errors import command, leave
 from agents.training.algorithm_settings import Count
-from agents.training.config import TrainSettings, settings_from_command_line
+from agents.training.config import TrainSettings
 from agents.training.ending import read_ending, told_part
 from agents.training.reinforcement import train
 from agents.training.runs import Run, RunError
@@ -56,10 +56,10 @@ class TuneSettings(TrainSettings):
 
 
 @command
-def main() -> str | None:
+def main(settings: TuneSettings) -> str | None:
     """Tune from the command line."""
     try:
-        path = tune(settings_from_command_line(TuneSettings, __doc__ or ""))
+        path = tune(settings)
     except (OSError, optuna.exceptions.StorageInternalError, SQLAlchemyError) as error:
         return f"error: {_in_one_line(error)}\nthe same command goes on when that is mended"
     print(f"written: {path}", *shortened(path.parent), sep="\n")
@@ -160,7 +160,3 @@ def _write_best(study: Study, settings: TuneSettings, folder: Path) -> Path:
         )
         write_text(path, as_toml(own, comment, settings.name))
     return path
-
-
-if __name__ == "__main__":
-    leave(main())

@@ -30,7 +30,7 @@ from agents.controllers.searched import (
     read_found,
     trials,
 )
-from agents.errors import command, leave
+from agents.errors import command
 from mm_gym import DesignError, Scene, SceneError, load_scene
 from mm_gym.errors import suggest
 from mm_gym.files import check_outputs, read_json, write_text
@@ -132,9 +132,8 @@ def _with(
 
 
 @command
-def main() -> None:
+def main(arguments: Arguments) -> None:
     """Tune from the command line."""
-    arguments = tyro.cli(Arguments, description=__doc__)
     out = arguments.out
     if arguments.trials < 1:
         msg = f"--trials: got {arguments.trials}; allowed: at least 1"
@@ -167,7 +166,3 @@ def main() -> None:
             write_text(out, json.dumps(known, indent=1) + "\n")
             file.unlink(missing_ok=True)
             print(f"{task}: {name}: {found['first_cost']} -> {found['cost']}", flush=True)
-
-
-if __name__ == "__main__":
-    leave(main())

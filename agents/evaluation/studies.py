@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Controller, drawn_but
-from agents.controllers.matching_stretch import FREQUENCY
 from agents.evaluation.aggregates import tail_mean
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
-from agents.scoring import evaluate
+from agents.scoring import FREQUENCY, evaluate
 from mm_gym import (
     DesignError,
     MovingMassVectorEnv,

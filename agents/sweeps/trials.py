@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import BaseModel, Field, JsonValue, Strict
+from tyro.constructors import PrimitiveConstructorSpec
 
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
@@ -54,6 +55,20 @@ COLUMNS = ("task", "algorithm", "variant", "seed", "steps", "validation", "cost"
 """Of ``results.csv``; the last two are costs [-], on the validation and the held-out episodes."""
 
 
+HERE = "none"  # what ``--ray`` alone stands for
+
+Address = Annotated[
+    str | None,
+    PrimitiveConstructorSpec(
+        nargs=(0, 1),
+        metavar="[ADDRESS]",
+        instance_from_str=lambda texts: texts[0] if texts else HERE,
+        is_instance=lambda value: value is None or isinstance(value, str),
+        str_from_instance=lambda value: [str(value)],
+    ),
+]
+
+
 class SweepSettings(Document):
     """The trainings of a sweep: every task with every algorithm, variant and seed."""
 
@@ -78,7 +93,7 @@ class SweepSettings(Document):
     """for each name the settings in which it differs, by dotted name"""
     processes: Count | None = None
     """trainings at once; by default one for each processor"""
-    ray: str | None = None
+    ray: Address = None
     """train on a Ray cluster: its address, or none to begin one on this machine"""
 
     def trials(self) -> list[RunSettings]:

@@ -17,7 +17,7 @@ from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import Entry, Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult, measure
-from agents.evaluation.studies import (
+from agents.evaluation.studies import POINTS, (
     FACTORS,
     NOMINAL,
     Records,
@@ -172,7 +172,7 @@ def test_studies_are_written_with_the_comparison(tmp_path) -> None:
     assert rows[0]["over cost as designed [-]"] == "1.0"
     assert rows[-1]["changed"] == "record motion.csv"
     with (tmp_path / "frequency.csv").open(newline="") as lines:
-        assert len(list(csv.DictReader(lines))) == 3 * 48
+        assert len(list(csv.DictReader(lines))) == 3 * POINTS
     with (tmp_path / "effort.csv").open(newline="") as lines:
         assert [row["over"] for row in csv.DictReader(lines)] == [
             "no control",

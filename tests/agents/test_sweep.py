@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import sys
 import threading
 import time
 
@@ -273,20 +274,23 @@ def test_tasks_and_variants_may_have_scenes_of_their_own():
 @pytest.mark.parametrize(
     ("words", "want"),
     [
-        (["--ray"], ["--ray", "none"]),
-        (["--ray", "--seeds", "2"], ["--ray", "none", "--seeds", "2"]),
-        (["--ray", "10.0.0.1:6379"], ["--ray", "10.0.0.1:6379"]),
-        (["--seeds", "2"], ["--seeds", "2"]),
+        (["--ray"], ("none", 1)),
+        (["--ray", "--seeds", "2"], ("none", 2)),
+        (["--ray", "10.0.0.1:6379"], ("10.0.0.1:6379", 1)),
+        (["--seeds", "2"], (None, 2)),
     ],
 )
 def test_ray_takes_an_address_or_none(words, want, monkeypatch):
     monkeypatch.setattr("sys.argv", ["sweep", *words])
-    command.with_address()
-    assert command.sys.argv[1:] == want
+    found = []
+    monkeypatch.setattr(command, "sweep", found.append)
+    assert command.main() is None
+    (settings,) = found
+    assert (settings.ray, settings.seeds) == want
 
 
 def test_missing_ray_is_named_with_its_extra(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(command.sys.modules, "ray", None)
+    monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.setattr("sys.argv", ["sweep", "--ray"])
     assert command.main() == "error: --ray needs Ray: install the extra `ray`"
