@@ -17,9 +17,10 @@ from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import conclude
 from agents.evaluation.contestants import Entry, Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult, measure
-from agents.evaluation.studies import POINTS, (
+from agents.evaluation.studies import (
     FACTORS,
     NOMINAL,
+    POINTS,
     Records,
     check_records,
     closed_loop,
