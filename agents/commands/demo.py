@@ -25,7 +25,9 @@ SETTINGS = Path(__file__).parents[2] / "configs" / "agents" / "pre_stretch.toml"
 
 GENERATIONS = 600  # of the evolution: some fifteen seconds on two cores
 
-EFFORT = Effort(random=3, kept=2, first=8, second=20, rounds=2, steps=10, last=10)
+EFFORT = Effort(
+    random=3, kept=2, first=8, second=20, rounds=2, steps=10, searches=1, generations=100, last=10
+)
 """Of the planner: some nine seconds, and a cost 0.01 % above that of the plans in docs/tasks.md."""
 
 

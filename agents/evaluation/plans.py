@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from agents.controllers.controller import Controller, Memory, Reads
 from agents.controllers.trajectories import Trajectories, Trajectory
+from agents.evaluation.local_search import LocalSearch
 from mm_gym import MovingMassVectorEnv, Scene
 
 Array = NDArray[np.float64]
@@ -42,8 +43,12 @@ class Effort:
     second: int = 40
     # rounds, steps: rounds in which the best plans are changed at random, or taken from the next
     # episode, and the steps that each such plan has
-    rounds: int = 12
+    rounds: int = 6
     steps: int = 20
+    # searches, generations: searches without derivatives, each of so many generations, that go on
+    # from the best plans; Gauss-Newton steps follow each
+    searches: int = 3
+    generations: int = 500
     last: int = 60  # steps of the best plan at the end
     seed: int = 0  # of the random numbers
 
@@ -93,6 +98,11 @@ class Planner(Controller):
         self._begin()
         for k in range(self.effort.rounds):
             self._vary(k)
+        search = LocalSearch(self.scene, start, self.noise)
+        for _ in range(self.effort.searches):
+            applied = search.improve(self.actions, self.effort.generations)
+            plans = {"changed without derivatives": self.problem.controls_of(applied)}
+            self._go_on(plans, self.effort.steps)
         self._go_on({"": self.controls}, self.effort.last)
         plan = np.moveaxis(self.actions, 2, 0)
         return {"step": np.zeros(env.num_envs, np.int64), "plan": plan}

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 STUDIES = {"carriage.stiffness": 1.0, NOISE: 0.0, DELAY: None}
 """What is changed -> the level of the scene as designed, if no level is it."""
 
-EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, last=8)
+EFFORT = Effort(random=1, kept=1, first=5, second=12, rounds=0, searches=0, last=8)
 """Of the plan of the episode that is shown."""
 
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from agents.evaluation.headroom import (
     over_plans,
     varied,
 )
+from agents.evaluation.local_search import CHILDREN, LocalSearch
 from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.scores import SCORES
 from agents.policies import network
@@ -70,7 +72,7 @@ def test_interval_is_that_of_the_central_limit() -> None:
     assert high**2 == pytest.approx(penalties.mean() + half, abs=0.1 * half)
 
 
-SHORT = Effort(random=2, rounds=1, first=8, second=15, steps=8, last=15)
+SHORT = Effort(random=2, rounds=1, first=8, second=15, steps=8, searches=1, generations=20, last=15)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.01])
@@ -104,9 +106,39 @@ def test_planner_reaches_the_riccati_value_where_the_force_limit_does_not_bind(l
 def test_planner_is_not_worse_than_what_it_starts_from_in_any_episode() -> None:
     scene = TASKS["mm_gym/PreStretchShock-v0"].replace(**{"control.steps": 60})
     law = evaluate(scene, Feedback(scene, constant_stretch(scene, 2.0)), episodes=8)
-    none = Effort(random=0, kept=1, first=1, second=1, rounds=0, last=1)
+    none = Effort(random=0, kept=1, first=1, second=1, rounds=0, searches=0, last=1)
     planned = evaluate(scene, Planner(scene, {"law": law.applied}, none), episodes=8)
     assert np.all(planned.penalties <= law.penalties * (1.0 + 1e-9))
+
+
+def test_random_changes_better_plans_that_steps_of_gauss_and_newton_leave() -> None:
+    scene = TASKS["mm_gym/PreStretchShock-v0"].replace(**{"control.steps": 80})
+    ended = Effort(random=2, rounds=0, searches=0, last=200)
+    stuck = evaluate(scene, Planner(scene, {}, ended), episodes=6).penalties
+    searched = evaluate(scene, Planner(scene, {}, replace(ended, searches=2)), episodes=6).penalties
+    # 200 more steps of Gauss and Newton gain less than a millionth; the random changes 0.8 % here.
+    assert np.all(searched < stuck)
+    assert searched.mean() < 0.995 * stuck.mean()
+
+
+def test_random_changes_keep_off_ends_and_say_what_is_applied() -> None:
+    # Episodes end on a rail that the cart reaches without control, and must be held off it.
+    changes = {"objective.rail_half_length": 0.02, "control.steps": 60}
+    scene = ACTIVE_MASS_DAMPER.replace(randomization={}, **changes)
+    env = MovingMassVectorEnv(scene, 5, autoreset_mode="Disabled")
+    env.reset(seed=HELD_OUT_SEED)
+    search = LocalSearch(scene, env.get_state(), np.random.default_rng(0))
+    pushed = np.ones((60, 1, 5 * CHILDREN))
+    assert np.all(np.isinf(search._costs(pushed)))
+    still = np.zeros((60, 1, 5))
+    assert np.all(np.isfinite(search._costs(np.tile(still, CHILDREN))))
+    applied = search.improve(still, 30)
+    again = LocalSearch(scene, env.get_state(), np.random.default_rng(0)).improve(still, 30)
+    np.testing.assert_array_equal(applied, again)
+    # Without rate limit and lag an action is what is applied over the limit.
+    actions = np.moveaxis(applied / scene.actuation.force.limit, 1, 2)
+    found, before = (search._costs(np.tile(plan, CHILDREN))[:5] for plan in (actions, still))
+    assert np.all(found < before)
 
 
 def test_plans_also_start_from_controllers_with_other_numbers(monkeypatch) -> None:
@@ -122,7 +154,7 @@ def test_plans_also_start_from_controllers_with_other_numbers(monkeypatch) -> No
     again = varied(scene, episodes=4)
     assert all(np.array_equal(starts[name], again[name]) for name in starts)
     # Each is what a controller applied: planning from it alone costs no more.
-    none = Effort(random=0, kept=1, first=1, second=1, rounds=0, last=1)
+    none = Effort(random=0, kept=1, first=1, second=1, rounds=0, searches=0, last=1)
     planned = evaluate(scene, Planner(scene, starts, none), episodes=4)
     assert planned.cost < evaluate(scene, INERTIAL_DRIVE.best(scene), episodes=4).cost
     assert varied(TASKS["mm_gym/CarriageForce-v0"]) == {}

@@ -356,7 +356,7 @@ def test_network_begins_as_clipped_optimal_control():
 def test_plans_begin_at_the_laws_and_are_not_worse_in_any_episode():
     scene = scene_of(**{"control.steps": 60})
     found = [evaluate(scene, Feedback(scene, law), episodes=4) for law in every_law(scene)]
-    effort = Effort(random=1, kept=2, first=5, second=8, rounds=1, steps=4, last=5)
+    effort = Effort(random=1, kept=2, first=5, second=8, rounds=1, steps=4, searches=0, last=5)
     starts = {one.name: one.applied for one in found}
     planned = evaluate(scene, Planner(scene, starts, effort), episodes=4)
     least = np.min([one.penalties for one in found], axis=0)
