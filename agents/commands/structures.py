@@ -1,8 +1,8 @@
 """Search on every structure of ``configs/structures`` with default settings, and table the costs.
 
 For example ``python -m agents structures --seconds 300``. A structure that is tabled already is
-left as it is: ``docs/structure_scores.json`` has them, and the table of docs/structures.md follows
-from it.
+left as it is, but for searches that are asked for: ``--searches gradient``.
+``docs/structure_scores.json`` has them, and the table of docs/structures.md follows from it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 from agents.controllers.registry import laws
 from agents.errors import command
@@ -50,6 +50,8 @@ class Arguments:
     """of each search"""
     structures: tuple[str, ...] = ()
     """names of files in configs/structures; by default all"""
+    searches: tuple[Literal["evolved", "gradient", "PPO"], ...] = ()
+    """to make anew; by default those of structures that have none"""
 
 
 @command
@@ -60,10 +62,16 @@ def main(arguments: Arguments) -> None:
     for file in files:
         if arguments.structures and file.stem not in arguments.structures:
             continue
-        digest = load_scene(file).digest
-        if rows.get(file.stem, {}).get("scene_digest") == digest:
+        known, digest = rows.get(file.stem, {}), load_scene(file).digest
+        is_known = known.get("scene_digest") == digest
+        if is_known and not arguments.searches:
             continue
-        rows[file.stem] = {"scene_digest": digest, **_row(file, arguments.seconds)}
+        searches = arguments.searches if is_known else tuple(SEARCHES)
+        row = {"scene_digest": digest, **_controllers(file)}
+        for what in SEARCHES:
+            made = what in searches
+            row[what] = _searched(file, what, arguments.seconds) if made else known[what]
+        rows[file.stem] = row
         print(file.stem, rows[file.stem])
         write_text(SCORES, json.dumps(dict(sorted(rows.items())), indent=2) + "\n")
     text = PAGE.read_text("utf-8")
@@ -71,25 +79,29 @@ def main(arguments: Arguments) -> None:
     write_text(PAGE, f"{before}{BEGIN}\n\n{table(rows)}\n\n{END}{rest.partition(END)[2]}")
 
 
-def _row(file: Path, seconds: float) -> dict[str, Any]:
-    """Return the held-out costs of all that is compared on a structure."""
-    scene, row = load_scene(file), dict[str, Any](seconds=seconds)
+def _controllers(file: Path) -> dict[str, Any]:
+    """Return the costs of no control and of the best controller."""
+    scene = load_scene(file)
     best = best_controller(scene)
-    row["best controller"] = best.name
+    row: dict[str, Any] = {"best controller": best.name}
     for what, name in (("no control", "no-control"), ("best", best.name)):
         row[what] = evaluate(scene, laws(scene)[name](scene), episodes=EPISODES).cost
-    for what, (kind, search) in SEARCHES.items():
-        settings = kind.of({"scene": str(file), "name": what, "time_budget": seconds})
-        with TemporaryDirectory() as folder:
-            run = Run(what, folder)
-            try:
-                search(settings, run, bar=False)
-            except DesignError:  # no gradient is known
-                row[what] = None
-                continue
-            parts = recorded_parts(scene, run.read()["settings"], trust=False)
-            row[what] = evaluate(scene, agent_of(run, parts), episodes=EPISODES).cost
     return row
+
+
+def _searched(file: Path, what: str, seconds: float) -> dict[str, float] | None:
+    """Return the cost of what a search returns, and its time [s]; None without gradients."""
+    scene, (kind, search) = load_scene(file), SEARCHES[what]
+    settings = kind.of({"scene": str(file), "name": what, "time_budget": seconds})
+    with TemporaryDirectory() as folder:
+        run = Run(what, folder)
+        try:
+            search(settings, run, bar=False)
+        except DesignError:  # of episodes that end early
+            return None
+        parts = recorded_parts(scene, run.read()["settings"], trust=False)
+        cost = evaluate(scene, agent_of(run, parts), episodes=EPISODES).cost
+    return {"cost": cost, "seconds": seconds}
 
 
 def table(rows: dict[str, dict[str, Any]]) -> str:
@@ -99,8 +111,10 @@ def table(rows: dict[str, dict[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, row in sorted(rows.items()):
-        numbers = ["-" if row[what] is None else f"{row[what]:.4g}" for what in SEARCHES]
+        made = [row[what] for what in SEARCHES]
+        numbers = ["-" if one is None else f"{one['cost']:.4g}" for one in made]
         known = f"{row['no control']:.4g} | {row['best']:.4g} | {row['best controller']}"
-        cells = " | ".join([name.replace("_", " "), known, *numbers, f"{row['seconds']:g}"])
+        times = ", ".join("-" if one is None else f"{one['seconds']:g}" for one in made)
+        cells = " | ".join([name.replace("_", " "), known, *numbers, times])
         lines.append(f"| {cells} |")
     return "\n".join(lines)

@@ -15,10 +15,11 @@ import numpy as np
 from agents.gradient.episodes import Episodes
 from agents.gradient.network import Network, hold_stable, longest, parameters_of, policy_of
 from agents.gradient.oscillators import with_oscillators
-from agents.gradient.settings import AVERAGED, FIRST, SECOND, schedule
+from agents.gradient.settings import AVERAGED, FIRST, SECOND, fitted, schedule
 from agents.network.layers import UNIT
 from agents.training.arrays import part_of
 from agents.training.network import Network as Evolved
+from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from agents.policies import Policy
     from agents.training.arrays import Arrays
     from agents.training.runs import Run
+    from agents.training.starts import Start
     from mm_gym import Scene
 
     Single = NDArray[np.float32]
@@ -62,6 +64,8 @@ class Descent(Search):
     ----------
     network
         With the parameters as they are.
+    sizes
+        Of the steps of each parameter, over the rate.
     size
         Length of the last gradient.
     """
@@ -70,22 +74,27 @@ class Descent(Search):
 
     def __init__(self, settings: GradientSettings, scene: Scene) -> None:
         super().__init__(settings, scene)
+        own = settings.scene is not None
         self.settings: GradientSettings = settings
+        self.fitted = fitted(settings, scene) if own else settings
         generator = np.random.default_rng(settings.seed)
         start = start_of(scene, settings, generator)
         self.began_as = IN_WORDS[start.law]
         start = with_oscillators(start, settings.oscillators, generator)
         self.odd = scene.actuation.names == ("force",)
-        evolved = Evolved(start, settings.hidden, odd=self.odd)
+        scales = Scales.measured(scene, start) if own else Scales.stated(start)
+        evolved = Evolved(start, settings.hidden, odd=self.odd, scales=scales)
         start.units[:, UNIT.index("floor")] = settings.floor
         self.start = evolved.policy(evolved.first(generator))
-        self.episodes = Episodes(scene, settings.episodes)
-        self.network = Network(self.start, scene.control.steps, settings.episodes)
+        count = self.fitted.episodes
+        self.episodes = Episodes(scene, count)
+        self.network = Network(self.start, scene.control.steps, count)
         self.mean = parameters_of(self.start)
+        self.sizes = _sizes(scales, start)
         self.longest = longest(start.keep)
         zeros = {name: np.zeros_like(array) for name, array in self.mean.items()}
         self.slopes, self.squares = zeros, {name: array.copy() for name, array in zeros.items()}
-        self.frames = settings.episodes * scene.control.steps
+        self.frames = count * scene.control.steps
         self.size = 0.0
 
     @property
@@ -94,15 +103,18 @@ class Descent(Search):
         return self.settings.iterations
 
     def _advance(self) -> None:
-        settings, count = self.settings, self.settings.episodes
-        fade, rate = schedule(settings, self.rounds / self.total)
+        settings, count = self.fitted, self.fitted.episodes
+        fade, rate = schedule(settings, self.done)
         self.episodes.run(self.network, training_seeds(settings.seed, count, self.rounds * count))
-        self.episodes.back(self.network, fade, settings.feedback)
+        self.episodes.back(
+            self.network, fade, settings.feedback, inwards=settings.scene is not None
+        )
         self._follow(rate)
 
     def _follow(self, rate: float) -> None:
         """Make a step of Adam along the gradient, of which only the direction counts."""
-        gradient, count = self.network.gradient, self.rounds + 1
+        sizes, count = self.sizes, self.rounds + 1
+        gradient = {name: sizes[name] * slope for name, slope in self.network.gradient.items()}
         if self.odd:
             for name in BIASES:
                 gradient[name][:] = 0.0
@@ -116,7 +128,7 @@ class Descent(Search):
             self.slopes[name] += (1.0 - FIRST) * (slope - self.slopes[name])
             self.squares[name] += (1.0 - SECOND) * (slope**2 - self.squares[name])
             spread = np.sqrt(self.squares[name] / (1.0 - SECOND**count)) + 1e-8
-            own[name] -= rate / (1.0 - FIRST**count) * self.slopes[name] / spread
+            own[name] -= rate / (1.0 - FIRST**count) * sizes[name] * self.slopes[name] / spread
         if "keep" in own:
             hold_stable(own["keep"], self.longest)
         for name, value in own.items():
@@ -152,3 +164,26 @@ class Descent(Search):
         for part, own in self._parts.items():
             for name, array in part_of(arrays, part).items():
                 own[name][:] = array
+
+
+def _sizes(scales: Scales, start: Start) -> Arrays:
+    """Return the sizes of a network's parameters, by role, so that each is of order one over it."""
+    x, u, updates, m = (
+        scales.inputs,
+        scales.outputs[:, None],
+        scales.updates[:, None],
+        len(start.keep),
+    )
+    n = start.pairs.shape[2] - m
+    sizes = {
+        "hidden": 1.0 / x,
+        "bias": np.ones(1),
+        "output": u,
+        "last": u[:, 0],
+        "pairs": np.ones(1),
+        "direct": u / x,
+        "keep": updates / x[n : n + m],
+        "enter": updates / x[:n],
+        "back": updates / u[:, 0],
+    }
+    return {name: size.astype(np.float32) for name, size in sizes.items()}

@@ -112,7 +112,9 @@ class Episodes:
         values: Values = self.env.get_state()["values"]  # pyright: ignore[reportAssignmentType] - of a snapshot
         return values[row].astype(np.int64)
 
-    def back(self, network: Network, fade: float, feedback: float = 1.0) -> None:
+    def back(
+        self, network: Network, fade: float, feedback: float = 1.0, *, inwards: bool = False
+    ) -> None:
         """Write the gradient of the mean cost, as far as it does not fade, into the network.
 
         Under the best policy no action can be bettered, whatever was observed: what a motion costs
@@ -127,6 +129,10 @@ class Episodes:
         feedback
             Part of the slopes over the observations that is followed to the motion they show. With
             1, no fading, and `MOST` out of reach, the gradient is exact.
+        inwards
+            Whether an action that was clipped has the slope on the inner side of its limit where
+            that leads back inside. The exact slope is zero: what always asks for too much never
+            learns when it should ask for less.
         """
         network.begin_back()
         part = 2.0 / (self.lanes * self.steps)
@@ -150,7 +156,10 @@ class Episodes:
             by_state, by_action = self.jacobians[step]
             action = np.einsum("lij,il->jl", by_action, state)
             action += part * self.effort * self.actions[step]
-            action *= self.free[step]
+            followed = self.free[step]
+            if inwards:
+                followed = followed | (action * self.actions[step] > 0.0)
+            action *= followed
             state = np.einsum("lij,il->jl", by_state, state)
             factor = fade * _bounded(scale @ np.abs(state))
             state *= factor

@@ -110,7 +110,7 @@ class RecurrentDescent(Search):
 
     def _advance(self) -> None:
         settings, count, trained = self.settings, self.settings.episodes, self.module.trained
-        fade, rate = schedule(settings, self.rounds / self.total)
+        fade, rate = schedule(settings, self.done)
         self.episodes.fade, self.optimiser.param_groups[0]["lr"] = fade, rate
         self.optimiser.zero_grad()
         self._cost_of(training_seeds(settings.seed, count, self.rounds * count), fade).backward()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
+from agents.controllers.controller import plant_of
 from agents.training.config import Count, Positive
 from agents.training.search_settings import SearchSettings
+
+if TYPE_CHECKING:
+    from mm_gym import Scene
 
 FIRST, SECOND = 0.9, 0.99
 """Adam's memory of the gradients, and of their squares."""
@@ -18,6 +22,12 @@ LAST_RATE = 0.03
 
 AVERAGED = 0.03
 """Weight of an iteration in the mean that is validated."""
+
+FRAMES = 64_000
+"""Control steps in an iteration on an own scene."""
+
+PERIODS = 2.5, 20.0
+"""Of the slowest mode of an own scene, in which the slopes fade to 1/e, at first and at the end."""
 
 
 class GradientSettings(SearchSettings):
@@ -31,15 +41,16 @@ class GradientSettings(SearchSettings):
     """units of a recurrent cell (GRU) in the place of the linear memory, trained by torch; 0 for
     none"""
     episodes: Count = 256
-    """of an iteration, new ones in the next"""
+    """of an iteration, new ones in the next; on an own scene as many as have 64,000 control steps
+    """
     iterations: Count = 600
     """of the whole run"""
     rate: Positive = 4e-3
     """of learning (Adam), at first"""
     first_horizon: Positive = 25.0
-    """control steps in which the slopes fade to 1/e, at first"""
+    """control steps in which the slopes fade to 1/e, at first; 2.5 periods of an own scene"""
     horizon: Positive = 200.0
-    """the same at the end"""
+    """the same at the end; 20 periods of an own scene"""
     feedback: Annotated[float, Field(ge=0, le=1)] = 1.0
     """part of the slopes over observations that is followed to the motion before; 1 is the exact
     gradient, less is steadier"""
@@ -58,3 +69,16 @@ def schedule(settings: GradientSettings, done: float) -> tuple[float, float]:
     warmth = 0.5 * (1.0 + np.cos(np.pi * done))
     rate = settings.rate * (LAST_RATE + (1.0 - LAST_RATE) * warmth)
     return float(np.exp(-1.0 / horizon)), rate
+
+
+def fitted(settings: GradientSettings, scene: Scene) -> GradientSettings:
+    """Return settings with what is left at its default chosen for the scene."""
+    poles = np.abs(np.linalg.eigvals(plant_of(scene).linear()[0]).imag)
+    turning = poles[poles > 0.0]
+    chosen: dict[str, float] = {"episodes": max(8, FRAMES // scene.control.steps)}
+    if turning.size:
+        period = 2.0 * np.pi / (turning.min() * scene.control.time_step)
+        chosen |= zip(("first_horizon", "horizon"), np.multiply(PERIODS, period), strict=True)
+    defaults = GradientSettings()
+    left = {k: v for k, v in chosen.items() if getattr(settings, k) == getattr(defaults, k)}
+    return settings.model_copy(update=left)

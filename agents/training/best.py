@@ -9,14 +9,19 @@ from gymnasium.error import DependencyNotInstalled
 
 from agents.controllers.registry import RANDOM, laws
 from agents.controllers.tuned import NOT_SCORED
-from agents.scoring import validation_cost
+from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, evaluate
 from mm_gym import ActionError, MovingMassVectorEnv
 
 if TYPE_CHECKING:
     from mm_gym import Scene
 
-SLOW = RANDOM, "predictive-control"
-"""Not tried: what is no controller, and what plans for minutes on the validation episodes."""
+PLANS = "predictive-control"
+"""The controller that plans anew in each control step: it takes minutes on the validation
+episodes, and is no base of a training."""
+
+TENTH, NEAR = VALIDATION_EPISODES // 10, 1.1
+"""Episodes on which it is tried first, and by how much it may cost more there than the best of the
+others: it is scored on all of them only then."""
 
 
 class Best(NamedTuple):
@@ -34,10 +39,17 @@ class Best(NamedTuple):
     cost: float
 
 
-def best_controller(scene: Scene) -> Best:
+def best_controller(scene: Scene, *, plans: bool = True) -> Best:
     """Return the controller of least validation cost, of those that read the observation alone.
 
     It is no control where none costs less.
+
+    Parameters
+    ----------
+    scene
+        What is controlled.
+    plans
+        Whether predictive control by plans of its own is among them.
 
     Raises
     ------
@@ -45,24 +57,38 @@ def best_controller(scene: Scene) -> Best:
         If there is nothing to control.
     """
     MovingMassVectorEnv(scene, 1).close()
-    key = scene.digest if scene.own_reward is None else ""
-    if key and key in _FOUND:
+    key = (scene.digest, plans) if scene.own_reward is None else None
+    if key in _FOUND:
         return _FOUND[key]
-    found: list[Best] = []
-    for name, make in laws(scene).items():
-        if name in SLOW:
-            continue
-        try:
-            controller = make(scene)
-            if controller.reads == "observation":
-                found.append(Best(name, validation_cost(scene, controller)))
-        except (*NOT_SCORED, ActionError, DependencyNotInstalled):
-            continue
-    best = min(found, key=lambda one: one.cost if np.isfinite(one.cost) else np.inf)
+    if plans:
+        best = _or_plans(scene, best_controller(scene, plans=False))
+    else:
+        names = [name for name in laws(scene) if name not in {RANDOM, PLANS}]
+        found = [Best(name, _cost(scene, name)) for name in names]
+        best = min(found, key=lambda one: one.cost)
     if key:
         _FOUND[key] = best
     return best
 
 
-_FOUND: dict[str, Best] = {}
+def _or_plans(scene: Scene, best: Best) -> Best:
+    """Return the best controller, or predictive control if it costs less."""
+    if _cost(scene, PLANS, TENTH) > NEAR * _cost(scene, best.name, TENTH):
+        return best
+    return min(best, Best(PLANS, _cost(scene, PLANS)), key=lambda one: one.cost)
+
+
+def _cost(scene: Scene, name: str, episodes: int = VALIDATION_EPISODES) -> float:
+    """Return the cost of a controller on validation episodes, or infinity if it has none."""
+    try:
+        controller = laws(scene)[name](scene)
+        if controller.reads != "observation":
+            return np.inf
+        cost = evaluate(scene, controller, seed=VALIDATION_SEED, episodes=episodes).cost
+    except (*NOT_SCORED, ActionError, DependencyNotInstalled):
+        return np.inf
+    return cost if np.isfinite(cost) else np.inf
+
+
+_FOUND: dict[tuple[str, bool] | None, Best] = {}
 """By the digest of the scene: trials of a search of settings share it."""

@@ -47,7 +47,7 @@ def for_own_scene(settings: TrainSettings, run: Run) -> TrainSettings:
     scene, chosen, base = settings.rewarded_scene(), settings.chosen, settings.base
     if base is None and os.path.lexists(run.record):
         base = run.read()["settings"].get("base") or NO_BASE
-    base = base or best_controller(scene).name
+    base = base or best_controller(scene, plans=False).name
     changes: dict[str, object] = {}
     defaults = type(chosen)()
     if chosen.discount == defaults.discount:

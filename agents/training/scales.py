@@ -37,16 +37,19 @@ class Scales:
         (n + m + r,) of observation, linear memory and correlation units.
     outputs
         (k,) of the actions.
+    updates
+        (m,) of the change of each state of the linear memory in a step.
     """
 
     inputs: Values
     outputs: Values
+    updates: Values
 
     @classmethod
     def stated(cls, start: Start) -> Scales:
         """Return those of a scene whose own scales are right."""
         k, count = start.direct.shape
-        return cls(np.ones(count - 1), np.ones(k))
+        return cls(np.ones(count - 1), np.ones(k), np.ones(len(start.keep)))
 
     @classmethod
     def measured(cls, scene: Scene, start: Start) -> Scales:
@@ -58,11 +61,18 @@ class Scales:
                 pass
         except ActionError:  # a start that is not stable
             return cls.stated(start)
-        inputs, outputs = np.sqrt(watched.squares / watched.steps), watched.acted / watched.steps
+        sums = watched.squares, watched.acted, watched.changed
+        inputs, outputs, updates = (np.sqrt(total / watched.steps) for total in sums)
         units = np.ones(len(start.units))  # are of order one
-        whole = np.concatenate([inputs, units])
-        usable = np.isfinite(whole) & (whole > 0.0)
-        return cls(np.where(usable, whole, 1.0), np.clip(np.sqrt(outputs), LEAST, 1.0))
+        return cls(
+            _usable(np.concatenate([inputs, units])),
+            np.clip(outputs, LEAST, 1.0),
+            _usable(updates),
+        )
+
+
+def _usable(sizes: Values) -> Values:
+    return np.where(np.isfinite(sizes) & (sizes > 0.0), sizes, 1.0)
 
 
 def size_of_actions(scene: Scene, controller: Controller) -> float:
@@ -80,11 +90,14 @@ class _Watched(Learned):
         self.states = len(start.keep)
         self.squares: Values = np.zeros(start.pairs.shape[2])
         self.acted: Values = np.zeros(len(start.direct))
+        self.changed: Values = np.zeros(self.states)
         self.steps = 0
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         action, after = super().propose(memory, observation, info)
-        read = np.hstack([observation, after["policy"][:, : self.states]])
+        before, now = (one["policy"][:, : self.states] for one in (memory, after))
+        read = np.hstack([observation, now])
+        self.changed += np.mean((now - before) ** 2, axis=0)
         self.squares += np.mean(read**2, axis=0)
         self.acted += np.mean(action**2, axis=0)
         self.steps += 1

@@ -84,6 +84,12 @@ class Search(ABC):
     def _restore(self, arrays: Arrays) -> None:
         """Go on from what `_state` returned, and count the rounds."""
 
+    @property
+    def done(self) -> float:
+        """How much of the search is done, from 0 to 1: by rounds, or by time if that ends it."""
+        budget, rounds = self.settings.time_budget, self.rounds / self.total
+        return rounds if budget is None else min(1.0, max(rounds, self.progress.seconds / budget))
+
     def _told(self) -> dict[str, float]:
         """Return numbers of the last round for the log, by name."""
         return {}

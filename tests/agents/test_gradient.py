@@ -241,6 +241,20 @@ class TestGradients:
         want = evaluate(scene, Learned(policy), seed=7, episodes=5).cost
         assert np.sqrt(found) == pytest.approx(want, rel=1e-5)  # actions in single precision
 
+    def test_what_asks_for_too_much_learns_only_to_ask_for_less(self):
+        scene = load_scene("mm_gym/CarriageForce-v0").replace(**SHORT)
+        policy, slopes = policy_for(scene), []
+        own, net = Episodes(scene, LANES), Network(policy, STEPS, LANES)
+        net.parameters["last"][:] = 3.0
+        own.run(net, range(LANES))
+        assert (own.actions == 1.0).all()
+        for inwards in (False, True):
+            own.back(net, 1.0, inwards=inwards)
+            slopes.append(float(net.gradient["last"][0]))
+        # No cost depends on a clipped action. Its effort alone makes less of it better.
+        assert slopes[0] == 0.0
+        assert slopes[1] > 0.0
+
     def test_steep_lanes_are_bounded_and_others_left_alone(self):
         factors = episodes._bounded(np.array([1.0, 2.0, 1e30, 0.0, 2.0]))
         most = 2.0 * episodes.MOST  # the median is 2
@@ -282,12 +296,12 @@ class TestRuns:
         run, back = Run("tiny", tmp_path), Episodes.back
         left = 0
 
-        def interrupt(own, *arguments):
+        def interrupt(own, *arguments, **options):
             nonlocal left
             left -= 1
             if left == 0:
                 raise KeyboardInterrupt
-            back(own, *arguments)
+            back(own, *arguments, **options)
 
         monkeypatch.setattr(Episodes, "back", interrupt)
         for left in (1, 3, 6, 0):

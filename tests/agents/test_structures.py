@@ -13,8 +13,11 @@ from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.registry import laws
 from agents.evolution.search import evolve
 from agents.evolution.settings import EvolveSettings
+from agents.gradient.descent import Descent
+from agents.gradient.settings import GradientSettings, fitted
 from agents.policies import load_policy
 from agents.scoring import evaluate, validation_cost
+from agents.training import best as best_of
 from agents.training import own_scene, search
 from agents.training.algorithm_settings import PPOSettings
 from agents.training.best import Best
@@ -133,11 +136,61 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
     assert validation_cost(scene, Learned(load_policy(run.policy))) > best.cost
 
 
+@pytest.mark.parametrize(("on_a_tenth", "on_all"), [(0.2, 0.1), (0.2, 0.4), (0.5, 0.1)])
+def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
+    monkeypatch: pytest.MonkeyPatch, on_a_tenth: float, on_all: float
+):
+    def cost(_: Scene, name: str, episodes: int = 100) -> float:
+        if name != best_of.PLANS:
+            return 0.3 if name == "lqg" else 1.0
+        return on_all if episodes == 100 else on_a_tenth
+
+    monkeypatch.setattr(best_of, "_cost", cost)
+    monkeypatch.setattr(best_of, "_FOUND", {})
+    scene = structure("frame")
+    # 0.5 on a tenth of them is above all that is scored further.
+    name = best_of.PLANS if (on_a_tenth, on_all) == (0.2, 0.1) else "lqg"
+    assert best_of.best_controller(scene).name == name
+    assert best_of.best_controller(scene, plans=False).name == "lqg"
+
+
+def test_steps_of_a_descent_are_of_the_size_of_each_parameter():
+    small = {"law": "lqg", "hidden": 2, "oscillators": 1, "episodes": 4, "iterations": 9}
+    settings = GradientSettings.of({"scene": str(FOLDER / "stage.toml"), "name": "s", **small})
+    search = Descent(settings, settings.rewarded_scene())
+    before = {name: array.copy() for name, array in search.network.parameters.items()}
+    search._advance()
+    for name in ("direct", "enter", "back", "output"):
+        slope = search.sizes[name] * search.network.gradient[name]
+        moved = np.abs(search.network.parameters[name] - before[name])
+        # Adam's first step is the rate in every parameter whose slope is above its round-off.
+        size = np.broadcast_to(search.sizes[name], moved.shape)
+        followed = np.abs(slope) > 1e-4 * search.size
+        assert followed.any()
+        np.testing.assert_allclose(
+            moved[followed], settings.rate * size[followed], rtol=2e-3, atol=1e-6
+        )
+    # The filter's states are hundreds of times as large as what its input adds to them.
+    assert search.sizes["enter"].max() / search.sizes["enter"].min() > 3.0
+
+
+def test_settings_of_a_descent_follow_from_the_scene_unless_asked_for():
+    given = {"scene": str(FOLDER / "platform.toml"), "name": "p"}
+    scene = structure("platform")
+    found = fitted(GradientSettings.of(given), scene)
+    # 200 control steps in a period, and 2000 in an episode.
+    assert found.episodes == 64_000 // 2000
+    assert found.first_horizon == pytest.approx(2.5 * 200.0, rel=0.01)
+    assert found.horizon == pytest.approx(20.0 * 200.0, rel=0.01)
+    asked = GradientSettings.of({**given, "episodes": 7, "horizon": 50.0})
+    assert (fitted(asked, scene).episodes, fitted(asked, scene).horizon) == (7, 50.0)
+
+
 def test_reinforcement_on_an_own_scene_begins_at_its_best_controller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     scene = structure("frame")
-    monkeypatch.setattr(own_scene, "best_controller", lambda _: Best("lqg", 0.1))
+    monkeypatch.setattr(own_scene, "best_controller", lambda _, **__: Best("lqg", 0.1))
     small = {"lanes": 4, "steps": 400, "evaluations": 1, "ppo": {"rollout": 50, "batch_size": 50}}
     settings = TrainSettings.of({"scene": str(FOLDER / "frame.toml"), "name": "frame", **small})
     run = Run("frame", tmp_path)
