@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.files import write_bytes
@@ -29,6 +30,9 @@ STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 7.0
 """Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
+
+LETTER, KEY, LINE = 0.056, 0.5, 0.17
+"""Width of a letter, and of a key with its margins, in a legend; height of a line [inch]."""
 
 ACTUATORS = {
     "force": "force [N]",
@@ -101,9 +105,21 @@ def panels(
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend of one panel below all panels, where it hides nothing."""
+    """Put the legend of one panel below all panels, where it hides nothing.
+
+    Long labels take fewer columns than asked for, and make the figure higher.
+    """
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    fitting = next((n for n in range(columns, 1, -1) if _fits(labels, n)), 1)
+    more = -(-len(labels) // fitting) + -len(labels) // columns
+    figure.set_figheight(figure.get_figheight() + LINE * more)
+    figure.legend(handles, labels, loc="outside lower center", ncols=fitting)
+
+
+def _fits(labels: list[str], columns: int) -> bool:
+    """Return whether a legend of so many columns is as wide as a figure at most."""
+    widest = [max(map(len, part), default=0) for part in np.array_split(labels, columns)]
+    return sum(LETTER * letters + KEY for letters in widest) <= WIDTH
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> None:

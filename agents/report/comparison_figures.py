@@ -64,7 +64,9 @@ def draw_intervals(comparison: Comparison, path: Path) -> None:
             panel.margins(x=0.03)
             panel.set_ylim(0.7 - len(table), 0.7)
             panel.set_title(task)
-        axes[-1].set_xlabel("cost [-] with 95 % intervals; orange: knows more than an agent")
+        more = any(row.reads != "observation" for _, table in tables for row in table)
+        told = "; orange: reads more than an agent" if more else ""
+        axes[-1].set_xlabel(f"cost [-] with 95 % intervals{told}")
         save(figure, path)
 
 

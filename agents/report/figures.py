@@ -45,7 +45,7 @@ def draw_costs(results: Sequence[Evaluation], scene: Scene, path: Path) -> None:
                 drawn,
                 color=colour,
                 linewidth=1.8 if learned else 1.2,
-                label=f"{result.name}: cost {result.cost:.3f}",
+                label=f"{result.cost:.3f}  {result.name}",
             )
         look = {"color": LEARNED, "markersize": 4.0, "alpha": 0.4, "markeredgewidth": 0.0}
         axes.plot(position, results[-1].episode_costs, ".", **look)
