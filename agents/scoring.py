@@ -192,7 +192,7 @@ def evaluate(
     if scene.own_reward is not None and np.mean(penalties) < 0.0:
         msg = (
             f"reward: {scene.own_reward.name} is negative on average; allowed for evaluations: a "
-            "cost of at least 0, of whose mean the root is told"
+            "mean cost of at least 0, because its root is reported"
         )
         raise SceneError(msg)
     return Evaluation(

@@ -126,7 +126,7 @@ def _add_options(simulate: argparse.ArgumentParser) -> None:
     text = "seed of the scene's draws; by default 0"
     simulate.add_argument("--seed", type=_seed, default=0, metavar="N", help=text)
     simulate.add_argument("--csv", metavar="FILE", help="write the trajectory")
-    simulate.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
+    simulate.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs the extra `plot`")
 
 
 def _add_tuning(tune: argparse.ArgumentParser) -> None:
@@ -138,7 +138,7 @@ def _add_tuning(tune: argparse.ArgumentParser) -> None:
     tune.add_argument("--criterion", metavar="NAME", default="h_infinity", help=text)
     text = "of the harmonic [N, or m/s^2], for dry friction; by default that of the scene's own"
     tune.add_argument("--amplitude", type=float, metavar="A", help=text)
-    text = "write the tuned scene, and its frequency response as PNG; needs mm_gym[plot]"
+    text = "write the tuned scene, and its frequency response as PNG; needs the extra `plot`"
     tune.add_argument("--out", metavar="DIR", help=text)
 
 
@@ -160,7 +160,7 @@ def _add_spectrum(spectrum: argparse.ArgumentParser) -> None:
         "--damping", type=float, nargs="+", default=[0.05], metavar="Z", help=text
     )
     spectrum.add_argument("--csv", metavar="FILE", help="write all numbers")
-    spectrum.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs mm_gym[plot]")
+    spectrum.add_argument("--plot", metavar="FILE", help="draw it as PNG; needs the extra `plot`")
     spectrum.set_defaults(run=_spectrum)
 
 

@@ -131,7 +131,7 @@ def report_run(
     """
     record = run.read()
     if policy is None and not run.finished:
-        msg = f"{run.folder}: training is not over; continue it: python -m agents train"
+        msg = f"{run.folder}: training is not finished; continue it: python -m agents train"
         raise RunError(msg)
     settings = record["settings"]
     if reward is not None:  # asked for, so its file may be run, and the run's own need not be
@@ -176,8 +176,8 @@ def read_policy(path: Path, *, trust: bool) -> AnyPolicy:
         return load_policy(path)
     if not trust:
         msg = (
-            f"{path}: an archive of Stable-Baselines3: opening it can run code that it carries; "
-            "--trust opens it"
+            f"{path}: opening an archive of Stable-Baselines3 can execute code in it; "
+            "open it with --trust"
         )
         raise PolicyError(msg)
     from agents.training.archive import open_trusted  # noqa: PLC0415 - torch, which else is unused

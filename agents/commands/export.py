@@ -72,8 +72,8 @@ class Exported:
         if isinstance(self.policy, TablePolicy) and out.suffix != ".safetensors":
             msg = (
                 f"--out: got {str(out)!r}; allowed for a policy of value iteration: .safetensors; "
-                f"it is no network but a table of {self.policy.after.size:,} numbers, more than a "
-                "microcontroller has"
+                f"it is a table of {self.policy.after.size:,} numbers, which no "
+                "microcontroller can hold"
             )
             raise PolicyError(msg)
         return WRITERS[out.suffix](self.policy, self.interface, self.comment)

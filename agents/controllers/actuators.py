@@ -137,7 +137,7 @@ def require_stable_rest(scene: Scene, law: str) -> None:
         got = scene.randomization.get(FIELD, scene.carriage.linear_coefficient)
         msg = (
             f"{FIELD}: got {got}; allowed for the {law}: at least 0; it tunes the springs about "
-            "x1 = 0, which is unstable"
+            "x1 = 0, which is unstable here"
         )
         raise DesignError(msg)
 

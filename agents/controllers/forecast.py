@@ -143,7 +143,7 @@ class ExcitationFilter:
         names = [signal.name for signal in system.states]
         self.rows = rows = [k for k, name in enumerate(names) if ".filter" in name]
         if not rows:
-            msg = "excitation: it has no noise, whose next values could be predicted"
+            msg = "excitation: contains no noise, so there is nothing to predict"
             raise DesignError(msg)
         self.innovation = Innovation(scene)
         self.turn, self.shown = system.A[np.ix_(rows, rows)], system.A[:4, rows]

@@ -122,7 +122,7 @@ def _least(plant: Matrices, count: int) -> tuple[Matrices, Matrices, float]:
     solutions = (_solution(plant, count, low * 2.0**k) for k in range(1, DOUBLINGS))
     best = next((solution for solution in solutions if solution is not None), None)
     if best is None:
-        msg = f"no H-infinity controller keeps a bound, of those up to {low * 2.0**DOUBLINGS:.2g}"
+        msg = f"no H-infinity controller attains a bound; tried up to {low * 2.0**DOUBLINGS:.2g}"
         raise DesignError(msg)
     low = max(low, 0.5 * best[-1])
     while best[-1] > low * (1.0 + ABOVE):

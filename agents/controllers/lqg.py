@@ -194,7 +194,7 @@ def regulator(
     if not np.abs(poles).max() < 1.0 - ROUND_OFF:
         msg = (
             "the regulator has no stabilising solution: the force does not reach a motion that "
-            f"the cost shows and that does not decay ({np.abs(poles).max():.9f} in a step)"
+            f"the cost contains and that does not decay ({np.abs(poles).max():.9f} in a step)"
         )
         raise DesignError(msg)
     gain = np.zeros(len(every))

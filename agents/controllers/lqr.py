@@ -159,8 +159,8 @@ def state_weight(scene: Scene) -> NDArray[np.float64]:
     if any(reaction_weights(scene)):
         msg = (
             "objective: carriage_acceleration_weight, sphere_acceleration_weight and "
-            "coupling_force_weight have no part in this design; allowed: 0. The LQR, the "
-            "finite-horizon LQR, the LQG and linear MPC take them"
+            "coupling_force_weight cannot be used in this design; allowed: 0. The LQR, the "
+            "finite-horizon LQR, the LQG and linear MPC can use them"
         )
         raise DesignError(msg)
     weight = motion_weight(scene)

@@ -183,8 +183,8 @@ def require_reward_of_motion(scene: Scene) -> None:
         hidden.append("carriage_acceleration")
         if scene.own_reward is None and scene.objective.carriage_acceleration_weight > 0.0:
             msg = (
-                "objective.carriage_acceleration_weight: allowed for predictive control where the "
-                "ground moves: 0; its model has a force on the carriage in place of the ground"
+                "objective.carriage_acceleration_weight: allowed for predictive control under "
+                "ground motion: 0; its model replaces the ground motion by a force on the carriage"
             )
             raise DesignError(msg)
     if scene.own_reward is None or not scene.excitation:
@@ -193,7 +193,7 @@ def require_reward_of_motion(scene: Scene) -> None:
         if name in hidden:
             msg = (
                 f"reward: {scene.own_reward.name} reads {name}; the model of predictive control "
-                f"has a force on the carriage in place of the excitation; allowed: all but "
+                f"replaces the excitation by a force on the carriage; allowed: all but "
                 f"{', '.join(hidden)}"
             )
             raise DesignError(msg)

@@ -55,7 +55,7 @@ class NewtonPredictiveControl(Law):
         if scene.excitation and scene.objective.carriage_acceleration_weight > 0.0:
             msg = (
                 "objective.carriage_acceleration_weight: allowed for plans by Gauss-Newton under "
-                "excitation: 0; their model knows what a disturbance does in a step, not its force"
+                "excitation: 0; their model has what a disturbance does in a step, not its force"
             )
             raise DesignError(msg)
         self.steps = steps or Steps()

@@ -32,7 +32,7 @@ class OnOffStiffness(Law):
         self.command, self.lead = Command(scene, "stretch"), Lead(scene)
         a, _ = plant_of(scene).linear(stretch)
         if not np.linalg.eigvals(a).real.max() < 0.0:
-            msg = f"the plant at a stretch of {stretch:g} is not stable: it has no cost to go"
+            msg = f"the plant at a stretch of {stretch:g} is not stable: its cost-to-go is infinite"
             raise DesignError(msg)
         p = np.asarray(control.lyap(a.T, state_weight(scene), method="scipy"))
         # The springs' force on carriage and sphere, per unit of k2 (x2 - x1).

@@ -163,7 +163,7 @@ class Hook(SemiActive):
             msg = (
                 f"actuation.damping.of: got 'carriage'; allowed for a {what}"
                 f"{' while the ground rests' if what == 'skyhook' else ''}: 'interface'; the "
-                "carriage's damper is one to the ground already, and a constant damping is best"
+                "carriage's damper already stands on the ground, so a constant damping is best"
             )
             raise DesignError(msg)
         self.what, self.gain = what, gain

@@ -274,8 +274,8 @@ def _require_plannable(actuator: Actuator, effort: float) -> None:
     limited = np.isfinite(actuator.rate)
     if limited and (actuator.lag_factor < 1.0 or (effort > 0.0 and not actuator.is_rate)):
         msg = (
-            f"actuation.{actuator.name}: the planner needs actuators without a lag next to a rate "
-            "limit, and no objective.effort_weight next to a rate limit of what is commanded by "
-            "value"
+            f"actuation.{actuator.name}: the planner accepts no lag together with a rate limit, "
+            "and no objective.effort_weight together with a rate limit of an actuator that is "
+            "commanded by its value"
         )
         raise DesignError(msg)

@@ -194,7 +194,7 @@ def finished_runs(text: str) -> dict[str, Trained]:
     for folder in folders:
         run = Run(folder.name, folder.parent)
         if not run.finished:
-            msg = f"{folder}: training is not over; continue it: python -m agents train"
+            msg = f"{folder}: training is not finished; continue it: python -m agents train"
             raise RunError(msg)
         digest = run.read()["scene_digest"]
         earlier = found.get(digest) or Trained(*_scene_of(run), ())
@@ -227,7 +227,7 @@ def _scenes_of(runs: Mapping[str, Mapping[str, Trained]]) -> dict[str, Scene]:
         if names.count(trained.name) > 1:
             msg = (
                 f"{trained.runs[0].folder}: trained on another {trained.name} than other runs; "
-                "allowed: runs of the same one, or --tasks that says on which to compare them"
+                "allowed: runs of the same scene, or --tasks with the scene to compare them on"
             )
             raise RunError(msg)
     scenes = {trained.name: trained.scene for trained in found.values()}

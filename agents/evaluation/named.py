@@ -36,7 +36,7 @@ def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controlle
         others = "the folder of a run, or a policy's file"
         raise not_a_law(name, scene, "controller", others)
     if not run.finished:
-        msg = f"{run.folder}: training is not over; continue it: python -m agents train"
+        msg = f"{run.folder}: training is not finished; continue it: python -m agents train"
         raise RunError(msg)
     record = run.read()
     if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with

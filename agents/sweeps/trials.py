@@ -149,8 +149,8 @@ def _check_settings(
         having = [other for other in LEARNERS if name in _kind(other).model_fields]
         if having and name not in kind.model_fields:
             msg = (
-                f"{name}: {algorithm} has no such setting; give it to those that have it, in the "
-                f"table algorithm_settings.NAME of each; allowed: {', '.join(having)}"
+                f"{name}: {algorithm} has no such setting; state it in the table "
+                f"algorithm_settings.NAME of those that have it; allowed: {', '.join(having)}"
             )
             raise SceneError(msg)
 
@@ -191,8 +191,8 @@ def check_scenes(trials: Iterable[RunSettings], folder: Path | None = None) -> N
         if other != digest:
             msg = (
                 f"scene: that of {trial.name} is not that of {name}; allowed: the same for all "
-                "trainings of a task and a variant; begin another sweep with --name, or let "
-                "variants have what differs"
+                "trainings of a task and a variant; begin another sweep with --name, or state "
+                "the difference in [variants]"
             )
             raise SceneError(msg)
 

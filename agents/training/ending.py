@@ -106,26 +106,28 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         told: list[str] = []
         if self.returned is not None:
             told.append(
-                f"note: on the validation episodes {self.returned} costs less than every agent: "
-                f"{_told(self.controller_cost)}, and {_told(self.cost)}; the run stands for it, "
-                "and policy.safetensors has the best of the agents"
+                f"note: on the validation episodes {self.returned} costs "
+                f"{_told(self.controller_cost)} and the best agent {_told(self.cost)}; commands "
+                "that score this run therefore score the controller, and policy.safetensors holds "
+                "the agent"
             )
         if self.is_worse:
-            kept = "the policy is no control" if self.replaced else "the policy is the best of them"
+            kept = "no control" if self.replaced else "the best agent"
             told.append(
                 "warning: on the validation episodes all agents were worse than no control: "
-                f"{_told(self.cost)}, and {_told(self.no_control)} without; {kept}"
+                f"the best costs {_told(self.cost)}, no control {_told(self.no_control)}; "
+                f"the policy is {kept}"
             )
         elif self.cost == self.began_with:
             told.append(
-                "note: on the validation episodes no agent was better than what it began as, "
-                f"{self.began_as}: {_told(self.cost)}"
+                "note: on the validation episodes no agent was better than the initial policy, "
+                f"{self.began_as}, which costs {_told(self.cost)}"
             )
         if self.time_budget is not None:
             told.append(
                 f"ended by its time budget of {self.time_budget:g} s "
                 f"{told_part(self.done, self.total, self.unit)}; "
-                "with a larger --time-budget it goes on"
+                "a larger --time-budget continues it"
             )
         return told
 

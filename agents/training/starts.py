@@ -471,7 +471,7 @@ def _switching(scene: Scene, shown: Shown, name: LawName) -> Start:
     """
     if name == "weighted":
         if scene.actuation.force is not None:
-            msg = "law: 'weighted' switches springs alone; actuation.force is there"
+            msg = "law: 'weighted' commands only springs; remove actuation.force"
             raise DesignError(msg)
         law = weighted_clipped_lqr(scene, WEIGHTED.numbers(scene))
     else:

@@ -42,7 +42,7 @@ model = PPO(
     policy_kwargs={"log_std_init": -1.0},
     seed=1,
 )
-model.learn(100_000)
+model = model.learn(100_000)
 
 # %%
 # One held-out episode of each.
@@ -54,7 +54,7 @@ laws = {
     "LQR": lambda observation, state: -gain @ state[states] / limit,
 }
 figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
-for name, law in laws.items():
+for (name, law), style in zip(laws.items(), (":", "--", "-"), strict=True):
     env = gymnasium.make(TASK)
     observation, info = env.reset(seed=1_000_003)
     motion, total, over = [info["state"][0]], 0.0, False
@@ -67,7 +67,8 @@ for name, law in laws.items():
         total += reward
         over = terminated or truncated
     times = scene.control.time_step * np.arange(len(motion))
-    axes.plot(times, 1e3 * np.array(motion), label=f"{name}: return {total:.3f}")
+    label = f"{name}: return {total:.3f}"
+    axes.plot(times, 1e3 * np.array(motion), style, label=label)
 axes.set(xlabel="time [s]", ylabel="carriage x₁ [mm]", xlim=(0.0, 0.4))
 axes.legend()
 plt.show()

@@ -261,7 +261,7 @@ def test_runs_that_cannot_stand_in_one_table_are_refused(tmp_path, monkeypatch) 
     assert f"f-*: got runs of {FORCE}, {DUFFING}; allowed: of each of {FORCE}" in refused(
         RunError, ["./f-*"], (FORCE,)
     )
-    assert "training is not over" in refused(RunError, [str(unfinished)])
+    assert "training is not finished" in refused(RunError, [str(unfinished)])
     assert "different numbers of runs (a has 2, b has 3); allowed: the same" in refused(
         RunError, ["./a-*", "./b-*"]
     )

@@ -160,7 +160,7 @@ class TestLateNoisyFrame:
         assert ending.cost > ending.no_control == without
         assert lines[-1] == (
             "warning: on the validation episodes all agents were worse than no control: "
-            f"{ending.cost:.6g}, and {without:.6g} without; the policy is no control"
+            f"the best costs {ending.cost:.6g}, no control {without:.6g}; the policy is no control"
         )
         assert validation_cost(frame, Learned(load_policy(Run("mine").policy))) == without
 
@@ -172,7 +172,7 @@ class TestLateNoisyFrame:
         assert ending.began_as == "bad.py:Law"
         assert ending.no_control < ending.cost <= ending.began_with
         assert lines[-1].startswith("warning: on the validation episodes all agents were worse")
-        assert lines[-1].endswith("; the policy is the best of them")
+        assert lines[-1].endswith("; the policy is the best agent")
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ class TestNetworks:
             ("PreStretchShock", "regulator", "actuation.force is missing"),
             ("PreStretchShock", "tracking", "sensors.history: got 1"),
             ("CarriageForce", "weighted", "actuation.stretch is missing"),
-            ("Hybrid", "weighted", "switches springs alone; actuation.force is there"),
+            ("Hybrid", "weighted", "commands only springs; remove actuation.force"),
         ],
     )
     def test_law_for_other_actuators_is_refused(self, task, law, message):

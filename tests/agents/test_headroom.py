@@ -203,9 +203,7 @@ def test_planner_uses_the_rail_to_its_end_and_not_beyond() -> None:
 def test_planner_refuses_a_lag_with_a_rate_limit() -> None:
     changes = {"actuation.force.lag": 0.01, "actuation.force.rate_limit": 9.0}
     scene = CARRIAGE_FORCE.replace(**changes)
-    with pytest.raises(
-        ValueError, match=r"actuation\.force: .* without a lag next to a rate limit"
-    ):
+    with pytest.raises(ValueError, match=r"actuation\.force: .* no lag together with a rate limit"):
         evaluate(scene, Planner(scene, {}, SHORT), episodes=1)
 
 

@@ -158,7 +158,10 @@ def test_loading_a_run_never_executes_its_reward(reward, tmp_path):
     run = finished(tmp_path, reward)
     (tmp_path / "own.py").write_text("raise SystemExit('executed')\n")
     assert law_of(str(run.folder), SCENE, np.random.default_rng(0)).name == str(run.folder)
-    with pytest.raises(PolicyError, match=r"own.py:cost: the run's own code.*--trust allows it"):
+    with pytest.raises(
+        PolicyError,
+        match=r"own.py:cost: scoring executes .*allow it with --trust",
+    ):
         command.report_run(run, episodes=2)
     with pytest.raises(SystemExit, match="executed"):
         command.report_run(run, episodes=2, trust=True)

@@ -136,7 +136,7 @@ def test_evaluation_of_a_folder_with_bombs_runs_nothing(
         assert "not a policy that `train` wrote" in (command.main() or "")
     arguments = ["evaluate", str(run.folder), "--policy", str(run.folder / "archive.zip")]
     monkeypatch.setattr("sys.argv", arguments)
-    assert "can run code that it carries; --trust opens it" in (command.main() or "")
+    assert "can execute code in it; open it with --trust" in (command.main() or "")
     assert not marker.exists()
     # The bombs are real: who trusts the archive is hit.
     open_trusted(run.folder / "archive.zip")

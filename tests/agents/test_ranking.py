@@ -110,7 +110,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     monkeypatch.setattr(ranking, "SCORES", scores)
     monkeypatch.setattr(ranking, "PAGE", page_file)
     monkeypatch.setattr(sys, "argv", ["ranking", str(folder)])
-    assert "training is not over" in str(ranking.main())
+    assert "training is not finished" in str(ranking.main())
     for gain in (1.0, 1.5):
         policy_of(gain).save(folder / "policy.safetensors")
         assert ranking.main() is None

@@ -208,7 +208,7 @@ def test_policy_of_a_run_is_recorded(tmp_path, name):
 
 def test_run_that_is_not_over_is_refused(tmp_path):
     run = trained_run(tmp_path, finished=False)
-    with pytest.raises(RunError, match="training is not over"):
+    with pytest.raises(RunError, match="training is not finished"):
         law_of(str(run.folder), CARRIAGE_FORCE, np.random.default_rng())
 
 

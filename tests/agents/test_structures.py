@@ -129,7 +129,7 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
     ending = read_ending(run)
     assert ending is not None
     assert ending.returned == "lqg"
-    assert "lqg costs less than every agent" in ending.notes[0]
+    assert "on the validation episodes lqg costs" in ending.notes[0]
     agent = agent_of(run, Parts(scene), "mine")
     assert agent.name == "mine"
     assert validation_cost(scene, agent) == best.cost

@@ -177,11 +177,11 @@ def test_residual_is_ppo_around_a_law_and_each_table_goes_over_the_one_before():
         ),
         (
             {"algorithms": ("ppo", "evolution"), "settings": {"lanes": 4}},
-            "PreStretch-evolution-plain-0: lanes: evolution has no such setting; give it to those",
+            "PreStretch-evolution-plain-0: lanes: evolution has no such setting; state it",
         ),
         (
             {"algorithms": ("evolution", "ppo"), "settings": {"generations": 4}},
-            "PreStretch-ppo-plain-0: generations: ppo has no such setting; give it to those",
+            "PreStretch-ppo-plain-0: generations: ppo has no such setting; state it",
         ),
         ({"settings": {"seed": 4}}, "seed: made by the sweep, from its seeds"),
         (

@@ -153,7 +153,10 @@ def test_run_with_own_code_is_scored_if_trusted_and_not_continued_with_other_cod
     base = f"{written(tmp_path, LAW)}:Law"
     run, settings = Run("own", tmp_path), settings_of(base=base)
     train(settings, run, bar=False)
-    with pytest.raises(PolicyError, match=r"own.py:Law: the run's own code, .*--trust allows it"):
+    with pytest.raises(
+        PolicyError,
+        match=r"own.py:Law: scoring executes .*allow it with --trust",
+    ):
         report_run(run, episodes=2)
     assert report_run(run, episodes=2, trust=True)[-1].name == "learned"
     written(tmp_path, LAW.replace("0.25", "0.5"))
