@@ -16,7 +16,7 @@ RESULT = re.compile(rf"\b({TASK})\b|\d\.\d|\d %|\b(than|twice|times|half|gains|l
 NO_RESULT = {
     "95 %": "the level of all intervals",
     "does better than that of a column": "says what a cell is",
-    "knows more than an agent": "says what a colour is",
+    "reads more than an agent": "says what a colour is",
     "cost less than the reference controller in": "says what a cell is",
     "fewer than seeds": "precedes a list from data",
     "Costs above twice that are left out": "says what a figure leaves out",
@@ -27,7 +27,6 @@ NO_RESULT = {
     'gymnasium.make("mm_gym/PreStretch-v0")': "a program",
     "never returned more energy than": "says what zero means",
     "an early end is worse than": "follows from the definition above it",
-    "to plan for the mean": "why an estimate is no bound",
     "0.4": "a grey",
     "made for another scene than": "an error",
     "cost less than its own": "says what a cell is",
