@@ -126,30 +126,31 @@ is actuated."""
 MODEL_OWN = 10
 
 # Slots of the task array.
-HAS_FORCE, FORCE_LIMIT, FORCE_RATE = 0, 1, 2  # rates are per control step
-FORCE_IS_RATE, FORCE_LAG_FACTOR = 3, 4  # a lag lets it go this fraction of the way a control step
-HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 5, 6, 7, 8
-STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 9, 10
-HAS_DAMPING, DAMPING_LOW, DAMPING_HIGH, DAMPING_RATE = 11, 12, 13, 14
-DAMPING_IS_RATE, DAMPING_LAG_FACTOR = 15, 16
-WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 17, 18, 19, 20
-DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 21, 22, 23
+# Of each actuator: whether there is one, least and largest value, most change in a control step;
+# whether it is commanded by rate, and the fraction of the way that a lag lets it go in one.
+HAS_FORCE, FORCE_LOW, FORCE_LIMIT, FORCE_RATE, FORCE_IS_RATE, FORCE_LAG_FACTOR = range(6)
+HAS_STRETCH, STRETCH_LOW, STRETCH_HIGH, STRETCH_RATE = 6, 7, 8, 9
+STRETCH_IS_RATE, STRETCH_LAG_FACTOR = 10, 11
+HAS_DAMPING, DAMPING_LOW, DAMPING_HIGH, DAMPING_RATE = 12, 13, 14, 15
+DAMPING_IS_RATE, DAMPING_LAG_FACTOR = 16, 17
+WEIGHT_DISPLACEMENT, WEIGHT_VELOCITY, WEIGHT_EFFORT, WEIGHT_STROKE = 18, 19, 20, 21
+DISPLACEMENT_LIMIT, RAIL_LIMIT, STEPS = 22, 23, 24
 # Whether a channel or the reward reads what follows from the state; an acceleration or a force
 # between the masses; whether there is noise.
-IS_DERIVED, HAS_REACTIONS, IS_NOISY = 24, 25, 26
+IS_DERIVED, HAS_REACTIONS, IS_NOISY = 25, 26, 27
 # Numbers of its stream that a lane passes over after each frame, whether its sensors have noise or
 # not, so that what excites it does not depend on them; whether the sensors' noise is these numbers.
-RESERVED, HAS_RESERVED_NOISE = 27, 28
+RESERVED, HAS_RESERVED_NOISE = 28, 29
 # Of the squares of what follows from the state, and whether one of them is not 0.
-WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 29, 30, 31
-HAS_DERIVED_COST = 32
+WEIGHT_CARRIAGE_ACCELERATION, WEIGHT_SPHERE_ACCELERATION, WEIGHT_COUPLING_FORCE = 30, 31, 32
+HAS_DERIVED_COST = 33
 # Of what each lane has for itself: first row of its sensors and of each actuator, see below, 0 if
 # it is the same in all lanes; frames observed; largest delay; whether frames are lost.
-SENSORS_ROW, FORCE_ROW, STRETCH_ROW, DAMPING_ROW = 33, 34, 35, 36
-HISTORY, MOST_DELAY, HAS_DROPOUT = 37, 38, 39
-TIME_STEP = 40  # [s] of a control step
-CHANNEL_COUNT = 41
-CHANNELS = 42  # then, per channel, CHANNEL_SIZE slots
+SENSORS_ROW, FORCE_ROW, STRETCH_ROW, DAMPING_ROW = 34, 35, 36, 37
+HISTORY, MOST_DELAY, HAS_DROPOUT = 38, 39, 40
+TIME_STEP = 41  # [s] of a control step
+CHANNEL_COUNT = 42
+CHANNELS = 43  # then, per channel, CHANNEL_SIZE slots
 CHANNEL_SIZE = 5
 SHOWN, SUBTRACTED = 0, 1  # rows of the lanes; SUBTRACTED is NO_ROW where none is
 SCALE, ZERO, NOISE = 2, 3, 4  # factor, value shown as 0, scaled standard deviation of the noise

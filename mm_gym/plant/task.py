@@ -129,19 +129,17 @@ def _reserved(excitation: NDArray[np.float64], drawn: int) -> int:
 
 
 def _actuators(scene: Scene, task: NDArray[np.float64]) -> None:
-    force = scene.actuation.force
     task[[at.FORCE_RATE, at.STRETCH_RATE, at.DAMPING_RATE]] = np.inf
     task[[at.FORCE_LAG_FACTOR, at.STRETCH_LAG_FACTOR, at.DAMPING_LAG_FACTOR]] = 1.0
-    if force is not None:
-        task[at.HAS_FORCE], task[at.FORCE_LIMIT] = 1.0, force.limit
-        task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR] = rate_and_lag_factor(scene, "force")
-        task[at.FORCE_IS_RATE] = force.command == "rate"
+    slots = {"force": at.HAS_FORCE, "stretch": at.HAS_STRETCH}
     for name, actuator in scene.actuation:
-        if actuator is not None and not isinstance(actuator, ForceActuator):
-            first = at.HAS_STRETCH if name == "stretch" else at.HAS_DAMPING
+        if actuator is not None:
+            is_force = isinstance(actuator, ForceActuator)
+            low = -actuator.limit if is_force else actuator.minimum
+            high = actuator.limit if is_force else actuator.maximum
             rate, lag_factor = rate_and_lag_factor(scene, name)
-            is_rate = actuator.command == "rate"
-            values = 1.0, actuator.minimum, actuator.maximum, rate, is_rate, lag_factor
+            values = 1.0, low, high, rate, actuator.command == "rate", lag_factor
+            first = slots.get(name, at.HAS_DAMPING)
             task[first : first + len(values)] = values
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.lanes import layout as at
-from mm_gym.step.task import DAMPING, HIGH, IS_RATE, LAG_FACTOR, LOW, RATE, STRETCH
+from mm_gym.step.task import ACTUATORS, LAG_FACTOR
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,22 +68,12 @@ def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
     The semi-active device has a name of its own, `Support.device`.
     """
     found: list[Actuator] = []
-    if task[at.HAS_FORCE] > 0.0:
-        limit = float(task[at.FORCE_LIMIT])
-        slots = (at.FORCE_RATE, at.FORCE_LAG_FACTOR, at.FORCE_IS_RATE)
-        rest = *_numbers(task, slots), int(task[at.FORCE_ROW])
-        found.append(Actuator("force", at.FORCE, at.FORCE_ASKED, -limit, limit, *rest))
-    for name, (slot, row, asked, own) in (("stretch", STRETCH), (device, DAMPING)):
-        if task[slot] > 0.0:
-            low, high = float(task[slot + LOW]), float(task[slot + HIGH])
-            rest = _numbers(task, (slot + RATE, slot + LAG_FACTOR, slot + IS_RATE))
-            found.append(Actuator(name, row, asked, low, high, *rest, int(task[own])))
+    for name, (slot, row, asked, own) in zip(("force", "stretch", device), ACTUATORS, strict=True):
+        has, low, high, rate, is_rate, factor = task[slot : slot + LAG_FACTOR + 1].tolist()
+        if has > 0.0:
+            shared = low, high, rate, factor, is_rate > 0.0
+            found.append(Actuator(name, row, asked, *shared, int(task[own])))
     return tuple(found)
-
-
-def _numbers(task: Array, slots: tuple[int, int, int]) -> tuple[float, float, bool]:
-    rate, lag_factor, is_rate = (float(task[slot]) for slot in slots)
-    return rate, lag_factor, is_rate > 0.0
 
 
 def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:

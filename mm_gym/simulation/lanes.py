@@ -24,7 +24,6 @@ from mm_gym.simulation.failures import text_of
 from mm_gym.simulation.threads import Threads
 from mm_gym.step import episodes
 from mm_gym.step.outputs import copy_ends, copy_observed, copy_outputs
-from mm_gym.step.restarts import restart_gathered, rows_of_start
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -122,16 +121,19 @@ class Lanes:
 
     def _allocate(self) -> None:
         plant, count = self.plant, self.count
-        self._values = rows_of(len(plant.template), count, np.float64)
+        # Behind the rows of each, room for those of lanes that restart together.
+        rows, frames = len(plant.template), plant.frames * len(plant.channels)
+        self._all_values = rows_of(2 * rows, count, np.float64)
+        self._all_frames = rows_of(frames + len(plant.channels), count, np.float32)
+        self._all_streams = np.zeros((4, count), np.uint64)
+        self._values, self._frames = self._all_values[:rows], self._all_frames[:frames]
+        self.streams = self._all_streams[:2]
         for row in np.flatnonzero(plant.template):  # others need no memory until they are used
             self._values[row] = plant.template[row]
-        frames = plant.frames * len(plant.channels)
-        self._frames = rows_of(frames, count, np.float32)
         self._ends = rows_of(3, count + -count % 8, np.bool_)
         self.values, self.frames = self._values[:, :count], self._frames[:, :count]
         self.observed = self.frames[: plant.history * len(plant.channels)]
         self.terminated, self.truncated = self._ends[: at.MARKED, :count]
-        self.streams = np.zeros((2, count), np.uint64)
         self.rewards = np.zeros(count)
         self.applied_rows = applied_rows(plant.actuators)
 
@@ -168,16 +170,10 @@ class Lanes:
     def _restart_gathered(self) -> Callable[..., int]:
         """Bound and compiled when it is first used, as `_list_ended`."""
         plant, count = self.plant, self.count
-        return self._threads.bind(
-            restart_gathered,
-            *(plant.template, plant.draws, self._constants),
-            *(self._values, self.streams, self._frames),
-            *rows_of_start(plant.template, plant.draws, plant.model, plant.task),
-            rows_of(len(plant.template), count, np.float64),
-            rows_of(2, count, np.uint64),
-            rows_of(len(plant.channels), count, np.float32),
-            np.arange(count),
-        )
+        start = plant.template, plant.draws
+        lists = episodes.lists_of_start(*start, plant.model, plant.task, count)
+        rows = self._all_values, self._all_streams, self._all_frames
+        return self._threads.bind(episodes.restart_gathered, *start, self._constants, *rows, lists)
 
     @cached_property
     def _pause(self) -> Callable[..., None]:

@@ -17,26 +17,14 @@ def run(law, law_arguments, step, step_arguments, rewarding, its_arguments, foun
 
     Parameters
     ----------
-    law : int
-        Address of a function ``(*law_arguments)``, which writes the actions.
-    law_arguments : tuple
-        What it reads and writes.
-    step : int
-        Address of the kernel of a control step.
-    step_arguments : tuple
-        All of its arguments, see `mm_gym.step.control_step`.
-    rewarding : int
-        Address of a kernel ``(*its_arguments) -> status``, which may replace the rewards.
-    its_arguments : tuple
-        What it reads and writes.
+    law, step, rewarding : int
+        Addresses: of a function that writes the actions; of the kernel of a control step; of a
+        kernel that returns a status, and may replace the rewards.
+    law_arguments, step_arguments, its_arguments : tuple
+        All of their arguments.
     found
         (lanes,) each, written: sum of the rewards, least reward, number of control steps, and
         whether the episode was terminated.
-
-    Returns
-    -------
-    int
-        Status.
     """
     _, lanes, _, ends, _, _, rewards, _, count = step_arguments
     returns, least, lengths, terminated = found

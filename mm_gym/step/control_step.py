@@ -15,19 +15,13 @@ from mm_gym.step.crossing import at_none, by_pieces, by_superposition, unchanged
 from mm_gym.step.episodes import show_first_with
 from mm_gym.step.outputs import derive_with, link_of, observe, pass_frame
 from mm_gym.step.task import (
-    DAMPING,
-    HIGH,
-    LAG_FACTOR,
-    LOW,
-    RATE,
-    STRETCH,
-    approach,
     check_termination,
     command,
     finite,
     hold,
     score,
     score_derived,
+    steer,
     task_and_model,
 )
 
@@ -63,15 +57,7 @@ class Entries(NamedTuple):
     def advance_of(
         self, task: Values, model: Values, frames: NDArray[np.float32], *, excited: bool
     ) -> Callable[..., int]:
-        """Return the kernel of a control step for a scene with or without sampled excitation.
-
-        Parameters
-        ----------
-        task, model, frames
-            As for the kernel, from which the first two come as one array.
-        excited
-            Whether there is sampled excitation.
-        """
+        """Return the kernel of a control step for a scene with or without sampled excitation."""
         if self.is_simple and self.advance_simply and plain(self.is_simple)(task, model, frames):
             return self.advance_simply
         return self.advance if excited else self.advance_unexcited
@@ -169,32 +155,7 @@ def _advance(step: Callable[..., int]) -> Callable[..., int]:
 
     @borrowing_kernel
     def advance(constants, lanes, frames, ends, streams, actions, rewards, first, last):
-        """Make one control step, without resets; none moves if one action is not finite.
-
-        Parameters
-        ----------
-        constants
-            (t + m,) read, see `task_and_model`.
-        lanes
-            (rows, count) read and written.
-        frames
-            (history, count) float32, read and written, the newest frame last.
-        ends
-            (3, count) bool, read and written: how the step ended.
-        streams
-            (2, count) uint64, read and written: random numbers.
-        actions
-            (actuators * count,) float32 or float64, read: in [-1, 1], those of all lanes.
-        rewards
-            (count,) float64, written.
-        first, last
-            The lanes first .. last - 1.
-
-        Returns
-        -------
-        int
-            Status, of several the largest.
-        """
+        """Make one control step, without resets; none moves if one action is not finite."""
         task, model = task_and_model(constants)
         if not finite(actions):
             return at.NOT_FINITE
@@ -222,12 +183,6 @@ def _entries(
 
         Parameters
         ----------
-        model, task
-            (m,) and (t,), read.
-        lanes
-            (rows, count) read and written.
-        streams
-            (2, count) uint64, read and written: random numbers.
         commands
             (steps, 2) read: force [N] and stretch [-] asked for in each control step; (steps, 3)
             with the damping [N s/m] behind them if it is actuated.
@@ -239,11 +194,6 @@ def _entries(
         jets
             (n, 2 terms) written: coefficients of force [N] and ground acceleration [m/s^2] but for
             those of records.
-
-        Returns
-        -------
-        int
-            Status.
         """
         terms, first = int(model[at.TERMS]), int(model[at.JETS])
         for n in range(commands.shape[0]):
@@ -279,7 +229,7 @@ def in_turn(
 
     @borrowing_kernel
     def move(task, model, lanes, streams, actions, rewards, first, last):
-        """Command, excite, propagate and score the lanes of a block; arguments as of `step`."""
+        """Command, excite, propagate and score the lanes of a block."""
         command(task, lanes, actions, rewards, first, last)
         hold(model, lanes, first, last)
         status = at.OK
@@ -292,20 +242,7 @@ def in_turn(
 
     @borrowing_kernel
     def step(task, model, lanes, frames, ends, streams, actions, rewards, first, last):
-        """Make one control step.
-
-        Parameters
-        ----------
-        task, model
-            (t,) and (m,), read.
-        lanes, frames, ends, streams, actions, rewards, first, last
-            As for `advance`.
-
-        Returns
-        -------
-        int
-            Status, of several the largest.
-        """
+        """Make one control step."""
         status = at.OK
         for start in range(first, last, at.BLOCK):
             stop = min(start + at.BLOCK, last)
@@ -323,35 +260,3 @@ def in_turn(
         return status
 
     return step
-
-
-@borrowing_kernel
-def steer(task, lanes, wanted):
-    """Let the actuators of lane 0 go towards force [N], stretch and damping [N s/m] wanted."""
-    if task[at.HAS_FORCE] > 0.0:
-        limit = task[at.FORCE_LIMIT]
-        given = task[at.FORCE_RATE], task[at.FORCE_LAG_FACTOR]
-        rate, share = _rate_and_share(lanes, int(task[at.FORCE_ROW]), given)
-        lanes[at.FORCE, 0] = approach(lanes[at.FORCE, 0], wanted[0], share, rate, -limit, limit)
-    if task[at.HAS_STRETCH] > 0.0:
-        _steer(task, lanes, STRETCH, wanted[1])
-    if task[at.HAS_DAMPING] > 0.0:
-        _steer(task, lanes, DAMPING, wanted[2])
-
-
-@borrowing_kernel
-def _rate_and_share(lanes, own, given):
-    """Return the largest change in a control step, and the fraction that a lag lets it go."""
-    if own > 0:
-        return lanes[own + at.TRAVEL, 0], lanes[own + at.LAG_FACTOR, 0]
-    return given
-
-
-@borrowing_kernel
-def _steer(task, lanes, actuator, wanted):
-    """Let an actuated parameter of lane 0 go towards a value; arguments as of `task.tune`."""
-    slot, row, _, slot_own = actuator
-    low, high = task[slot + LOW], task[slot + HIGH]
-    given = task[slot + RATE], task[slot + LAG_FACTOR]
-    rate, share = _rate_and_share(lanes, int(task[slot_own]), given)
-    lanes[row, 0] = approach(lanes[row, 0], wanted, share, rate, low, high)

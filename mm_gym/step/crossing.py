@@ -105,15 +105,9 @@ def unchanged(model, piece):
 def by_pieces(propagate, at_corners=at_none, shorten=unchanged):
     """Return a kernel that propagates from impulse to impulse, and from corner to corner.
 
-    Parameters
-    ----------
-    propagate
-        A kernel that takes any sample interval up to the one that its model was made for.
-    at_corners
-        A kernel `(model) -> bool`: whether it stops at the corners of records.
-    shorten
-        A kernel `(model, piece) -> None`, which writes what else of a piece's model depends on its
-        length; the sample interval is written.
+    `propagate` takes any sample interval up to the one that its model was made for; `at_corners
+    (model) -> bool` tells whether it stops at the corners of records; `shorten(model, piece)`
+    writes what else of a piece's model depends on its length, which is its sample interval.
     """
 
     @kernel

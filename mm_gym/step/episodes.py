@@ -1,11 +1,8 @@
 """Beginnings of episodes: what is drawn, completed and shown first.
 
-The lanes are listed. Of sixteen thousand a few hundred may begin an episode in each step: to look
-for them in a mask, and to call kernels for each run of them, takes longer than the step.
-
-The kernels read `model`, (m,) float64, `task`, (t,) float64, and the list of lanes `which`, (b,)
-int64, in ascending order; they advance `streams`, (2, count) uint64. Those that Python calls return
-a status, and serve the lanes first .. last - 1 of those listed.
+The lanes are listed. Of sixteen thousand a few hundred, here and there, may begin an episode in
+each step: to look for them in a mask, and to call kernels for each run of them, takes longer than
+the step.
 """
 
 from __future__ import annotations
@@ -18,10 +15,17 @@ from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, prefer_widest_vectors
-from mm_gym.lanes.listed import copy_within, place_of, run_of, set_row
+from mm_gym.lanes.listed import (
+    copy_within,
+    gather_row,
+    place_of,
+    run_of,
+    scatter_row,
+    set_row,
+)
 from mm_gym.lanes.memory import span
-from mm_gym.lanes.random import next_episode, uniform
-from mm_gym.law.dry_friction import write_regimes
+from mm_gym.lanes.random import COUNT, KEY, next_episode, uniform
+from mm_gym.law.dry_friction import REGIMES_READ, REGIMES_WRITTEN, write_regimes
 from mm_gym.step.outputs import (
     begin_sensors,
     bias_row_of,
@@ -32,10 +36,14 @@ from mm_gym.step.outputs import (
     shown,
     write_channels,
 )
-from mm_gym.step.task import begin_own, finite, task_and_model
+from mm_gym.step.task import ACTUATORS, IS_RATE, begin_own, finite, task_and_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Values = NDArray[np.float64]
 
 
 @borrowing_kernel
@@ -45,11 +53,11 @@ def list_ended(ends, eights, which):
     Parameters
     ----------
     ends
-        (3, 8 n) bool, read: how the last control step ended, false behind the lanes.
+        (3, 8 n) bool, read: false behind the lanes.
     eights
         (3, n) uint64, read: the same memory, eight lanes in a number, most of which are zero.
     which
-        (8 n,) int64, written: the lanes, in ascending order; behind them, anything.
+        (8 n,) int64, written: the lanes; behind them, anything.
     """
     # In two passes without branches, which could not be predicted: where some of eight have ended,
     # then which of them. The first one writes to the end of the list, where the second is last.
@@ -78,14 +86,8 @@ def start(template, draws, constants, lanes, streams, which, rows, values, first
         (rows,) read: the scene's start; row X2 holds the sphere's offset.
     draws
         (n, 3) read: (row, low, high) of what is drawn.
-    constants
-        (t + m,) read, see `task_and_model`.
-    lanes
-        (rows, count) read and written.
     rows, values
         (k,) int64 and (k, count), read: rows that are given, and their values.
-    streams, which, first, last
-        See above.
     """
     task, model = task_and_model(constants)
     own = which[place_of(first, which) : place_of(last, which)]
@@ -99,10 +101,7 @@ def start(template, draws, constants, lanes, streams, which, rows, values, first
 
 @borrowing_kernel
 def draw(template, draws, lanes, streams, which):
-    """Fill lanes with the scene's start and draw what is random.
-
-    Arguments as of `start`; of the lanes, only the blocks' clocks are read.
-    """
+    """Fill lanes with the scene's start and draw what is random; of them, only clocks are read."""
     for row in range(at.DAMPING + 1):
         set_row(lanes, row, template[row], which)
     for k in span(0, which.shape[0]):
@@ -115,17 +114,7 @@ def draw(template, draws, lanes, streams, which):
 
 @borrowing_kernel
 def draw_row(lanes, row, low, high, streams, which):
-    """Draw a row's value in the lanes listed, uniform in [low, high].
-
-    Parameters
-    ----------
-    lanes
-        (rows, count) written in this row.
-    row, low, high
-        The row, and the range in its unit.
-    streams, which
-        See above.
-    """
+    """Draw a row's value in the lanes listed, uniform in [low, high]."""
     prefer_widest_vectors()
     first, last = run_of(which)
     for i in span(first, last):
@@ -143,12 +132,10 @@ def complete(model, task, lanes, which):
     """
     for k in span(0, which.shape[0]):
         lanes[at.X2, which[k]] += lanes[at.X1, which[k]]
-    if task[at.FORCE_IS_RATE] > 0.0:
-        copy_within(lanes, at.FORCE, at.FORCE_ASKED, which)
-    if task[at.STRETCH_IS_RATE] > 0.0:
-        copy_within(lanes, at.STRETCH, at.STRETCH_ASKED, which)
-    if task[at.DAMPING_IS_RATE] > 0.0:
-        copy_within(lanes, at.DAMPING, at.DAMPING_ASKED, which)
+    for actuator in ACTUATORS:
+        slot, row, asked, _ = actuator
+        if task[slot + IS_RATE] > 0.0:
+            copy_within(lanes, row, asked, which)
     if model[at.DAMPED] > 0.0:
         copy_within(lanes, at.DAMPING, int(model[at.DAMPED]), which)
     begin_sensors(task, lanes, which)
@@ -175,17 +162,7 @@ def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
 
     @borrowing_kernel
     def show_first(model, task, lanes, frames, streams, which, first, last):
-        """Fill the history of the lanes listed with their first frame.
-
-        Parameters
-        ----------
-        lanes
-            (rows, count) read; what is derived from the state is written.
-        frames
-            (history, count) float32, written, the newest frame last.
-        model, task, streams, which, first, last
-            See above.
-        """
+        """Fill the history of the lanes listed with their first frame."""
         own = which[place_of(first, which) : place_of(last, which)]
         if task[at.IS_DERIVED] > 0.0:
             for i in own:
@@ -198,17 +175,7 @@ def show_first_with(derive: Callable[..., None]) -> Callable[..., int]:
 
 @borrowing_kernel
 def pause(ends, rewards, which):
-    """Let the lanes listed, which begin anew instead of making a step, earn and end nothing in it.
-
-    Parameters
-    ----------
-    ends
-        (3, count) bool, written.
-    rewards
-        (count,) float64, written.
-    which
-        See above.
-    """
+    """Let the lanes listed, which begin anew in place of a step, earn and end nothing in it."""
     set_row(ends, at.TERMINATED, False, which)
     set_row(ends, at.TRUNCATED, False, which)
     for k in span(0, which.shape[0]):
@@ -217,7 +184,7 @@ def pause(ends, rewards, which):
 
 @borrowing_kernel
 def fill_history(task, lanes, frames, streams, which):
-    """Fill the history of the lanes listed with their first frame; arguments as of `show_first`."""
+    """Fill the history of the lanes listed with their first frame; what is derived is known."""
     channels = int(task[at.CHANNEL_COUNT])
     newest = frames.shape[0] - channels
     first, last = run_of(which)
@@ -252,4 +219,83 @@ def rest(lanes, actions, which, first, last):
     own = which[place_of(first, which) : place_of(last, which)]
     for row in range(4):
         set_row(lanes, row, 0.0, own)
+    return at.OK
+
+
+def lists_of_start(
+    template: Values, draws: Values, model: Values, task: Values, count: int
+) -> NDArray[np.int64]:
+    """Return the lists of `restart_gathered`: of rows read and rows written, and 0 .. count - 1.
+
+    The first two are the rows that `start` reads, of those before it, and writes; their lengths
+    come first.
+    """
+    drawn = [int(row) for row in draws[:, 0]]
+    read, written = [], [*range(at.DAMPING + 1), *drawn]
+    sensors = int(task[at.SENSORS_ROW])
+    if sensors:
+        channels = int(task[at.CHANNEL_COUNT])
+        read += range(sensors, sensors + at.SENSORS_SIZE + at.ERRORS_SIZE * channels)
+        written += [sensors + at.DELAY, sensors + at.AGE]
+    for slot, _, asked, slot_own in ACTUATORS:
+        own = int(task[slot_own])
+        if own:
+            read += [own + at.LAG, own + at.RATE_LIMIT]
+            written += [own + at.LAG_FACTOR, own + at.TRAVEL]
+        if task[slot + IS_RATE]:
+            written.append(asked)
+    if model[at.DAMPED]:
+        written.append(int(model[at.DAMPED]))
+    if template[at.VR] or at.VR in drawn:
+        read += REGIMES_READ
+        written += REGIMES_WRITTEN
+    for j in range(int(model[at.HARMONIC_COUNT])):
+        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
+        read += [harmonic + at.FREQUENCY, harmonic + at.PHASE]
+        written += range(harmonic + at.COSINE, harmonic + at.ROTATE_SINE + 1)
+    read = [row for row in read if row not in drawn]
+    written = sorted({*written})
+    return np.array([len(read), len(written), *read, *written, *range(count)], np.int64)
+
+
+@borrowing_kernel
+def restart_gathered(template, draws, constants, lanes, streams, frames, lists, which, first, last):
+    """Begin anew in lanes that are no neighbours, and fill their history.
+
+    They are gathered, begun anew side by side and put back, which takes the time of loops that are
+    vectorised. Not for scenes with sampled excitation, channels that show what follows from the
+    state, or fields that follow from a ratio.
+
+    Parameters
+    ----------
+    template, draws, constants, which, first, last
+        As for `start`.
+    lanes, streams, frames
+        The lanes' rows, and behind them as many for the lanes gathered, of the frames one.
+    lists
+        Read: see `lists_of_start`.
+    """
+    task, model = task_and_model(constants)
+    begin, end = place_of(first, which), place_of(last, which)
+    after_read = 2 + lists[0]
+    read, written = lists[2:after_read], lists[after_read : after_read + lists[1]]
+    listed, own = which[begin:end], lists[after_read + lists[1] :][begin:end]
+    own_lanes, own_streams = lanes[template.shape[0] :], streams[COUNT + 1 :]
+    stored = frames.shape[0] - int(task[at.CHANNEL_COUNT])
+    own_frame = frames[stored:]
+    gather_row(streams, KEY, own_streams, listed, begin)
+    gather_row(streams, COUNT, own_streams, listed, begin)
+    for row in read:
+        gather_row(lanes, row, own_lanes, listed, begin)
+    draw(template, draws, own_lanes, own_streams, own)
+    complete(model, task, own_lanes, own)
+    fill_history(task, own_lanes, own_frame, own_streams, own)
+    scatter_row(own_streams, COUNT, streams, COUNT, listed, begin)
+    for row in written:
+        scatter_row(own_lanes, row, lanes, row, listed, begin)
+    for k in span(0, listed.shape[0]):
+        i = np.uintp(listed[k])
+        lanes[at.BEGAN, i] = lanes[at.NOW, i - i % np.uintp(at.BLOCK)]
+    for row in range(stored):
+        scatter_row(own_frame, row % own_frame.shape[0], frames, row, listed, begin)
     return at.OK

@@ -1,11 +1,4 @@
-"""Outputs of a control step: observed channels, and copies of what it shows.
-
-The kernels read `task`, (t,) float64, `model`, (m,) float64, and `lanes`, (rows, lanes) float64.
-They write observations to `frames`, (frames * channels, lanes) float32, oldest frame first, whose
-newest frame begins at row `newest`. Where lanes have sensors of their own, the frames observed come
-first, and behind them those on the way, as many as the largest delay and one. `streams` are the
-random numbers, (2, lanes) uint64. They serve the lanes first .. last - 1.
-"""
+"""Outputs of a control step: observed channels, and copies of what it shows."""
 
 from __future__ import annotations
 
@@ -386,41 +379,23 @@ def bounded(value):
 
 @borrowing_kernel
 def copy_observed(frames, observed, first, last):
-    """Copy the observed frames, of each lane side by side; return the status.
-
-    Parameters
-    ----------
-    frames
-        (rows, lanes) float32, read.
-    observed
-        (lanes, k) float32, written.
-    first, last
-        The lanes first .. last - 1.
-    """
+    """Copy the observed frames, of each lane side by side, to (lanes, k) float32."""
     copy_as_columns(frames, observed, first, last)
     return at.OK
 
 
 @borrowing_kernel
 def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, first, last):
-    """Copy the outputs of a control step; return the status.
+    """Copy the outputs of a control step.
 
     Parameters
     ----------
-    lanes, frames, ends
-        (rows, lanes) float64, float32 and bool, read.
     held
         (2,) int64, read: first row of what the actuators applied, and the distance of these rows.
-    observed
-        (lanes, k) float32, written: the frames observed.
-    ended
-        (2, lanes) bool, written: terminated, truncated.
-    states
-        (4, lanes) float64, written [m, m, m/s, m/s].
-    applied
-        (actuators, lanes) float64, written [N, -, N s/m].
-    first, last
-        The lanes first .. last - 1.
+    observed, ended
+        (lanes, k) float32 and (2, lanes) bool, written: frames observed; terminated, truncated.
+    states, applied
+        (4, lanes) [m, m, m/s, m/s] and (actuators, lanes) [N, -, N s/m], written.
     """
     row, distance = held[0], held[1]
     copy_observed(frames, observed, first, last)
@@ -434,14 +409,12 @@ def copy_outputs(lanes, frames, ends, held, observed, ended, states, applied, fi
 
 @borrowing_kernel
 def copy_ends(lanes, frames, held, which, former, observed, values, first, last):
-    """Copy the last outputs of the lanes listed; return the status.
+    """Copy the last outputs of the lanes listed.
 
     Parameters
     ----------
-    lanes, frames, held
+    held
         As for `copy_outputs`.
-    which
-        (b,) int64, read: the lanes.
     former
         (c,) int64, read: lanes whose values are set to zero first.
     observed
@@ -449,8 +422,6 @@ def copy_ends(lanes, frames, held, which, former, observed, values, first, last)
     values
         (lanes, 4 + actuators) float64, written: states [m, m, m/s, m/s] and what was applied
         [N, -, N s/m], of each lane side by side, so that few cache lines are written.
-    first, last
-        The lanes first .. last - 1.
     """
     for k in span(place_of(first, former), place_of(last, former)):
         values[former[k], :] = 0.0

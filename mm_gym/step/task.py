@@ -1,6 +1,6 @@
 """The task in a control step: commands to the actuators, the reward, the end of an episode.
 
-Each kernel works on the lanes first .. last - 1. The innermost loops run over lanes, without calls
+The innermost loops run over lanes, without calls
 or early exits, so that the compiler vectorises them.
 """
 
@@ -15,7 +15,7 @@ from mm_gym.lanes.elementary import exponential
 from mm_gym.lanes.memory import copy_row, fill, span
 
 LOW, HIGH, RATE, IS_RATE, LAG_FACTOR = 1, 2, 3, 4, 5
-"""Slots of an actuated parameter, behind `HAS_STRETCH` or `HAS_DAMPING`."""
+"""Slots of an actuator, behind the first one."""
 
 
 @borrowing_kernel
@@ -38,45 +38,82 @@ def finite(actions):
     return not wrong
 
 
+FORCE = at.HAS_FORCE, at.FORCE, at.FORCE_ASKED, at.FORCE_ROW
+STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED, at.STRETCH_ROW
+DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED, at.DAMPING_ROW
+ACTUATORS = FORCE, STRETCH, DAMPING
+"""Of each actuator, in the order of the action: its first slot of the task, the row of what it
+applies [N], [-] or [N s/m], that of what it is asked for, and the slot of the first row of a lane's
+own actuator."""
+
+
 @borrowing_kernel
 def command(task, lanes, actions, rewards, first, last):
-    """Apply actions: set what actuators hold, and begin the rewards with the actions' cost.
-
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    lanes
-        (rows, lanes) float64; force [N], stretch and damping [N s/m] are written.
-    actions
-        (actuators * lanes,) float32 or float64, read: those of the force, of the stretch, then of
-        the damping; clipped to [-1, 1].
-    rewards
-        (lanes,) float64, written.
-    first, last
-        The lanes first .. last - 1.
-    """
-    has_force, has_stretch = task[at.HAS_FORCE] > 0.0, task[at.HAS_STRETCH] > 0.0
-    has_damping, next_one = task[at.HAS_DAMPING] > 0.0, 0
-    count = actions.shape[0] // max(int(has_force) + int(has_stretch) + int(has_damping), 1)
-    if has_force:
-        push(task, lanes, actions, rewards, first, last)
-        next_one += count
-    if has_stretch:
-        tune(task, lanes, STRETCH, actions[next_one:], rewards, has_force, first, last)
-        next_one += count
-    if has_damping:
-        begun = has_force or has_stretch
-        tune(task, lanes, DAMPING, actions[next_one:], rewards, begun, first, last)
-    elif not (has_force or has_stretch):
+    """Apply actions: set what actuators hold, and begin the rewards with the actions' cost."""
+    prefer_widest_vectors()
+    weight, next_one, many = task[at.WEIGHT_EFFORT], 0, 0
+    for actuator in ACTUATORS:
+        many += int(task[actuator[0]] > 0.0)
+    count = actions.shape[0] // max(many, 1)
+    for actuator in ACTUATORS:
+        if task[actuator[0]] > 0.0:
+            asked, begun = actions[next_one:], next_one > 0
+            move(task, lanes, actuator, asked, first, last)
+            for i in span(first, last):
+                a = clip(asked[i], -1.0, 1.0)
+                rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
+            next_one += count
+    if many == 0:
         for i in span(first, last):
             rewards[i] = 0.0
 
 
-STRETCH = at.HAS_STRETCH, at.STRETCH, at.STRETCH_ASKED, at.STRETCH_ROW
-DAMPING = at.HAS_DAMPING, at.DAMPING, at.DAMPING_ASKED, at.DAMPING_ROW
-"""Of an actuated parameter: its first slot of the task, its row, that of what is asked, and the
-slot of the first row of a lane's own actuator."""
+@borrowing_kernel
+def move(task, lanes, actuator, asked, first, last):
+    """Let one of `ACTUATORS` follow the actions that ask it, (lanes,)."""
+    prefer_widest_vectors()
+    slot, row, row_asked, slot_own = actuator
+    low, high, rate = task[slot + LOW], task[slot + HIGH], task[slot + RATE]
+    lag_factor, middle, half = task[slot + LAG_FACTOR], 0.5 * (high + low), 0.5 * (high - low)
+    is_rate, own = task[slot + IS_RATE] > 0.0, int(task[slot_own])
+    if own > 0:  # each lane has a lag and a rate limit of its own
+        for i in span(first, last):
+            a, travel = clip(asked[i], -1.0, 1.0), lanes[own + at.TRAVEL, i]
+            if is_rate:
+                wanted = clip(lanes[row_asked, i] + travel * a, low, high)
+                lanes[row_asked, i] = wanted
+            else:
+                wanted = middle + half * a
+            factor = lanes[own + at.LAG_FACTOR, i]
+            lanes[row, i] = approach(lanes[row, i], wanted, factor, travel, low, high)
+    elif is_rate:
+        for i in span(first, last):
+            change = rate * clip(asked[i], -1.0, 1.0)
+            lanes[row_asked, i] = clip(lanes[row_asked, i] + change, low, high)
+        for i in span(first, last):
+            present, wanted = lanes[row, i], lanes[row_asked, i]
+            lanes[row, i] = approach(present, wanted, lag_factor, rate, low, high)
+    elif is_at_once(rate, lag_factor):
+        for i in span(first, last):
+            lanes[row, i] = clip(middle + half * clip(asked[i], -1.0, 1.0), low, high)
+    else:
+        for i in span(first, last):
+            wanted = middle + half * clip(asked[i], -1.0, 1.0)
+            lanes[row, i] = approach(lanes[row, i], wanted, lag_factor, rate, low, high)
+
+
+@borrowing_kernel
+def steer(task, lanes, wanted):
+    """Let the actuators of lane 0 go towards force [N], stretch and damping [N s/m] wanted."""
+    for k in range(wanted.shape[0]):
+        slot, row, _, slot_own = ACTUATORS[k]
+        if task[slot] > 0.0:
+            own = int(task[slot_own])
+            factor, rate = task[slot + LAG_FACTOR], task[slot + RATE]
+            if own > 0:
+                factor, rate = lanes[own + at.LAG_FACTOR, 0], lanes[own + at.TRAVEL, 0]
+            low, high = task[slot + LOW], task[slot + HIGH]
+            lanes[row, 0] = approach(lanes[row, 0], wanted[k], factor, rate, low, high)
 
 
 @borrowing_kernel
@@ -88,126 +125,10 @@ def hold(model, lanes, first, last):
 
 
 @borrowing_kernel
-def push(task, lanes, actions, rewards, first, last):
-    """Apply a force [N] and begin the rewards with the cost of its action."""
-    prefer_widest_vectors()
-    limit, rate, weight = task[at.FORCE_LIMIT], task[at.FORCE_RATE], task[at.WEIGHT_EFFORT]
-    lag_factor, own = task[at.FORCE_LAG_FACTOR], int(task[at.FORCE_ROW])
-    is_rate = task[at.FORCE_IS_RATE] > 0.0
-    if own > 0:
-        rows, limits = (at.FORCE, at.FORCE_ASKED, own), (-limit, limit)
-        move_own(lanes, rows, limits, actions, is_rate, first, last)
-        for i in span(first, last):
-            a = clip(actions[i], -1.0, 1.0)
-            rewards[i] = 0.0 - weight * a * a
-    elif is_rate:
-        integrate(lanes, at.FORCE_ASKED, actions, rate, -limit, limit, first, last)
-        for i in span(first, last):
-            a, present, wanted = (
-                clip(actions[i], -1.0, 1.0),
-                lanes[at.FORCE, i],
-                lanes[at.FORCE_ASKED, i],
-            )
-            lanes[at.FORCE, i] = approach(present, wanted, lag_factor, rate, -limit, limit)
-            rewards[i] = 0.0 - weight * a * a
-    elif is_at_once(rate, lag_factor):
-        for i in span(first, last):
-            a = clip(actions[i], -1.0, 1.0)
-            lanes[at.FORCE, i] = limit * a
-            rewards[i] = 0.0 - weight * a * a
-    else:
-        for i in span(first, last):
-            a, present = clip(actions[i], -1.0, 1.0), lanes[at.FORCE, i]
-            lanes[at.FORCE, i] = approach(present, limit * a, lag_factor, rate, -limit, limit)
-            rewards[i] = 0.0 - weight * a * a
-
-
-@borrowing_kernel
-def tune(task, lanes, actuator, asked, rewards, begun, first, last):
-    """Set an actuated parameter and subtract the cost of its action from the rewards.
-
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    lanes
-        (rows, lanes) float64; the parameter is written.
-    actuator
-        `STRETCH` or `DAMPING`.
-    asked
-        (lanes,) float32 or float64, read: the actions; clipped to [-1, 1].
-    rewards
-        (lanes,) float64, written.
-    begun
-        Whether the rewards hold the cost of another action already, or nothing yet.
-    first, last
-        The lanes first .. last - 1.
-    """
-    prefer_widest_vectors()
-    (slot, row, row_asked, slot_own), weight = actuator, task[at.WEIGHT_EFFORT]
-    low, high, rate = task[slot + LOW], task[slot + HIGH], task[slot + RATE]
-    lag_factor, middle, half = task[slot + LAG_FACTOR], 0.5 * (high + low), 0.5 * (high - low)
-    is_rate, own = task[slot + IS_RATE] > 0.0, int(task[slot_own])
-    if own > 0:
-        rows, limits = (row, row_asked, own), (low, high)
-        move_own(lanes, rows, limits, asked, is_rate, first, last)
-        for i in span(first, last):
-            a = clip(asked[i], -1.0, 1.0)
-            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
-    elif is_rate:
-        integrate(lanes, row_asked, asked, rate, low, high, first, last)
-        for i in span(first, last):
-            a, present, wanted = (
-                clip(asked[i], -1.0, 1.0),
-                lanes[row, i],
-                lanes[row_asked, i],
-            )
-            lanes[row, i] = approach(present, wanted, lag_factor, rate, low, high)
-            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
-    else:
-        for i in span(first, last):
-            a, present = clip(asked[i], -1.0, 1.0), lanes[row, i]
-            lanes[row, i] = approach(present, middle + half * a, lag_factor, rate, low, high)
-            rewards[i] = (rewards[i] if begun else 0.0) - weight * a * a
-
-
-@borrowing_kernel
-def move_own(lanes, rows, limits, actions, is_rate, first, last):
-    """Move actuators, each with the lag and the rate limit of its lane.
-
-    Parameters
-    ----------
-    lanes
-        (rows, lanes) float64; what is applied, and asked if by rate, is written.
-    rows
-        Rows of what it applies and of what it is asked for, and the first of its own.
-    limits
-        Least and largest value.
-    actions
-        (lanes,) float32 or float64, read; clipped to [-1, 1].
-    is_rate
-        Whether an action commands a rate.
-    first, last
-        The lanes first .. last - 1.
-    """
-    (row, row_asked, own), (low, high) = rows, limits
-    middle, half = 0.5 * (high + low), 0.5 * (high - low)
-    for i in span(first, last):
-        a, travel = clip(actions[i], -1.0, 1.0), lanes[own + at.TRAVEL, i]
-        if is_rate:
-            wanted = clip(lanes[row_asked, i] + travel * a, low, high)
-            lanes[row_asked, i] = wanted
-        else:
-            wanted = middle + half * a
-        lag_factor = lanes[own + at.LAG_FACTOR, i]
-        lanes[row, i] = approach(lanes[row, i], wanted, lag_factor, travel, low, high)
-
-
-@borrowing_kernel
 def begin_own(task, lanes, which):
     """Write what follows from the lag and rate limit of each lane listed, in a control step."""
-    for slot in (at.FORCE_ROW, at.STRETCH_ROW, at.DAMPING_ROW):
-        own = int(task[slot])
+    for actuator in ACTUATORS:
+        own = int(task[actuator[3]])
         if own > 0:
             for i in which:
                 lag = lanes[own + at.LAG, i]
@@ -238,42 +159,10 @@ def is_at_once(rate, lag_factor):
 
 
 @borrowing_kernel
-def integrate(lanes, row, actions, rate, low, high, first, last):
-    """Integrate the rates that actions command, within the actuator's limits.
-
-    Parameters
-    ----------
-    lanes
-        (rows, lanes) float64; the row is written.
-    row
-        `FORCE_ASKED`, `STRETCH_ASKED` or `DAMPING_ASKED`: the values commanded so far.
-    actions
-        (lanes,) float32 or float64, read; clipped to [-1, 1].
-    rate
-        What an action of 1 adds in a control step.
-    low, high
-        The actuator's limits.
-    first, last
-        The lanes first .. last - 1.
-    """
-    for i in span(first, last):
-        lanes[row, i] = clip(lanes[row, i] + rate * clip(actions[i], -1.0, 1.0), low, high)
-
-
-@borrowing_kernel
 def approach(present, wanted, lag_factor, rate, low, high):
-    """Return what an actuator reaches in a control step [N], [-] or [N s/m].
+    """Return what an actuator reaches in a control step from what it has and what it is commanded.
 
-    Parameters
-    ----------
-    present, wanted
-        What it has and what it is commanded.
-    lag_factor
-        Fraction of the way that its lag lets it go, 1 - exp(-time_step / lag).
-    rate
-        Largest change in a control step.
-    low, high
-        Its limits.
+    Its lag lets it go a fraction 1 - exp(-time_step / lag) of the way, within rate and limits.
     """
     aim = wanted if lag_factor == 1.0 else fma(lag_factor, wanted - present, present)
     return clip(clip(aim, present - rate, present + rate), low, high)
@@ -338,19 +227,7 @@ def is_lost(reward):
 
 @borrowing_kernel
 def check_termination(task, lanes, ends, first, last):
-    """Count a block's step and mark the episodes that it ends; return the status.
-
-    Parameters
-    ----------
-    task
-        (t,) float64, read.
-    lanes
-        (rows, lanes) float64; state and start are read, the block's clock is written.
-    ends
-        (3, lanes) bool, written: terminated, truncated, and whether one of the block is marked.
-    first, last
-        The lanes first .. last - 1, of one block.
-    """
+    """Count a block's step and mark the episodes that it ends; return the status."""
     furthest, rail = task[at.DISPLACEMENT_LIMIT], task[at.RAIL_LIMIT]
     now = lanes[at.NOW, first] + 1.0
     lanes[at.NOW, first] = now
@@ -366,11 +243,8 @@ def check_termination(task, lanes, ends, first, last):
             ends[at.MARKED, first] = False
         return at.OK
     ended, steps, due = False, task[at.STEPS], now + 1.0
-    x1s, x2s, began = (
-        lanes[at.X1, first:last],
-        lanes[at.X2, first:last],
-        lanes[at.BEGAN, first:last],
-    )
+    x1s, x2s = lanes[at.X1, first:last], lanes[at.X2, first:last]
+    began = lanes[at.BEGAN, first:last]
     over, late = ends[at.TERMINATED, first:last], ends[at.TRUNCATED, first:last]
     if furthest < np.inf or rail < np.inf:
         for i in range(last - first):

@@ -9,15 +9,12 @@ REPOSITORY = Path(mm_gym.__file__).parents[1]
 
 MOST = 10
 
-FLAT = {"restart_gathered": "its memory is many arrays, and numba's threads take no tuples of them"}
-"""Functions that are let off, and why."""
-
 
 def functions_of(room):
     """Yield the names of a room's functions, each with how many arguments a caller gives."""
     for file in sorted((REPOSITORY / room).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name not in FLAT:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 own = node.args
                 names = [one.arg for one in own.posonlyargs + own.args + own.kwonlyargs]
                 count = len(names) - (names[:1] in (["self"], ["cls"]))
