@@ -43,19 +43,14 @@ def write_matrices(matrices, first, filters, passes_velocity, step, which):
 
     Parameters
     ----------
-    matrices
-        (rows, lanes) float64, written; without high-pass only the numbers of the first two states.
-    first
-        The first row.
+    matrices, first
+        (rows, lanes) float64, written from the first row on; without high-pass only the numbers of
+        the first two states.
     filters
         (4, lanes) float64, read: frequency [rad/s] and damping ratio of the low-pass, then of the
         high-pass.
     passes_velocity
         Whether the low-pass hands on x + 2 z x' / w (E10), as soil does, instead of x.
-    step
-        Sample interval [s].
-    which
-        (b,) int64, read: the lanes.
     """
     k = 0
     while k < which.shape[0]:
@@ -76,17 +71,7 @@ def write_matrices(matrices, first, filters, passes_velocity, step, which):
 
 @inlined_kernel
 def _write_group(matrices, first, filters, passes_velocity, step, own, has_high_pass):
-    """Write the matrices of up to LANES lanes side by side.
-
-    Parameters
-    ----------
-    matrices, first, filters, passes_velocity, step
-        As for `write_matrices`.
-    own
-        (b,) int64, read: the lanes.
-    has_high_pass
-        Whether the filters have one.
-    """
+    """Write the matrices of up to LANES lanes side by side; `own`, (b,), lists them."""
     w, damping = _gathered(filters, 0, own), 2.0 * _gathered(filters, 1, own)
     high, high_damping = _gathered(filters, 2, own), 2.0 * _gathered(filters, 3, own)
     zero = alike(w, 0.0)
@@ -161,20 +146,8 @@ def _scatter(rows, row, own, numbers):
 def _moments(f, w, short, halvings, most, has_high_pass):
     """Return the filters' transition and covariances, over a sample interval and stationary.
 
-    They follow from those of a short time by doubling (E14): after many doublings the covariance is
-    the stationary one, the solution of Lyapunov's equation.
-
-    Parameters
-    ----------
-    f
-        The filters [1/s].
-    w
-        Frequency of their low-pass [rad/s].
-    short, halvings, most
-        The short time [s], how many times the sample interval is halved for it, and the most times
-        in one of the lanes.
-    has_high_pass
-        Whether they have a high-pass.
+    They follow from those of a short time [s] by doubling (E14), in each lane so many times: after
+    many doublings the covariance is the stationary one, the solution of Lyapunov's equation.
     """
     transition, covariance = _short_step(f, w, short, has_high_pass)
     for n in range(most):

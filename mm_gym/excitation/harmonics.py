@@ -21,19 +21,7 @@ REFRESH = 1024.0
 
 @borrowing_kernel
 def rotate(model, lanes, interval, first, last):
-    """Turn every harmonic by one sample interval.
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64; the cosine and the sine of each harmonic are written.
-    interval
-        Index of the sample interval within the control step.
-    first, last
-        The lanes first .. last - 1, of one block.
-    """
+    """Turn every harmonic by one sample interval."""
     harmonics = int(model[at.HARMONIC_COUNT])
     for j in range(harmonics):
         harmonic = at.HARMONICS + at.HARMONIC_ROWS * j

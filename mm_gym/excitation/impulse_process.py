@@ -2,9 +2,7 @@
 
 Random ones are a Poisson process. Number n of a lane's process is a hash of the lane's key and n,
 so that an episode's impulses depend neither on how it is propagated nor on when they are looked at.
-
-The kernels take `own`, the first of a part's own slots in the description of the excitation, and
-`row`, the first of its rows. Times are since the start of the episode.
+Times are since the start of the episode.
 """
 
 from __future__ import annotations
@@ -85,25 +83,9 @@ def before_end(count, step):
 
 @inlined_kernel
 def lanes_inside(lanes, row, clock, step, i, count):
-    """Return in which of the lanes i .. i + count - 1 an impulse comes before the interval's end.
+    """Return in which of at most LANES lanes an impulse comes before the interval's end.
 
-    Parameters
-    ----------
-    lanes
-        (rows, lanes) float64, read.
-    row
-        See above.
-    clock
-        Three numbers, see `mm_gym.excitation.kinds`.
-    step
-        Sample interval [s].
-    i, count
-        The lanes, LANES at most.
-
-    Returns
-    -------
-    int
-        Its bit k stands for lane i + k.
+    Bit k of the result stands for lane i + k.
     """
     now, intervals_per_step, interval = clock
     if count == 1:  # a lone lane does without what vectors prepare
@@ -118,9 +100,8 @@ def lanes_inside(lanes, row, clock, step, i, count):
 def groups_inside(lanes, row, clock, step, first, last):
     """Return in which groups of lanes an impulse comes before the sample interval's end.
 
-    Arguments are as for `lanes_inside`, but for all lanes of a block, first .. last - 1. Bit k
-    stands for the LANES lanes from first + LANES k on. There are no branches, because which groups
-    have one cannot be predicted.
+    Bit k stands for the LANES lanes from first + LANES k on. There are no branches, because which
+    groups have one cannot be predicted.
     """
     groups, whole = 0, (last - first) // LANES
     for k in range(whole):
@@ -136,19 +117,8 @@ def groups_inside(lanes, row, clock, step, first, last):
 def take(model, own, lanes, row, since, i):
     """Return the size of the next impulse, and look up when the one after it comes.
 
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    own, row
-        See above.
-    lanes
-        (rows, lanes) float64; the rows of the process are written.
-    since
-        Time [s] before which there can be no impulse: in a state that was set the process may be
-        far behind, and goes on from there.
-    i
-        The lane.
+    There can be none before the time `since` [s]: in a state that was set the process may be far
+    behind, and goes on from there.
     """
     now, time, size = lanes[row + NEXT, i], lanes[row + TIME, i], 0.0
     if time == now:

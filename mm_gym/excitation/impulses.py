@@ -1,8 +1,4 @@
-"""The impulses of a sample interval: which lanes have some, when they come, what they change.
-
-The kernels take the `clock` of `mm_gym.excitation.kinds`, and `count`, the number of the sample
-interval in the episode.
-"""
+"""The impulses of a sample interval: which lanes have some, when they come, what they change."""
 
 from __future__ import annotations
 
@@ -28,23 +24,9 @@ from mm_gym.lanes.simd_memory import prefetch
 
 @borrowing_kernel
 def apply_first_impulses(model, lanes, clock, first, last):
-    """Apply the impulses at the start of a sample interval; tell in which lanes others come in it.
+    """Apply impulses at the start of a sample interval; return in which lanes others come in it.
 
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64; the velocities and the rows of the impulses are written.
-    clock
-        Three numbers, see above.
-    first, last
-        The lanes first .. last - 1, of one block.
-
-    Returns
-    -------
-    int
-        Its bit k stands for the LANES lanes from first + LANES k on.
+    Bit k stands for the LANES lanes from first + LANES k on.
     """
     groups, step = 0, model[at.SAMPLE_INTERVAL]
     for k in range(part_count(model)):
@@ -74,10 +56,7 @@ def _is_planned(lanes, row, clock, step, i):
 
 @borrowing_kernel
 def _apply_planned(model, slot, lanes, clock, first, last):
-    """Apply such impulses of a part side by side: one at the start of an episode is in all lanes.
-
-    This is what `_apply_first` does with them one after the other.
-    """
+    """Apply such impulses side by side: one at the start of an episode is in all lanes."""
     prefer_widest_vectors()
     row, own, step = int(model[slot + ROW]), slot + OWN, model[at.SAMPLE_INTERVAL]
     is_ground = model[slot + TARGET] > 0.0
@@ -95,7 +74,7 @@ def _apply_planned(model, slot, lanes, clock, first, last):
 
 @borrowing_kernel
 def _apply_first(model, slot, lanes, clock, start, inside):
-    """Do so for a part in the lanes `inside` from `start` on; tell whether impulses are left."""
+    """Apply those of the lanes `inside` from `start` on; tell whether impulses are left."""
     some, row, step = False, int(model[slot + ROW]), model[at.SAMPLE_INTERVAL]
     while inside != 0:
         i = start + lowest(inside)
@@ -167,21 +146,7 @@ def next_impulse(model, lanes, count, i):
 
 @borrowing_kernel
 def take_impulses(model, lanes, count, elapsed, i):
-    """Return by what the impulses until some time of an interval change v1 and v2 [m/s].
-
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64; the rows of the impulses are written.
-    count
-        Number of the sample interval in the episode.
-    elapsed
-        Time since its start [s].
-    i
-        The lane.
-    """
+    """Return by what the impulses until some time of interval `count` change v1 and v2 [m/s]."""
     step, v1, v2 = model[at.SAMPLE_INTERVAL], 0.0, 0.0
     start, since = count * step, process.earliest(count, step)
     for k in range(part_count(model)):
@@ -207,23 +172,10 @@ def pass_impulses(model, lanes, count):
 
 @borrowing_kernel
 def write_impulses(model, lanes, intervals, found):
-    """Write the impulses within sample intervals since the start of an episode.
+    """Write the impulses within sample intervals since the start of an episode of one lane.
 
-    Parameters
-    ----------
-    model
-        (m,) float64, read.
-    lanes
-        (rows, 1) float64: the lane at the start; the rows of the impulses are written.
-    intervals
-        Number of the sample intervals.
-    found
-        (k, 4) written: see `mm_gym.simulation.recording.Recording.impulses`.
-
-    Returns
-    -------
-    int
-        Their number; beyond k they are only counted.
+    They are written as `mm_gym.simulation.recording.Recording.impulses` has them, as far as there
+    is room; their number is returned.
     """
     step, k = model[at.SAMPLE_INTERVAL], 0
     for n in range(intervals):

@@ -22,25 +22,10 @@ def jet_value(lanes, jet, terms, fraction, i):
 
 @borrowing_kernel
 def add_jets(force, ground, model, lanes, i, elapsed, duration, degree):
-    """Add the jets to series of force and ground acceleration over a part of the sample interval.
+    """Add the jets to series of force [N] and ground acceleration [m/s^2], of any kind of number.
 
-    Term k of a series is the k-th derivative times duration**k / k!.
-
-    Parameters
-    ----------
-    force, ground
-        The series of the force [N] and of the ground's acceleration [m/s^2], of any kind of number;
-        written.
-    model
-        (m,) float64, read.
-    lanes
-        (rows, lanes) float64, read.
-    i
-        The lane.
-    elapsed, duration
-        Start of the part since that of the sample interval, and its length [s].
-    degree
-        Of the series.
+    The series, `force` and `ground`, cover a part of the sample interval; term k is the k-th
+    derivative times duration**k / k!.
     """
     jets, terms = int(model[at.JETS]), int(model[at.TERMS])
     start, ratio = elapsed / model[at.SAMPLE_INTERVAL], duration / model[at.SAMPLE_INTERVAL]
@@ -62,21 +47,8 @@ def add_jets(force, ground, model, lanes, i, elapsed, duration, degree):
 def write_series(c, width, model, lanes, i, elapsed, duration, degree):
     """Write the series of the carriage's force (row 6) and of the ground's acceleration (row 7).
 
-    Term k of a series is the k-th derivative times duration**k / k!. Without excitation nothing is
-    written.
-
-    Parameters
-    ----------
-    c
-        Scratch, float64: rows 6 and 7 are written.
-    width
-        Distance of two rows of c.
-    model, lanes, i
-        As for `add_jets`.
-    elapsed, duration
-        Start of what the series cover since that of the sample interval, and its length [s].
-    degree
-        Of the series.
+    Their terms are as those of `add_jets`; rows of c are a width apart. Without excitation nothing
+    is written.
     """
     harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
     if harmonics == 0 and model[at.TERMS] == 0.0:
@@ -96,17 +68,10 @@ def write_series(c, width, model, lanes, i, elapsed, duration, degree):
 
 @inlined_kernel
 def add_harmonic(terms, wave, elapsed, duration, degree):
-    """Add a harmonic to a series, of any kind of number.
+    """Add a harmonic to a series, of any kind of number, as `add_jets` has it.
 
-    Parameters
-    ----------
-    terms
-        The series, written.
-    wave
-        Amplitude, frequency [rad/s], and cosine and sine of the phase at the sample interval's
-        start.
-    elapsed, duration, degree
-        As for `write_series`.
+    A wave is amplitude, frequency [rad/s], and cosine and sine of the phase at the sample
+    interval's start.
     """
     scale, frequency, from_cosine, from_sine = wave
     cosine, sine = cosine_and_sine(frequency * elapsed)

@@ -10,12 +10,6 @@ each at its own time. Impulses and the corners of records may divide a sample in
 A kind of excitation is a code, its slots and rows, a branch in `begin_excitation` and one in
 `excite`; `mm_gym.plant.excitation.KINDS` has the rest. Tags such as (E1) are equations of
 docs/excitation.md.
-
-The kernels read `model`, (m,) float64. They write the jets and the rows of each part to `lanes`,
-(rows, lanes) float64, for the lanes first .. last - 1 or for lane i, and advance `streams`,
-(2, lanes) uint64. Those of a kind take `slot`, the first slot of a part in the description, and
-`clock`: the control steps made so far, the sample intervals of each, and the index of the present
-one.
 """
 
 from __future__ import annotations
@@ -73,15 +67,7 @@ def excited(model):
 
 @kernel
 def begin_excitation(model, lanes, streams, which, first, last):
-    """Prepare the excitation of new episodes; the jets hold its values at their start.
-
-    Parameters
-    ----------
-    model, lanes, streams, first, last
-        See above.
-    which
-        (b,) int64, read: the lanes whose episodes begin, in ascending order.
-    """
+    """Prepare the excitation of new episodes; the jets hold its values at their start."""
     base, jets, terms = int(model[at.EXCITATION]), int(model[at.JETS]), int(model[at.TERMS])
     own = which[place_of(first, which) : place_of(last, which)]
     for row in range(jets, jets + 2 * terms):
@@ -106,17 +92,7 @@ def begin_excitation(model, lanes, streams, which, first, last):
 
 @borrowing_kernel
 def excite(model, lanes, streams, interval, first, last):
-    """Write the jets of a sample interval but for the records.
-
-    Parameters
-    ----------
-    model, lanes, streams
-        See above.
-    interval
-        Index of the sample interval within the control step.
-    first, last
-        The lanes first .. last - 1, of one block.
-    """
+    """Write the jets of a sample interval but for the records."""
     clock = lanes[at.NOW, first], model[at.INTERVALS], float(interval)
     _clear_jets(model, lanes, first, last)
     for k in range(part_count(model)):
@@ -194,25 +170,10 @@ def _add_sweep(model, slot, lanes, clock, first, last):
 
 @borrowing_kernel
 def _sweep_at(logarithmic, lanes, row, step, count, i):
-    """Return where a sweep is, in all digits: its phase grows to many radians.
+    """Return where a sweep is after `count` sample intervals: its phase grows to many radians.
 
-    Parameters
-    ----------
-    logarithmic
-        Whether its frequency grows by equal ratios.
-    lanes, i
-        See above.
-    row
-        First row of the part.
-    step
-        Sample interval [s].
-    count
-        Number of the sample intervals since the start of the episode.
-
-    Returns
-    -------
-    The phase [rad], in twice a double's digits; frequency * step [rad]; and by what that grows in a
-    sample interval: by a sum [rad], if not logarithmic, and relatively, if so.
+    That is the phase [rad], in twice a double's digits; frequency * step [rad]; and by what that
+    grows in a sample interval: by a sum [rad], if not logarithmic, and relatively, if so.
     """
     w0, w1 = lanes[row + START_FREQUENCY, i], lanes[row + END_FREQUENCY, i]
     duration = max(lanes[row + DURATION, i], LONGEST_TURN / max(w0, w1))
@@ -287,14 +248,53 @@ def add_records(model, lanes, clock, first, last):
 
 @borrowing_kernel
 def add_record(model, slot, lanes, began, duration, i):
-    """Add a record to its jet.
-
-    Parameters
-    ----------
-    model, slot, lanes, i
-        See above.
-    began, duration
-        Start of what the jet covers since that of the episode, and its length [s].
-    """
+    """Add a record to its jet, which covers a duration [s] from `began` on."""
     row, jet = _row_and_jet(model, slot)
     record.add(model, slot + OWN, lanes, row, jet, began, duration, i)
+
+
+@borrowing_kernel
+def next_corner(model, lanes, began, elapsed, duration, i):
+    """Return the first corner of a record after some time of an interval, or the interval's end."""
+    end = duration
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_record(model, slot):
+            own, row = slot + OWN, int(model[slot + ROW])
+            corner = record.next_corner(model, own, lanes, row, began, elapsed, duration, i)
+            end = min(end, corner)
+    return end
+
+
+@borrowing_kernel
+def write_jets(model, lanes, others, began, elapsed, duration, i):
+    """Write the jets over a part of a sample interval, and scratch rows of the records.
+
+    `others`, (2 * terms,) read, are the jets of all parts but the records, over the whole interval.
+    """
+    terms, row = int(model[at.TERMS]), int(model[at.JETS])
+    start, ratio = elapsed / model[at.SAMPLE_INTERVAL], duration / model[at.SAMPLE_INTERVAL]
+    for target in range(2):
+        scale = 1.0
+        for k in range(terms):
+            # The binomial theorem: ((s + r t)^n)_k = C(n, k) s^(n - k) r^k.
+            total, weight = 0.0, 1.0
+            for n in range(k, terms):
+                total += weight * others[target * terms + n]
+                weight *= start * (n + 1.0) / (n + 1.0 - k)
+            lanes[row + target * terms + k, i] = scale * total
+            scale *= ratio
+    for k in range(part_count(model)):
+        slot = part_slot(model, k)
+        if is_record(model, slot):
+            add_record(model, slot, lanes, began + elapsed, duration, i)
+
+
+@borrowing_kernel
+def write_rows_of_jets(model, lane, others, times, elapsed, duration, jets):
+    """Write the jets (k, 2 * terms) over a part of k sample intervals that began at given times."""
+    row = int(model[at.JETS])
+    for k in range(times.shape[0]):
+        write_jets(model, lane, others[k], times[k], elapsed, duration, 0)
+        for n in range(jets.shape[1]):
+            jets[k, n] = lane[row + n, 0]

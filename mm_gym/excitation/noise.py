@@ -4,11 +4,6 @@ Tags such as (E8) are equations of docs/excitation.md. The filter of a part has 
 on. Its matrices are numbers of the model, or, where they are drawn, rows of each lane: m has them
 from number or row k on. The loops run over lanes, without calls or branches, so that the compiler
 vectorises them.
-
-The kernels read `model`, (m,) float64, in which `own` is the first of the part's own slots. They
-write the filter's rows, from `row` on, and its jet, from row `jet` on, to `lanes`, (rows, lanes)
-float64, for the lanes first .. last - 1 or for lane i. They advance `streams`, (2, lanes) uint64.
-`clock` is three numbers, see `mm_gym.excitation.kinds`.
 """
 
 from __future__ import annotations
@@ -61,15 +56,15 @@ def _low(m, k, i):
 def _high(m, k, i):
     """Return the rows of transition and spread of the high-pass."""
     return (
-        _next_four(m, k + TRANSITION + 8, i),
-        _next_four(m, k + TRANSITION + 12, i),
-        _next_four(m, k + SPREAD + 3, i),  # the last belongs to the next row
-        _next_four(m, k + SPREAD + 6, i),
+        _row_of_four(m, k + TRANSITION + 8, i),
+        _row_of_four(m, k + TRANSITION + 12, i),
+        _row_of_four(m, k + SPREAD + 3, i),  # the last belongs to the next row
+        _row_of_four(m, k + SPREAD + 6, i),
     )
 
 
 @inlined_kernel
-def _next_four(m, k, i):
+def _row_of_four(m, k, i):
     """Return four numbers from number k on."""
     return _number(m, k, i), _number(m, k + 1, i), _number(m, k + 2, i), _number(m, k + 3, i)
 
@@ -99,7 +94,7 @@ def _product(a, x):
 @inlined_kernel
 def _states(lanes, row, i):
     """Return the filter's states; without high-pass the first two count."""
-    return _next_four(lanes, row + STATE, i)
+    return _row_of_four(lanes, row + STATE, i)
 
 
 @inlined_kernel
@@ -130,7 +125,7 @@ def _contributed(has_high_pass, m, k, lanes, row, i):
     """Return what the states contribute to the noise; the matrices begin at number k."""
     x = _states(lanes, row, i)
     if has_high_pass:
-        return _product(_next_four(m, k + OUTPUT, i), x)
+        return _product(_row_of_four(m, k + OUTPUT, i), x)
     return fma(_number(m, k + OUTPUT, i), x[0], _number(m, k + OUTPUT + 1, i) * x[1])
 
 
@@ -145,17 +140,7 @@ def _add_line(total, envelope, lanes, row, jet, i):
 
 @inlined_kernel
 def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock_and_step, first, last):
-    """Add the lines of the filters' outputs to the jets.
-
-    Parameters
-    ----------
-    has_high_pass, is_level
-        Whether the filters have a high-pass, and whether the envelope is 1.
-    m, k, lanes, row, jet, first, last
-        See above.
-    clock_and_step
-        The clock's numbers, and the sample interval [s].
-    """
+    """Add the lines of the filters' outputs to the jets; the step is behind the clock's numbers."""
     if is_level:
         for i in span(first, last):
             total = _contributed(has_high_pass, m, k, lanes, row, i)
@@ -168,14 +153,14 @@ def _add_lines(has_high_pass, is_level, m, k, lanes, row, jet, clock_and_step, f
 
 
 @inlined_kernel
-def _step_two(low, lanes, row, streams, i):
+def _step_low_pass(low, lanes, row, streams, i):
     """Advance a lane's filter without high-pass."""
     x0, x1 = _low_pass(low, _states(lanes, row, i), normals(streams, i))
     lanes[row + STATE, i], lanes[row + STATE + 1, i] = x0, x1
 
 
 @inlined_kernel
-def _step_four(low, high, lanes, row, streams, i):
+def _step_both(low, high, lanes, row, streams, i):
     """Advance a lane's filter with high-pass."""
     x, g = _states(lanes, row, i), _four_normals(streams, i)
     count_draws(streams, ORDER, i)
@@ -189,9 +174,9 @@ def _step_four(low, high, lanes, row, streams, i):
 def _step_alone(has_high_pass, m, k, lanes, row, jet, streams, clock_and_step, i):
     """Advance a lone lane's filter, without what loops prepare, and add to its jet."""
     if has_high_pass:
-        _step_four(_low(m, k, i), _high(m, k, i), lanes, row, streams, i)
+        _step_both(_low(m, k, i), _high(m, k, i), lanes, row, streams, i)
     else:
-        _step_two(_low(m, k, i), lanes, row, streams, i)
+        _step_low_pass(_low(m, k, i), lanes, row, streams, i)
     total = _contributed(has_high_pass, m, k, lanes, row, i)
     envelope = _envelope(lanes, row, _end(lanes, clock_and_step, i), i)
     _add_line(total, envelope, lanes, row, jet, i)
@@ -222,11 +207,11 @@ def _add_shared(model, own, k, lanes, row, jet, streams, clock_and_step, first, 
     is_level = model[own + IS_LEVEL] > 0.0
     if model[own + STATES] == ORDER:
         for i in span(first, last):
-            _step_four(low, high, lanes, row, streams, i)
+            _step_both(low, high, lanes, row, streams, i)
         _add_lines(True, is_level, model, k, lanes, row, jet, clock_and_step, first, last)
     else:
         for i in span(first, last):
-            _step_two(low, lanes, row, streams, i)
+            _step_low_pass(low, lanes, row, streams, i)
         _add_lines(False, is_level, model, k, lanes, row, jet, clock_and_step, first, last)
 
 
@@ -260,7 +245,7 @@ def _add_drawn(model, own, lanes, row, jet, streams, clock_and_step, first, last
 def begin(model, own, lanes, row, jet, streams, which):
     """Draw a filter's state from its stationary distribution, and add the first value to its jet.
 
-    Matrices that are drawn are written first, for the lanes listed: `which`, (b,) int64, read.
+    Matrices that are drawn are written first.
     """
     place, order, drawn = int(model[own + PLACE]), int(model[own + STATES]), row + ROWS
     k = int(model[at.EXCITATION]) + place

@@ -33,14 +33,7 @@ _TO_QUARTERS = 2.0 / math.pi
 def obstacle(frequencies: NDArray[np.float64], terms: int, interval: float) -> str | None:
     """Return why the rows cannot hold an excitation, or None.
 
-    Parameters
-    ----------
-    frequencies
-        Highest frequency of each harmonic [rad/s].
-    terms
-        Of each polynomial.
-    interval
-        Sample interval [s].
+    It has harmonics, whose highest frequencies [rad/s] are given, and polynomials of so many terms.
     """
     turn = frequencies.max(initial=0.0) * interval
     if not turn <= LONGEST_TURN:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mm_gym.errors import SceneError
 from mm_gym.excitation import filters as shaping
-from mm_gym.excitation import impulse_process, interpolation, noise, record
+from mm_gym.excitation import impulse_process, noise, record
 from mm_gym.excitation import kinds as kernels
 from mm_gym.lanes import layout as at
 from mm_gym.plant.filters import filter_matrices
@@ -237,7 +237,7 @@ def _record_samples(part: Recorded) -> tuple[Array, float]:
         motions.append(np.vstack([motion.times, mass * motion.values]))
         factors.append(_factor(part, file, motion))
         shortest = min(shortest, motion.time_step)
-    return record.block_of(motions, factors, interpolation.ROUND_OFF), shortest
+    return record.block_of(motions, factors, record.ROUND_OFF), shortest
 
 
 def _factor(part: Recorded, file: str, motion: Record) -> float:

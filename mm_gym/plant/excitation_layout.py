@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mm_gym.errors import CompileError
-from mm_gym.excitation import interpolation
 from mm_gym.excitation import kinds as kernels
+from mm_gym.excitation import record
 from mm_gym.lanes import layout as at
 from mm_gym.plant.excitation import HARMONIC, KINDS, NUMBER, Placed, motions_of, samples_of
 from mm_gym.scene.excitation import Recorded, Sampled
@@ -108,7 +108,7 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
         )
         raise CompileError(msg)
     terms = max((placed.kind.terms for placed in parts), default=0)
-    terms = max(terms, interpolation.TERMS) if has_corners else terms
+    terms = max(terms, record.TERMS) if has_corners else terms
     harmonics = sum(placed.kind.code == HARMONIC for placed in parts)
     jets = at.HARMONICS + at.HARMONIC_ROWS * harmonics
     # Harmonics stand before the jets, all other parts behind them.
@@ -215,7 +215,7 @@ def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
         for times, _ in motions_of(placed):
             places: NDArray[np.float64] = (times - start) * scale / interval
-            close = ON_GRID + interpolation.ROUND_OFF * np.abs(places)
+            close = ON_GRID + record.ROUND_OFF * np.abs(places)
             if np.any((np.abs(places - np.round(places)) > close) & (places > 0.0)):
                 return False
     return True

@@ -10,9 +10,7 @@ import numpy as np
 
 from mm_gym.errors import SimulationError
 from mm_gym.excitation import record
-from mm_gym.excitation.corners import next_corner, write_rows_of_jets
 from mm_gym.excitation.impulses import pass_impulses, write_impulses
-from mm_gym.excitation.interpolation import ROUND_OFF
 from mm_gym.excitation.kinds import (
     CORNERS,
     FIRST,
@@ -23,6 +21,8 @@ from mm_gym.excitation.kinds import (
     ROW,
     SIZE,
     TARGET,
+    next_corner,
+    write_rows_of_jets,
 )
 from mm_gym.lanes import layout as at
 
@@ -335,7 +335,7 @@ def _records(recording: Recording, time: Array) -> Iterator[tuple[int, Array]]:
         (times, values), factor = record.points_in(block, int(p[row + record.NUMBER]))
         own: Array = p[row + record.START] + time / p[row + record.TIME_SCALE]
         for end in (float(times[0]), float(times[-1])):  # rounding must not carry an instant over
-            own = np.where(np.abs(own - end) <= ROUND_OFF * end, end, own)
+            own = np.where(np.abs(own - end) <= record.ROUND_OFF * end, end, own)
         yield (
             int(part[TARGET]),
             p[row + record.SCALE] * factor * np.interp(own, times, values, 0.0, 0.0),

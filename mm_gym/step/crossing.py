@@ -2,10 +2,10 @@
 
 An impulse comes at its own time. For linear plants the responses to impulses are added to the
 motion without them; the records' polynomials are as good as their corners, see
-`mm_gym.excitation.interpolation`. Methods that walk lane by lane stop at each impulse and corner,
+`mm_gym.excitation.record`. Methods that walk lane by lane stop at each impulse and corner,
 and go on from there.
 
-The kernels take the `clock` of `mm_gym.excitation.kinds`.
+Arguments in common are those of `mm_gym.excitation`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, kernel
 from mm_gym.excitation import impulse_process as process
-from mm_gym.excitation.corners import next_corner, write_jets
 from mm_gym.excitation.impulses import (
     apply_first_impulses,
     has_impulses,
@@ -29,8 +28,10 @@ from mm_gym.excitation.kinds import (
     excited,
     intervals_since,
     is_impulse,
+    next_corner,
     part_count,
     part_slot,
+    write_jets,
 )
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.elementary import cosine_and_sine

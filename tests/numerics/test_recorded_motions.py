@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassEnv, Scene, compile_scene, simulate
-from mm_gym.excitation import interpolation
+from mm_gym.excitation import record
 from mm_gym.precision.oracle import Oracle
 
 from .conftest import assert_lanes_equal_single
@@ -165,12 +165,12 @@ def test_corners_are_sample_instants_where_the_spacing_allows_it(tmp_path):
     support = compile_scene(BASE.replace(excitation=[even.part])).support
     assert (support.intervals_per_step, support.terms) == (2, 2)
     support = compile_scene(BASE.replace(excitation=[uneven.part])).support
-    assert support.terms == interpolation.TERMS
+    assert support.terms == record.TERMS
     fine = uneven.part | {"sample_time": 0.001}
     support = compile_scene(BASE.replace(excitation=[fine])).support
     assert (support.intervals_per_step, support.terms) == (10, 2)
     moving = BASE.replace(excitation=[even.part], randomization={"excitation.0.start": [0.0, 0.1]})
-    assert compile_scene(moving).support.terms == interpolation.TERMS
+    assert compile_scene(moving).support.terms == record.TERMS
 
 
 def test_very_fine_spacing_needs_no_fine_sample_intervals(tmp_path):
@@ -220,7 +220,7 @@ def test_drawn_start_and_time_scale_move_the_interpolant(tmp_path):
 def test_lanes_with_corners_in_different_places_equal_single_ones(tmp_path, plant):
     motion = Motion(tmp_path, np.random.default_rng(8), "any")
     scene = BASE.replace(excitation=[motion.part, HARMONIC], **PLANTS[plant], randomization=MOVED)
-    assert compile_scene(scene).support.terms == interpolation.TERMS  # there are corners inside
+    assert compile_scene(scene).support.terms == record.TERMS  # there are corners inside
     assert_lanes_equal_single(compile_scene(scene), 20)
 
 
