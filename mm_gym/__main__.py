@@ -257,7 +257,7 @@ def _spectrum(options: argparse.Namespace) -> None:
 
 
 def _warm(options: argparse.Namespace) -> None:
-    from mm_gym.simulation.warm import warm  # noqa: PLC0415 - other commands do not need it
+    from mm_gym.simulation.simulate import warm  # noqa: PLC0415 - other commands do not need it
 
     names: list[str] = options.scene or ids()
     scenes = [(name, load_scene(name)) for name in names]

@@ -77,17 +77,7 @@ def actuators_of(task: Array, device: str) -> tuple[Actuator, ...]:
 
 
 def slopes(actuator: Actuator, lanes: Array, action: Array) -> Slopes:
-    """Return the derivatives over a control step.
-
-    Parameters
-    ----------
-    actuator
-        The actuator.
-    lanes
-        (rows, count) before the step.
-    action
-        (count,) [-].
-    """
+    """Return the derivatives over a control step from lanes (rows, count), by actions (count,)."""
     applied, asked, own = lanes[actuator.row], lanes[actuator.asked_row], actuator.own
     low, high, rate, factor = actuator.low, actuator.high, actuator.rate, actuator.lag_factor
     if own:

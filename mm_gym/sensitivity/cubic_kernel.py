@@ -23,14 +23,16 @@ from mm_gym.methods.taylor import blocks_kernel as motion
 from mm_gym.methods.taylor import kernel as taylor
 from mm_gym.methods.taylor import layout as rows
 from mm_gym.methods.taylor import step_size_kernel as step_size
-from mm_gym.sensitivity.causes_kernel import (
+from mm_gym.sensitivity.columns_kernel import (
     ACCELERATION,
     COUPLING,
     OFFSET,
     V1,
     X1,
+    read_column,
     slope,
     take_impulses,
+    write_column,
 )
 from mm_gym.sensitivity.layout import CAUSES, FIRST_ROW, LAST_V1, LAST_V2, STATES, TANGENTS, WIDTH
 
@@ -88,19 +90,15 @@ def _load(model, lanes, c, numbers, i, count):
 
 @borrowing_kernel
 def _propagate(model, lanes, c, b, i, count):
-    """Advance a group of lanes, series by series.
-
-    Parameters
-    ----------
-    b
-        Rows of vectors: coefficients and state are read, the series written.
-    """
+    """Advance a group of lanes, series by series."""
     prefer_widest_vectors()
     own, width = int(model[FIRST_ROW]), int(model[WIDTH])
     tangents = own + TANGENTS
     take_impulses(model, lanes, b[rows.BY_M1], i, count)
     for j in range(width):
-        _read_column(lanes, b, tangents + j, width, COLUMN_ROWS + 4 * j, i, count)
+        column = read_column(lanes, tangents + j, width, 1.0, i, count)
+        row = COLUMN_ROWS + 4 * j
+        b[row], b[row + 1], b[row + 2], b[row + 3] = column
     has_cube = _needs_cube(model)
     rest = unit = model[at.SAMPLE_INTERVAL]
     for _ in range(MOST_SERIES):
@@ -126,7 +124,9 @@ def _propagate(model, lanes, c, b, i, count):
     else:
         return at.TOO_MANY_SERIES
     for j in range(width):
-        _write_column(lanes, b, tangents + j, width, COLUMN_ROWS + 4 * j, i, count)
+        row = COLUMN_ROWS + 4 * j
+        column = b[row], b[row + 1], b[row + 2], b[row + 3]
+        write_column(lanes, tangents + j, width, 1.0, column, i, count)
     write(lanes, own + LAST_V1, i, count, b[rows.V1])
     write(lanes, own + LAST_V2, i, count, b[rows.V2])
     return write_state(lanes, i, count, b[rows.X1], b[rows.X2], b[rows.V1], b[rows.V2])
@@ -141,28 +141,9 @@ def _needs_cube(model):
     return found
 
 
-@inlined_kernel
-def _read_column(lanes, b, row, width, target, i, count):
-    x1, v1 = read(lanes, row, i, count), read(lanes, row + 2 * width, i, count)
-    b[target], b[target + 2] = x1, v1
-    b[target + 1] = read(lanes, row + width, i, count) - x1
-    b[target + 3] = read(lanes, row + 3 * width, i, count) - v1
-
-
-@inlined_kernel
-def _write_column(lanes, b, row, width, source, i, count):
-    write(lanes, row, i, count, b[source])
-    write(lanes, row + width, i, count, b[source] + b[source + 1])
-    write(lanes, row + 2 * width, i, count, b[source + 2])
-    write(lanes, row + 3 * width, i, count, b[source + 2] + b[source + 3])
-
-
 @borrowing_kernel
 def _shorten(b, part, order):
-    """Give the motion's series a part of their unit of time; return the order that is enough there.
-
-    Velocities stay in SI units.
-    """
+    """Give the motion's series a part of their unit; return the order that is enough there."""
     power = part
     for n in range(1, order + 1):
         for row in range(rows.X1, rows.W, rows.WIDTH):
@@ -197,15 +178,7 @@ def _write_cubes(b, order):
 
 @borrowing_kernel
 def _deviate_all(model, lanes, c, b, unit, order, i, count):
-    """Write the end of every column; return 0, or the part of the unit that is to be taken instead.
-
-    Parameters
-    ----------
-    b
-        Rows of vectors: the motion's series and the columns' starts are read, their ends written.
-    unit, order
-        Length [s] and order of the series.
-    """
+    """Write the end of every column; return 0, or the part of the unit to be taken instead."""
     prefer_widest_vectors()
     zero, width = everywhere(0.0), int(model[WIDTH])
     has_springs = not none(b[rows.K2] > 0.0)
@@ -233,22 +206,7 @@ def _deviate_all(model, lanes, c, b, unit, order, i, count):
 
 @borrowing_kernel
 def _write_signal(lanes, b, cause, unit, order, i, count):
-    """Write the series that drives the deviation of a parameter; return its factors.
-
-    Parameters
-    ----------
-    b
-        Rows of vectors: the motion's series are read.
-    cause
-        Row of the parameter.
-    unit, order
-        Length [s] and order of the series.
-
-    Returns
-    -------
-    tuple
-        Factors in the accelerations of x1 and of the offset.
-    """
+    """Write the series that drives a parameter's deviation; return its factors, as of `slope`."""
     m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
     k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
     k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
@@ -313,19 +271,9 @@ def _part(lead, last, cut_off, order):
 def _deviate(b, c, row, target, unit, order, has_springs, is_driven):
     """Write a column at a series' end; return the part of the unit that its last terms allow.
 
-    Two orders are worked out together: positions follow from the velocities before them.
-
-    Parameters
-    ----------
-    b
-        Rows of vectors: coefficients, slopes, signal, column and drive are read.
-    row, target
-        Of the column's start and of its end: there are the drive's factors, and a held
-        acceleration.
-    unit, order
-        Length [s] and order of the series.
-    has_springs, is_driven
-        Whether the sphere's place matters, and whether there is a signal.
+    Two orders are worked out together: positions follow from the velocities before them. Of the
+    target, where the column's end is written, the factors of the signal and a held acceleration are
+    read.
     """
     prefer_widest_vectors()
     by_m1 = unit * b[rows.BY_M1]
@@ -386,16 +334,8 @@ def _deviate(b, c, row, target, unit, order, has_springs, is_driven):
 def _accelerations(g, outer, offset, v, w, has_springs):
     """Return terms of the accelerations of x1 and of the offset.
 
-    Parameters
-    ----------
-    g
-        d, c and k2 over m1, and m1 / m2.
-    outer
-        What resists the carriage but for its damper, over m1.
-    offset, v, w
-        Terms of the offset, v1 and slip velocity.
-    has_springs
-        Whether the offset matters.
+    Of g these are d, c and k2 over m1, and m1 / m2; `outer` resists the carriage but for its
+    damper, over m1.
     """
     d, damping, k2, ratio = g
     inner = damping * w
@@ -413,10 +353,7 @@ def _size(x, offset, v, w):
 
 @borrowing_kernel
 def _part_of_motion(b, unit):
-    """Return the part of the unit within which the motion's last terms are small in every lane.
-
-    They are compared with the leading terms.
-    """
+    """Return the part of the unit within which the motion's last terms are small in every lane."""
     lead, last = _size_of_motion(b, unit, 0), _size_of_motion(b, unit, ORDER)
     for n in range(1, _LEADING):
         lead = larger(lead, _size_of_motion(b, unit, n))

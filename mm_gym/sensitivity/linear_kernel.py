@@ -39,7 +39,7 @@ from mm_gym.methods.linear_series.kernel import (
     rows_of_drive,
     write_drive,
 )
-from mm_gym.sensitivity.causes_kernel import (
+from mm_gym.sensitivity.columns_kernel import (
     ACCELERATION,
     COUPLING,
     OFFSET,
@@ -47,10 +47,12 @@ from mm_gym.sensitivity.causes_kernel import (
     V1,
     X1,
     W,
+    read_column,
+    read_rows,
     slope,
     take_impulses,
+    write_column,
 )
-from mm_gym.sensitivity.columns_kernel import read_rows
 from mm_gym.sensitivity.layout import (
     CAUSES,
     DEGREE,
@@ -105,38 +107,24 @@ def _propagate(model, lanes, weights, b, i, count):
         z = _move(b, g, weights, z, (held, pair), degree, terms)
         for j in range(STATES, width):
             if model[CAUSES + j] != at.FORCE:
-                row, to_v1, to_w = _drive(
-                    model, lanes, b, int(model[CAUSES + j]), piece, k, i, count
-                )
-                column = own + TANGENTS + j
-                y = _column(lanes, column, width, piece, i, count)
+                cause, column = int(model[CAUSES + j]), own + TANGENTS + j
+                row, to_v1, to_w = _drive(model, lanes, b, cause, piece, k, i, count)
+                y = read_column(lanes, column, width, piece, i, count)
                 y = _deviate(b, g, weights, row, to_v1, to_w, degree, y)
-                _write_column(lanes, column, width, piece, i, count, y)
+                write_column(lanes, column, width, 1.0 / piece, y, i, count)
         if k < pieces - 1:
             continue_drive(model, lanes, drive, piece, degree, i, count)
     v1, v2 = z[2] * (1.0 / piece), (z[2] + z[3]) * (1.0 / piece)
     write(lanes, own + LAST_V1, i, count, v1)
     write(lanes, own + LAST_V2, i, count, v2)
-    write(
-        lanes, own + TIME, i, count, read(lanes, own + TIME, i, count) + model[at.SAMPLE_INTERVAL]
-    )
+    time = read(lanes, own + TIME, i, count) + model[at.SAMPLE_INTERVAL]
+    write(lanes, own + TIME, i, count, time)
     return write_state(lanes, i, count, z[0], z[0] + z[1], v1, v2)
-
-
-@inlined_kernel
-def _column(lanes, row, width, piece, i, count):
-    """Return a column of deviations of x1, x2, v1 and v2 as one of this kernel's states."""
-    x1, x2 = read(lanes, row, i, count), read(lanes, row + width, i, count)
-    v1, v2 = read(lanes, row + 2 * width, i, count), read(lanes, row + 3 * width, i, count)
-    return x1, x2 - x1, piece * v1, piece * (v2 - v1)
 
 
 @borrowing_kernel
 def _move(b, g, weights, z, forces, degree, terms):
-    """Return where a piece ends, and write the motion's series.
-
-    Forces are held on the carriage and between the masses; what excites has so many terms.
-    """
+    """Return where a piece ends, and write the motion's series; what excites has so many terms."""
     prefer_widest_vectors()
     total, drive, zero = z, from_row(b, _DRIVE), everywhere(0.0)
     (push, pair), b[X1], b[OFFSET] = forces, z[0], z[1]
@@ -155,11 +143,7 @@ def _move(b, g, weights, z, forces, degree, terms):
 
 @borrowing_kernel
 def _drive(model, lanes, b, cause, piece, k, i, count):
-    """Return which series drives the deviation of a parameter in piece k, and its factors.
-
-    See `_deviate`. They are the slopes of (1) and (2) of docs/model.md over the parameter, whose
-    row is the cause; what a harmonic drives is written to b.
-    """
+    """Return which series drives the deviation of a parameter in piece k, and its factors."""
     if cause < at.HARMONICS:
         m1, m2 = read(lanes, at.M1, i, count), read(lanes, at.M2, i, count)
         k1, alpha = read(lanes, at.K1, i, count), read(lanes, at.ALPHA, i, count)
@@ -210,22 +194,9 @@ def weights_of(count):
     return weights
 
 
-@inlined_kernel
-def _write_column(lanes, row, width, piece, i, count, z):
-    """Write a column of deviations as those of x1, x2, v1 and v2."""
-    rate = 1.0 / piece
-    write(lanes, row, i, count, z[0])
-    write(lanes, row + width, i, count, z[0] + z[1])
-    write(lanes, row + 2 * width, i, count, rate * z[2])
-    write(lanes, row + 3 * width, i, count, rate * (z[2] + z[3]))
-
-
 @borrowing_kernel
 def _deviate(b, g, weights, row, to_v1, to_w, degree, z):
-    """Return a column z of deviations at a piece's end.
-
-    The series in b from `row` on drives it, by a factor each in the accelerations of x1 and w.
-    """
+    """Return a column z at a piece's end, driven by the series in b from `row` on."""
     prefer_widest_vectors()
     total = z
     for n in range(degree):
@@ -260,23 +231,19 @@ def _write_held(model, lanes, weights, i, count):
         by_carriage = _sum(once[0], _continued(g, once, by_carriage))
         by_sphere = _sum(once[1], _continued(g, once, by_sphere))
     both, row = (by_carriage, by_sphere), int(model[FIRST_ROW]) + TANGENTS
-    rest = everywhere(piece)
-    _write_column(lanes, row, width, piece, i, count, _continued(g, both, (one, -one, zero, zero)))
-    _write_column(
-        lanes, row + 1, width, piece, i, count, _continued(g, both, (zero, one, zero, zero))
-    )
-    _write_column(
-        lanes, row + 2, width, piece, i, count, _continued(g, both, (zero, zero, rest, -rest))
-    )
-    _write_column(
-        lanes, row + 3, width, piece, i, count, _continued(g, both, (zero, zero, zero, rest))
-    )
+    way, rate = everywhere(piece), 1.0 / piece
+    x1, x2 = (one, -one, zero, zero), (zero, one, zero, zero)
+    v1, v2 = (zero, zero, way, -way), (zero, zero, zero, way)
+    write_column(lanes, row, width, rate, _continued(g, both, x1), i, count)
+    write_column(lanes, row + 1, width, rate, _continued(g, both, x2), i, count)
+    write_column(lanes, row + 2, width, rate, _continued(g, both, v1), i, count)
+    write_column(lanes, row + 3, width, rate, _continued(g, both, v2), i, count)
     for j in range(STATES, width):
         if model[CAUSES + j] == at.FORCE:
             push = piece * piece * by_m1
             pull = -model[at.BETWEEN] * g[4] * push  # of the sphere, by its reaction
             z = add(add((zero, zero, zero, zero), push, by_carriage), pull, by_sphere)
-            _write_column(lanes, row + j, width, piece, i, count, z)
+            write_column(lanes, row + j, width, rate, z, i, count)
 
 
 @borrowing_kernel
@@ -311,10 +278,7 @@ def _sum(a, b):
 
 @borrowing_kernel
 def respond(model, lanes, time, v1, v2, i):
-    """Add to motion and deviations of lane i what follows from velocities [m/s] at rest.
-
-    That is after a time [s], at most the sample interval.
-    """
+    """Add to lane i what follows from velocities [m/s] at rest, a time [s] later."""
     own, width, c = int(model[FIRST_ROW]), int(model[WIDTH]), tangents_of(_lane())
     for first in range(0, width, LANES):
         read_rows(model, lanes, i, 0, at.HARMONICS, c, first)

@@ -37,7 +37,7 @@ _RUNGE_KUTTA = RungeKutta()
 
 
 def model_of(support: Support, causes: Sequence[int], rows: int, width: int) -> Array:
-    """Return the model that follows the state and some causes.
+    """Return the model that follows the state and some causes, the rows of parameters.
 
     Parameters
     ----------
@@ -79,17 +79,9 @@ def _pieces(phase: float) -> tuple[float, int]:
 
 
 def control_step(model: Array) -> tuple[Array, Array]:
-    """Return the derivatives of a linear plant: its transition over a control step.
+    """Return the transition of a linear plant over a control step, given its method's model.
 
-    Parameters
-    ----------
-    model
-        That of `mm_gym.methods.linear`.
-
-    Returns
-    -------
-    tuple
-        (4, 4) with respect to the state, and (4, 1) to the force [N] held.
+    It is (4, 4) with respect to the state, and (4, 1) to the force [N] held.
     """
     once = model[TRANSITION : TRANSITION + 20].reshape(4, 5)
     state, force = np.eye(4), np.zeros((4, 1))
@@ -101,20 +93,9 @@ def control_step(model: Array) -> tuple[Array, Array]:
 def parameter_maps(support: Support, causes: Sequence[int], lane: Array) -> tuple[int, Array]:
     """Return how derivatives of a linear plant over parameters follow from a step's start.
 
-    Without excitation they are linear in the state and the force.
-
-    Parameters
-    ----------
-    support, causes
-        As for `model_of`.
-    lane
-        (rows,) a lane of the plant.
-
-    Returns
-    -------
-    tuple
-        Status, and (4, causes, 5) the derivatives of x1, x2, v1, v2 with respect to each
-        parameter, per unit of x1, x2, v1, v2 and force.
+    Without excitation they are linear in the state and the force. With a status these are (4,
+    causes, 5): the derivatives of x1, x2, v1, v2 with respect to each parameter, per unit of x1,
+    x2, v1, v2 and force.
     """
     rows, width = len(lane), own.STATES + len(causes)
     lanes = np.zeros((rows + own.TANGENTS + 4 * width, 5))

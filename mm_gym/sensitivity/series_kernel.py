@@ -34,11 +34,9 @@ from mm_gym.sensitivity.layout import MOST_SERIES, WIDTH
 ORDER, FEWEST = 28, 8
 """Highest and lowest order of a series."""
 
-CUT_OFF = 2.0**-44
-"""Size of the last terms, relative to the largest of the others."""
-
-_LAST = 4
-"""Terms that are looked at: in a series of alternating or rare terms some are small by chance."""
+_ENOUGH = 2.0**-44, 4
+"""Size of the last terms, relative to the largest of the others, and how many of them are looked
+at: in a series of alternating or rare terms some are small by chance."""
 
 _LEADING, _ROUNDS = 5, 3
 
@@ -48,48 +46,33 @@ LONGER, SHORTER = 1.5, 2.0**-20
 # Rows of c: series of the state, of x1**2, of what excites carriage and ground as
 # `excitation.jets` writes it, of the offset over l0, and of both sides' stretch**-2.
 _LENGTH = ORDER + 4
-_X1, _OFFSET, _V1, _W, _SQUARE, _FORCE, _GROUND, _SHIFT, _LONG, _SHORT = (
+_X1, _OFFSET, V1, W, _SQUARE, FORCE, GROUND, _SHIFT, _LONG, _SHORT = (
     _LENGTH * k for k in range(10)
 )
 # Behind them a lane's rows up to the harmonics, a harmonic, and what the equations read of them:
 # forces per m1.
-_LANE = 10 * _LENGTH
-_HARMONIC = _LANE + at.HARMONICS
+LANE = 10 * _LENGTH
+_HARMONIC = LANE + at.HARMONICS
 _BY_M1, _RATIO, _K1, _BETA, _D, _PAIR, _HELD, _K2, _TWICE_K0, _PULL, _BY_L0 = (
     _HARMONIC + ROWS_OF_HARMONIC + k for k in range(11)
 )
 # Of the interface: slope in stick, slope and force at w = 0 in slip, slope and force now.
-_STICK, _CHI, _INTERCEPT, _SLOPE, _SLIP = (_BY_L0 + 1 + k for k in range(5))
+_STICK, _CHI, _INTERCEPT, SLOPE, SLIP = (_BY_L0 + 1 + k for k in range(5))
 # Of both sides of a finite pair, 1 / stretch; what rounding leaves of the offset [m].
-_BY_LONG, _BY_SHORT, _REST, _END = (_SLIP + 1 + k for k in range(4))
+_BY_LONG, _BY_SHORT, _REST, _END = (SLIP + 1 + k for k in range(4))
 
 _numbers = rows_on_stack(2 * _END)
-
-
-@kernel
-def propagate(model, lanes, first, last):
-    """Advance motion and deviations by one sample interval, or a part of it."""
-    return _propagate(model, lanes, np.empty(2 * _LENGTH), first, last)
-
-
-@borrowing_kernel
-def _propagate(model, lanes, slip, first, last):
-    c, status = tangents_of(_numbers()), at.OK
-    for i in range(first, last):
-        _load(model, lanes, i, c)
-        status = max(status, _propagate_lane(model, lanes, i, c, slip))
-    return status
 
 
 @borrowing_kernel
 def _load(model, lanes, i, c):
     """Load a lane's state and parameters, and what the equations read of these."""
     prefer_widest_vectors()
-    lane = from_row(c, _LANE)
+    lane = from_row(c, LANE)
     read_rows(model, lanes, i, 0, at.HARMONICS, lane, 0)
     read_state(model, lanes, i, 4, lane)
     x1, v1 = lane[at.X1], lane[at.V1]
-    c[_X1], c[_V1], c[_W] = x1, v1, lane[at.V2] - v1
+    c[_X1], c[V1], c[W] = x1, v1, lane[at.V2] - v1
     c[_OFFSET] = lane[at.X2] - x1
     _, c[_REST] = total(value_of(lane[at.X2]), -value_of(x1))
     by_m1 = 1.0 / lane[at.M1]
@@ -115,87 +98,23 @@ def _load(model, lanes, i, c):
 @inlined_kernel
 def _enter(c, regime):
     """Write slope and force at w = 0 of the interface in a regime: (3), (4)."""
-    c[_SLOPE], c[_SLIP] = c[_STICK], 0.0
+    c[SLOPE], c[SLIP] = c[_STICK], 0.0
     if regime != 0.0:
-        c[_SLOPE], c[_SLIP] = c[_CHI], c[_INTERCEPT] * regime
+        c[SLOPE], c[SLIP] = c[_CHI], c[_INTERCEPT] * regime
 
 
 @inlined_kernel
 def _link(c):
     """Return the force of the interface per m1 [m/s^2]."""
-    return value_of(c[_SLOPE]) * value_of(c[_W]) + value_of(c[_SLIP])
-
-
-@borrowing_kernel
-def _propagate_lane(model, lanes, i, c, slip):
-    """Advance one lane, series by series; return its status.
-
-    Parameters
-    ----------
-    model, lanes, i
-        (m,) read; (rows, count) read, and state and deviations written; the lane.
-    c
-        Numbers with tangents: what `_load` wrote is read, the series are written.
-    slip
-        (2 * _LENGTH,) room for the series of the slip velocity.
-    """
-    friction, lane = model[HAS_FRICTION] > 0.0, from_row(c, _LANE)
-    vr = value_of(lane[at.VR]) if friction else np.inf
-    regime = sign_of(vr, value_of(c[_W]))
-    upper, lower = gaps_of(vr, value_of(c[_W]))
-    elapsed, unit, duration = 0.0, model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL]
-    _enter(c, regime)
-    for _ in range(MOST_SERIES):
-        unit = min(unit, duration - elapsed)
-        is_last = unit == duration - elapsed
-        if is_excited(model):
-            _write_excitation(model, lanes, i, c, elapsed, unit)
-        order = _expand(model, c, unit)
-        if order == 0:
-            return at.COLLAPSED
-        theta, direction = 1.0, 0.0
-        if order == ORDER:
-            theta = _part_of_unit(model, c, unit)
-        if friction:
-            for n in range(order + 1):
-                slip[n] = value_of(c[_W + n])
-            exit_at, direction = regime_exit_within(
-                slip, 0, _LENGTH, order, theta, regime, upper, lower
-            )
-            theta = theta if exit_at == NONE else theta * exit_at
-        _evaluate(c, theta, order)
-        size = abs(value_of(c[_X1])) + abs(value_of(c[_OFFSET]))
-        if not size + abs(value_of(c[_V1])) + abs(value_of(c[_W])) < np.inf:
-            return at.DIVERGED
-        elapsed += theta * unit
-        if direction != 0.0:
-            _jump(c, lane[at.VR] * direction, _slope(slip, theta, order) / unit, direction - regime)
-            regime = direction - regime
-            upper, lower = gaps_on(vr, direction)
-        else:
-            upper, lower = gaps_of(vr, value_of(c[_W]))
-            if is_last and theta == 1.0:
-                break
-        if elapsed >= duration:
-            break
-        if order < ORDER:
-            unit *= LONGER
-        elif direction == 0.0:
-            unit *= max(theta, SHORTER)
-    else:
-        return at.TOO_MANY_SERIES
-    lane[at.X1], lane[at.X2] = c[_X1], c[_X1] + c[_OFFSET]
-    lane[at.V1], lane[at.V2] = c[_V1], c[_V1] + c[_W]
-    write_state(model, lanes, i, 4, lane)
-    return at.OK
+    return value_of(c[SLOPE]) * value_of(c[W]) + value_of(c[SLIP])
 
 
 @borrowing_kernel
 def _write_excitation(model, lanes, i, c, elapsed, unit):
     """Write the series of the force on the carriage and of the ground's acceleration."""
     for n in range(ORDER + 1):
-        c[_FORCE + n] = c[_GROUND + n] = 0.0
-    force, ground, harmonic = from_row(c, _FORCE), from_row(c, _GROUND), from_row(c, _HARMONIC)
+        c[FORCE + n] = c[GROUND + n] = 0.0
+    force, ground, harmonic = from_row(c, FORCE), from_row(c, GROUND), from_row(c, _HARMONIC)
     add_jets(force, ground, model, lanes, i, elapsed, unit, ORDER)
     for j in range(int(model[at.HARMONIC_COUNT])):
         read_harmonic(model, lanes, i, j, harmonic)
@@ -205,13 +124,13 @@ def _write_excitation(model, lanes, i, c, elapsed, unit):
 
 
 @borrowing_kernel
-def _expand(model, c, unit):
+def _expand(model, c, unit, enough):
     """Write the series in powers of time over a unit [s]; return their order, 0 if collapsed."""
     prefer_widest_vectors()
     cubic, finite, excited = model[IS_CUBIC] > 0.0, model[IS_FINITE] > 0.0, is_excited(model)
     k1, beta, d, k2, ratio = c[_K1], c[_BETA], c[_D], c[_K2], c[_RATIO]
-    damping, slip, held, by_m1 = c[_SLOPE], c[_SLIP], c[_HELD], c[_BY_M1]
-    x1, offset, v1, w = c[_X1], c[_OFFSET], c[_V1], c[_W]
+    damping, slip, held, by_m1 = c[SLOPE], c[SLIP], c[_HELD], c[_BY_M1]
+    x1, offset, v1, w = c[_X1], c[_OFFSET], c[V1], c[W]
     most = _first_size(c, unit)
     for n in range(ORDER):
         step = unit / (n + 1.0)
@@ -227,15 +146,15 @@ def _expand(model, c, unit):
         if cubic:
             outer = fma(beta, _cube(c, n), outer)
         if excited:
-            outer = outer - c[_FORCE + n] * by_m1
+            outer = outer - c[FORCE + n] * by_m1
         x1, offset = v1 * step, w * step
         v1, w = (inner - outer) * step, (outer - ratio * inner) * step  # (1), (2) less (1)
         if excited:
-            v1 = v1 - c[_GROUND + n] * step
-        c[_X1 + n + 1], c[_OFFSET + n + 1], c[_V1 + n + 1], c[_W + n + 1] = x1, offset, v1, w
-        if n >= _LAST:
-            most = _larger(most, _size(c, n + 1 - _LAST))
-        if n + 1 >= FEWEST and _is_enough(c, n + 1, most):
+            v1 = v1 - c[GROUND + n] * step
+        c[_X1 + n + 1], c[_OFFSET + n + 1], c[V1 + n + 1], c[W + n + 1] = x1, offset, v1, w
+        if n >= enough[1]:
+            most = _larger(most, _size(c, n + 1 - enough[1]))
+        if n + 1 >= FEWEST and _is_enough(c, n + 1, most, enough):
             return n + 1
     return ORDER
 
@@ -248,7 +167,7 @@ def _stretch(c, offset, n):
     """
     c[_SHIFT + n] = offset * c[_BY_L0]
     if n == 0:
-        lane = from_row(c, _LANE)
+        lane = from_row(c, LANE)
         stretch, l0, rest = lane[at.STRETCH], lane[at.L0], value_of(c[_REST])
         # Rounded once: of a side that is nearly gone no digits cancel.
         long = (fma(stretch, l0, offset) + rest) * c[_BY_L0]
@@ -298,7 +217,7 @@ def _larger(x, y):
 @inlined_kernel
 def _size(c, n):
     """Return the size of terms n [m/s]: those of positions follow from those of velocities."""
-    return _larger(_magnitude(c[_V1 + n]), _magnitude(c[_W + n]))
+    return _larger(_magnitude(c[V1 + n]), _magnitude(c[W + n]))
 
 
 @inlined_kernel
@@ -309,48 +228,51 @@ def _first_size(c, unit):
 
 
 @inlined_kernel
-def _last(c, order):
+def _last(c, order, count):
     """Return the size of the largest of the last terms [m/s]."""
-    one, other = _larger(_size(c, order), _size(c, order - 1)), _size(c, order - 2)
-    return _larger(one, _larger(other, _size(c, order - 3)))
+    size = _size(c, order)
+    for n in range(1, count):
+        size = _larger(size, _size(c, order - n))
+    return size
 
 
 @inlined_kernel
-def _is_enough(c, order, most):
+def _is_enough(c, order, most, enough):
     """Tell whether the last terms of the motion and of every column are below the cut-off."""
-    if not value_of(_last(c, order)) <= CUT_OFF * value_of(most):
+    cut_off, last = enough[0], _last(c, order, enough[1])
+    if not value_of(last) <= cut_off * value_of(most):
         return False
-    return none(slopes_of(_last(c, order)) > CUT_OFF * slopes_of(most))
+    return none(slopes_of(last) > cut_off * slopes_of(most))
 
 
 @borrowing_kernel
-def _part_of_unit(model, c, unit):
+def _part_of_unit(model, c, unit, enough):
     """Return the part of the unit within which the last terms are below the cut-off.
 
     Relative to the leading terms there: beyond the radius of convergence the others grow.
     """
-    part, last, first = 1.0, _last(c, ORDER), _first_size(c, unit)
+    part, last, first = 1.0, _last(c, ORDER, enough[1]), _first_size(c, unit)
     most = first
-    for n in range(1, ORDER - _LAST + 1):
+    for n in range(1, ORDER - enough[1] + 1):
         most = _larger(most, _size(c, n))
     for _ in range(_ROUNDS):
         lead, power = first, part
         for n in range(1, _LEADING):
             lead, power = _larger(lead, _size(c, n) * power), power * part
-        part = _part_of(value_of(last), value_of(lead), value_of(most))
+        part = _part_of(value_of(last), value_of(lead), value_of(most), enough)
         for j in range(int(model[WIDTH])):
             sizes = element(slopes_of(last), j), element(slopes_of(lead), j)
-            part = min(part, _part_of(sizes[0], sizes[1], element(slopes_of(most), j)))
+            part = min(part, _part_of(*sizes, element(slopes_of(most), j), enough))
     return part
 
 
 @inlined_kernel
-def _part_of(last, lead, most):
+def _part_of(last, lead, most, enough):
     """Return the same of one column, given its last terms, leading ones and largest [m/s]."""
-    scale = CUT_OFF * (lead if lead > 0.0 else most)
+    scale = enough[0] * (lead if lead > 0.0 else most)
     if last <= scale:
         return 1.0
-    return 0.9 * (scale / last) ** (1.0 / (ORDER - _LAST + 1.0))
+    return 0.9 * (scale / last) ** (1.0 / (ORDER - enough[1] + 1.0))
 
 
 @borrowing_kernel
@@ -362,11 +284,11 @@ def _evaluate(c, theta, order):
     the deviations after that by 1e-16 / e**2.
     """
     prefer_widest_vectors()
-    x1, offset, v1, w = c[_X1 + order], c[_OFFSET + order], c[_V1 + order], c[_W + order]
+    x1, offset, v1, w = c[_X1 + order], c[_OFFSET + order], c[V1 + order], c[W + order]
     for n in range(order - 1, 0, -1):  # side by side: one hides the other's latency
         x1, offset = fma(x1, theta, c[_X1 + n]), fma(offset, theta, c[_OFFSET + n])
-        v1, w = fma(v1, theta, c[_V1 + n]), fma(w, theta, c[_W + n])
-    c[_X1], c[_V1], c[_W] = fma(x1, theta, c[_X1]), fma(v1, theta, c[_V1]), fma(w, theta, c[_W])
+        v1, w = fma(v1, theta, c[V1 + n]), fma(w, theta, c[W + n])
+    c[_X1], c[V1], c[W] = fma(x1, theta, c[_X1]), fma(v1, theta, c[V1]), fma(w, theta, c[W])
     change = offset * theta
     value, c[_REST] = total(value_of(c[_OFFSET]), value_of(change) + value_of(c[_REST]))
     c[_OFFSET] = tangent(value, slopes_of(c[_OFFSET]) + slopes_of(change))
@@ -383,22 +305,94 @@ def _slope(terms, theta, order):
 
 @borrowing_kernel
 def _jump(c, boundary, rate, regime):
-    """Enter a regime, and let the deviations of the velocities jump: the saltation.
-
-    Parameters
-    ----------
-    c
-        The motion at the change, read and written.
-    boundary
-        The slip velocity there [m/s].
-    rate
-        Rate of the slip velocity before the change [m/s^2].
-    regime
-        The regime that begins.
-    """
-    late = (boundary - c[_W]) / rate
+    """Enter a regime at a slip velocity [m/s] that had a rate [m/s^2], and jump: the saltation."""
+    late = (boundary - c[W]) / rate
     before = _link(c)
     _enter(c, regime)
     step = late * (before - _link(c))
-    c[_V1] = c[_V1] + step
-    c[_W] = tangent(value_of(boundary), slopes_of(c[_W] - c[_RATIO] * step))
+    c[V1] = c[V1] + step
+    c[W] = tangent(value_of(boundary), slopes_of(c[W] - c[_RATIO] * step))
+
+
+def propagating(note, enough=_ENOUGH):
+    """Return a kernel that advances motion and deviations by a sample interval, or a part of it.
+
+    For each series it calls `note(model, lanes, i, c, (unit, theta, order))`: theta is the part of
+    the unit [s] that is taken. Of `enough` see above.
+    """
+
+    @borrowing_kernel
+    def advance(model, lanes, i, c, slip):
+        """Advance one lane, series by series, with room for those of the slip velocity."""
+        friction, lane = model[HAS_FRICTION] > 0.0, from_row(c, LANE)
+        vr = value_of(lane[at.VR]) if friction else np.inf
+        regime = sign_of(vr, value_of(c[W]))
+        upper, lower = gaps_of(vr, value_of(c[W]))
+        elapsed, unit, duration = 0.0, model[at.SAMPLE_INTERVAL], model[at.SAMPLE_INTERVAL]
+        _enter(c, regime)
+        for _ in range(MOST_SERIES):
+            unit = min(unit, duration - elapsed)
+            is_last = unit == duration - elapsed
+            if is_excited(model):
+                _write_excitation(model, lanes, i, c, elapsed, unit)
+            order = _expand(model, c, unit, enough)
+            if order == 0:
+                return at.COLLAPSED
+            theta, direction = 1.0, 0.0
+            if order == ORDER:
+                theta = _part_of_unit(model, c, unit, enough)
+            if friction:
+                for n in range(order + 1):
+                    slip[n] = value_of(c[W + n])
+                exit_at, direction = regime_exit_within(
+                    slip, 0, _LENGTH, order, theta, regime, upper, lower
+                )
+                theta = theta if exit_at == NONE else theta * exit_at
+            note(model, lanes, i, c, (unit, theta, order))
+            _evaluate(c, theta, order)
+            size = abs(value_of(c[_X1])) + abs(value_of(c[_OFFSET]))
+            if not size + abs(value_of(c[V1])) + abs(value_of(c[W])) < np.inf:
+                return at.DIVERGED
+            elapsed += theta * unit
+            if direction != 0.0:
+                rate, regime = _slope(slip, theta, order) / unit, direction - regime
+                _jump(c, lane[at.VR] * direction, rate, regime)
+                upper, lower = gaps_on(vr, direction)
+            else:
+                upper, lower = gaps_of(vr, value_of(c[W]))
+                if is_last and theta == 1.0:
+                    break
+            if elapsed >= duration:
+                break
+            if order < ORDER:
+                unit *= LONGER
+            elif direction == 0.0:
+                unit *= max(theta, SHORTER)
+        else:
+            return at.TOO_MANY_SERIES
+        lane[at.X1], lane[at.X2] = c[_X1], c[_X1] + c[_OFFSET]
+        lane[at.V1], lane[at.V2] = c[V1], c[V1] + c[W]
+        write_state(model, lanes, i, 4, lane)
+        return at.OK
+
+    @borrowing_kernel
+    def advance_all(model, lanes, slip, first, last):
+        c, status = tangents_of(_numbers()), at.OK
+        for i in range(first, last):
+            _load(model, lanes, i, c)
+            status = max(status, advance(model, lanes, i, c, slip))
+        return status
+
+    @kernel
+    def propagate(model, lanes, first, last):
+        return advance_all(model, lanes, np.empty(2 * _LENGTH), first, last)
+
+    return propagate
+
+
+@borrowing_kernel
+def _pass_over(model, lanes, i, c, series):
+    """Note nothing of a series."""
+
+
+propagate = propagating(_pass_over)

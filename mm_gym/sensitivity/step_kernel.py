@@ -46,23 +46,8 @@ def step_by(
     def step(task, model, lanes, streams, actions, first, last):
         """Make one control step of the lanes first .. last - 1, of one block.
 
-        Parameters
-        ----------
-        task, model
-            (t,) and (m,), read.
-        lanes
-            (rows, count) read and written: the plant's rows, then those of `sensitivity.layout`.
-        streams
-            (2, count) uint64, read and written: random numbers.
-        actions
-            (actuators * count,) float64, read: in [-1, 1], those of all lanes.
-        first, last
-            The lanes.
-
-        Returns
-        -------
-        int
-            Status, of several the largest.
+        Arguments are those of `mm_gym.step`; the lanes' rows are followed by those of
+        `sensitivity.layout`.
         """
         status = at.OK
         command(task, lanes, actions, lanes[lanes.shape[0] - 1], first, last)  # no use of rewards

@@ -78,10 +78,8 @@ def slopes_with(interface: Interface) -> Callable[..., None]:
 
         Parameters
         ----------
-        p
-            (parameters,) read.
-        held
-            Which of them an actuator holds, -1 for none.
+        p, held
+            (parameters,) read, and which of them an actuator holds, -1 for none.
         point
             (4,) read: offset [m], slip velocity [m/s] and own states.
         found

@@ -98,17 +98,9 @@ def check_values(
 ) -> None:
     """Raise `SceneError` for values of a snapshot that lanes cannot have.
 
-    The kernels rely on them: a record is read where its start and the lane's clock point to.
-
-    Parameters
-    ----------
-    values, frames
-        Of the snapshot.
-    support
-        That of the plant.
-    idle
-        (count,) bool: lanes whose episodes are over. Their states may be anything, because an
-        episode also ends where its state is lost.
+    The kernels rely on them: a record is read where its start and the lane's clock point to. Lanes
+    are idle, (count,), if their episodes are over: their states may be anything, because an episode
+    also ends where its state is lost.
     """
     low, high = _bounds(support)
     least, most = values.min(axis=1), values.max(axis=1)

@@ -35,10 +35,8 @@ def text_of(plant: Plant, values: Values, rewards: Values, status: int, age: Val
     ----------
     plant
         What was propagated.
-    values
-        (rows, count) the lanes, as the step left them.
-    rewards
-        (count,) those of the step.
+    values, rewards
+        (rows, count) lanes and (count,) rewards, as the step left them.
     status
         One of the codes of `mm_gym.lanes.layout` above NOT_FINITE.
     age

@@ -117,16 +117,6 @@ def held_rows(plant: Plant) -> list[int]:
     return [at.FORCE, at.STRETCH, *([at.DAMPING] if plant.support.damped_row else [])]
 
 
-def with_damping(plant: Plant, lanes: Array, applied: Array) -> Array:
-    """Return lanes (rows, ...) whose damper has what is held (..., 2) or (..., 3)."""
-    row = plant.support.damped_row
-    if not row:
-        return lanes
-    lanes = lanes.copy()
-    lanes[row] = applied[..., 2]
-    return lanes
-
-
 def first(recording: Recording, count: int) -> Recording:
     """Return the first `count` sample intervals of a recording."""
     return Recording(
@@ -164,25 +154,40 @@ def run(lanes: Lanes, commands: Array, recording: Recording, first: int = 0) -> 
     lanes.raise_for(status, unfinished=1)
 
 
+def lanes_at(recording: Recording, start: tuple[Array, ...], elapsed: float = 0.0) -> Array:
+    """Return lanes (rows, k) some time [s] after the starts of sample intervals.
+
+    A start is states (k, n), what is applied (k, m) and jets (k, 2 * terms) then, and the times
+    (k,) [s] at which the intervals began.
+    """
+    plant, (states, applied, jets, times) = recording.plant, start
+    support = plant.support
+    lanes = np.tile(recording.parameters[:, None], (1, len(states)))
+    lanes[support.state_rows] = states.T
+    lanes[held_rows(plant)] = applied.T
+    if support.damped_row:
+        lanes[support.damped_row] = applied[:, 2]
+    lanes[support.jets : support.jets + 2 * support.terms] = jets.T
+    for harmonic in harmonic_rows(plant):
+        frequency = lanes[harmonic + at.FREQUENCY]
+        angle = lanes[harmonic + at.PHASE] + frequency * times + frequency * elapsed
+        lanes[harmonic + at.COSINE], lanes[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
+    return lanes
+
+
 def column(recording: Recording, row: int, elapsed: float, duration: float) -> Array:
     """Return the lane (rows,) at some time after a sample interval's start, for a duration [s].
 
     Its state is that of the start.
     """
-    support, lane = recording.plant.support, recording.parameters.copy()
-    lane[support.state_rows] = recording.starts[row]
-    lane[held_rows(recording.plant)] = recording.applied[row]
-    lane = with_damping(recording.plant, lane, recording.applied[row])
-    jets = jets_over(recording, np.array([row]), elapsed, duration)
-    lane[support.jets : support.jets + 2 * support.terms] = jets[0]
+    rows, began = np.array([row]), row * recording.plant.support.sample_interval
+    jets = jets_over(recording, rows, elapsed, duration)
+    start = recording.starts[rows], recording.applied[rows], jets, np.array([began])
+    lane = lanes_at(recording, start, elapsed)[:, 0]
     for harmonic in harmonic_rows(recording.plant):
-        angle = phase(recording, harmonic, row) + lane[harmonic + at.FREQUENCY] * elapsed
         turn = lane[harmonic + at.FREQUENCY] * duration
-        lane[harmonic + at.COSINE], lane[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
-        lane[harmonic + at.ROTATE_COSINE], lane[harmonic + at.ROTATE_SINE] = (
-            np.cos(turn),
-            np.sin(turn),
-        )
+        lane[harmonic + at.ROTATE_COSINE] = np.cos(turn)
+        lane[harmonic + at.ROTATE_SINE] = np.sin(turn)
     return lane
 
 
@@ -217,12 +222,9 @@ def jets_over(
 def pieces(recording: Recording, row: int, duration: float) -> Iterator[tuple[float, float, Array]]:
     """Walk through the beginning of a sample interval, from impulse to impulse.
 
-    It stops at corners of records too where the plant does.
-
-    Yields
-    ------
-    For each piece, its start since that of the sample interval and its length [s], and the lane
-    (rows, 1) at its start; at the next piece the lane is at its end, before impulses there.
+    It stops at corners of records too where the plant does. For each piece it yields the start
+    since that of the sample interval and the length [s], and the lane (rows, 1) at its start; at
+    the next piece the lane is at its end, before impulses there.
 
     Raises
     ------
@@ -296,12 +298,6 @@ def harmonic_rows(plant: Plant) -> range:
     return range(
         at.HARMONICS, at.HARMONICS + at.HARMONIC_ROWS * len(plant.support.ground), at.HARMONIC_ROWS
     )
-
-
-def phase(recording: Recording, harmonic: int, index: int) -> float:
-    """Return the phase [rad] of a harmonic at the start of a sample interval."""
-    time, p = index * recording.plant.support.sample_interval, recording.parameters
-    return float(p[harmonic + at.PHASE] + p[harmonic + at.FREQUENCY] * time)
 
 
 def excitation(recording: Recording, place: Place) -> Array:

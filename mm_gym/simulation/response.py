@@ -24,15 +24,7 @@ if TYPE_CHECKING:
 
 
 def spring_force(support: Support, p: Array, state: Array, stretch: Array) -> Array:
-    """Return the force (n,) [N] of the sphere's springs on the carriage.
-
-    Parameters
-    ----------
-    support, p, state
-        As for `interface_force`.
-    stretch
-        (n,) [-].
-    """
+    """Return the force (n,) [N] of the sphere's springs, of some stretch, on the carriage."""
     return _stretched(p, state, stretch) + _by_value(support, support.interface.springs, p, state)
 
 
@@ -110,10 +102,9 @@ def acceleration(
     ----------
     support, p, state
         As for `interface_force`.
-    applied
-        (n, 2) force [N] and stretch [-], or (n, 3) with damping or voltage behind them.
-    disturbance
-        (n,) disturbing force [N].
+    applied, disturbance
+        (n, 2) force [N] and stretch [-], or (n, 3) with damping or voltage behind them; (n,)
+        disturbing force [N].
 
     Raises
     ------

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+import time
+import warnings
+from contextlib import contextmanager
 from operator import index
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mm_gym.compiler.jit import OBSTACLE
+from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.errors import ActionError, SimulationError
+from mm_gym.files import write_csv
 from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.plant import Plant
+from mm_gym.scene.excitation import Recorded
 from mm_gym.simulation.failures import growth_of
-from mm_gym.simulation.ground_motion import shaken
 from mm_gym.simulation.lanes import Lanes
-from mm_gym.simulation.recording import (
-    Recording,
-    blank,
-    held_rows,
-    locate,
-    run,
-    states_at,
-)
+from mm_gym.simulation.recording import Recording, blank, held_rows, locate, run, states_at
 from mm_gym.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -163,9 +164,9 @@ def _numbers(name: str, value: object, error: type[Exception]) -> NDArray[np.flo
     return array.astype(np.float64)
 
 
-def _steps_until(time: float, time_step: float) -> int:
-    """Return the number of control steps that reach a time, allowing for its rounding."""
-    steps = time / time_step
+def _steps_until(end: float, time_step: float) -> int:
+    """Return the number of control steps that reach an end, allowing for its rounding."""
+    steps = end / time_step
     if steps > MOST_STEPS:
         msg = f"the simulation needs {steps:.3g} control steps; allowed: at most {MOST_STEPS:.0e}"
         raise SimulationError(msg)
@@ -216,6 +217,83 @@ def _follow_policy(lanes: Lanes, policy: Policy, recording: Recording) -> None:
     """Simulate all control steps, each with the policy's action for its start."""
     plant, many = lanes.plant, lanes.plant.support.intervals_per_step
     for first in range(0, len(recording.starts), many):
-        time = first // many * plant.time_step
-        wanted = _numbers("action", policy(time, recording.states[first, :4].copy()), ActionError)
+        now, state = first // many * plant.time_step, recording.states[first, :4].copy()
+        wanted = _numbers("action", policy(now, state), ActionError)
         run(lanes, _commands(plant, wanted, 1, lanes.values[:, 0]), recording, first)
+
+
+def shaken(scene: Scene, motion: ArrayLike) -> Plant:
+    """Return the plant of a scene whose ground moves also as an array says.
+
+    The motion is (k, 2) times [s], which increase from 0 or later, and accelerations [m/s^2].
+
+    Raises
+    ------
+    SimulationError
+        If the array has another shape or is not finite.
+    SceneError
+        If the times do not increase.
+    """
+    with record_of(motion) as record:
+        return compile_scene(scene.replace(excitation=[*scene.excitation, record]))
+
+
+@contextmanager
+def record_of(motion: ArrayLike) -> Generator[Recorded]:
+    """Write a ground motion to a file of its own for a while; raise as `shaken` does."""
+    samples = checked_motion(motion)
+    with TemporaryDirectory() as folder, warnings.catch_warnings():
+        # A simulation may be shorter than the ground's motion.
+        warnings.filterwarnings("ignore", message=r"excitation\.\d+: the record lasts")
+        file = Path(folder) / "ground.csv"  # the way of every record, all digits are kept
+        write_csv(file, ["time [s]", "acceleration [m/s^2]"], list(samples.T))
+        yield Recorded(target="ground", file=str(file), unit="m/s^2")
+
+
+def checked_motion(motion: ArrayLike) -> NDArray[np.float64]:
+    """Return a ground motion (k, 2) as numbers.
+
+    Raises
+    ------
+    SimulationError
+        If it has another shape or is not finite.
+    """
+    samples = np.asarray(motion)
+    shape = samples.shape
+    if samples.dtype.kind not in "fiu" or samples.ndim != 2 or shape[1] != 2 or shape[0] < 2:  # noqa: PLR2004
+        msg = f"ground: got shape {shape}; allowed: (k, 2) times [s] and accelerations [m/s^2]"
+        raise SimulationError(msg)
+    if not np.isfinite(samples).all():
+        msg = "ground: got NaN or infinity; allowed: finite numbers"
+        raise SimulationError(msg)
+    return samples.astype(np.float64)
+
+
+def warm(scene: Scene) -> float:
+    """Compile the kernels that environments of a scene need, and `simulate`; return the seconds.
+
+    Raises
+    ------
+    OSError
+        If the compiled code cannot be kept.
+    """
+    if OBSTACLE is not None:
+        message = f"nothing can be kept: {OBSTACLE}"
+        raise OSError(message)
+    start = time.perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RuntimeWarning)
+        plant = compile_scene(scene)
+        if plant.actuators:
+            lanes = Lanes(plant, 1)
+            lanes.advance_of(np.dtype(np.float32))
+            lanes.seed(0)
+            lanes.restart()
+            lanes.observations()
+        simulate(plant, duration=scene.control.time_step, seed=0)
+    for warning in caught:
+        message = str(warning.message)
+        if message.startswith(NOT_KEPT):
+            raise OSError(message)
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return time.perf_counter() - start

@@ -13,8 +13,8 @@ import numpy as np
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SceneError, StructureError
 from mm_gym.records import Record
-from mm_gym.simulation.ground_motion import checked_motion
 from mm_gym.simulation.response import root_mean_square
+from mm_gym.simulation.simulate import checked_motion
 from mm_gym.structure.full_model import FullModel
 from mm_gym.structure.structure import drift_matrix
 

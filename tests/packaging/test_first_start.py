@@ -16,7 +16,7 @@ from mm_gym.__main__ import main
 from mm_gym.compiler import notice
 from mm_gym.compiler.dispatcher import KernelDispatcher
 from mm_gym.compiler.lock import locked
-from mm_gym.simulation import warm as warm_module
+from mm_gym.simulation import simulate as warm_module
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.step import episodes
 from mm_gym.tasks import path_of

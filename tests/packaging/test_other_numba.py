@@ -10,7 +10,7 @@ from kernel_modules import halving, start
 import mm_gym
 from mm_gym.__main__ import main
 from mm_gym.compiler import guard
-from mm_gym.simulation import warm
+from mm_gym.simulation import simulate
 
 PACKAGE = Path(mm_gym.__file__).parent
 REPOSITORY = PACKAGE.parent
@@ -220,6 +220,6 @@ def test_motion_and_closed_loops_are_the_same_without_private_names(tmp_path):
 
 
 def test_warming_fails_where_nothing_can_be_kept(monkeypatch, capsys):
-    monkeypatch.setattr(warm, "OBSTACLE", "numba 0.99.1 is new")
+    monkeypatch.setattr(simulate, "OBSTACLE", "numba 0.99.1 is new")
     assert main(["warm", "mm_gym/CarriageForce-v0"]) == 2
     assert capsys.readouterr().err == "error: nothing can be kept: numba 0.99.1 is new\n"

@@ -222,7 +222,7 @@ def test_help_says_what_a_command_does(capsys, command):
 
 @pytest.mark.parametrize("command", ["validate", "explain", "simulate", "render", "warm"])
 def test_commands_take_short_names_of_tasks(command, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("mm_gym.simulation.warm.warm", lambda _: 0.0)
+    monkeypatch.setattr("mm_gym.simulation.simulate.warm", lambda _: 0.0)
     monkeypatch.setattr("mm_gym.rendering.episode.draw_episode", lambda *_, **__: None)
     options = ["--out", str(tmp_path / "a.png")] if command == "render" else []
     printed = []

@@ -13,6 +13,12 @@ coordinates keep that accurate to round-off where `scipy.linalg.expm` is not, fo
 
 Events: a step is taken whole if w provably stays in its regime, else it is halved, down to the last
 level; see `stays`.
+
+Arguments in common: `p` (rows,), a lane; `k2`, the stiffness of the springs [N/m]; `harmonics`,
+their number, and `ground`, whose bit j says whether harmonic j shakes the ground; `terms` of each
+jet, in powers of t / `h` [s]; `in_slip`, whether the regime is slip; `z` (n,), the state with what
+excites it; `levels` (2, depth + 1, n, n), of `precise_integration_kernel.double_up` for stick, then
+slip, and `rows` (2, 2, n), of `slip_rows`; `y` (n,), scratch.
 """
 
 from __future__ import annotations
@@ -66,21 +72,7 @@ def size_of(harmonics, terms):
 
 @kernel
 def generator(p, k2, harmonics, ground, terms, h, in_slip):
-    """Return A (n, n) of z' = A z in one regime.
-
-    Parameters
-    ----------
-    p
-        (rows,) read: the lane.
-    k2
-        Stiffness of the springs [N/m].
-    harmonics, ground
-        Number of harmonics; bit j: whether harmonic j shakes the ground.
-    terms, h
-        Terms of each jet, in powers of t / h [s].
-    in_slip
-        Whether the regime is slip.
-    """
+    """Return A (n, n) of z' = A z in one regime."""
     m1, m2, k1, d, vr = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D], p[at.VR]
     total, inverse = m1 + m2, 1.0 / m1 + 1.0 / m2
     part = m2 / total  # v1 = V - part w
@@ -128,20 +120,10 @@ def slip_rows(a, rows):
 
 @kernel
 def start(p, state, force, harmonics, time, jets):
-    """Return z at a time of the harmonics; the regime follows from the slip velocity.
+    """Return z at a time [s] of the harmonics; the regime follows from the slip velocity.
 
-    Parameters
-    ----------
-    p
-        (rows,) read: the lane.
-    state
-        (4,) read: x1, x2 [m], v1, v2 [m/s].
-    force
-        Held on the carriage [N].
-    harmonics, time
-        Their number, and the time [s] since the episode's start.
-    jets
-        (2 terms,) read: coefficients of force [N] and ground acceleration [m/s^2].
+    The state is x1, x2 [m], v1, v2 [m/s]; `force` [N] is held on the carriage; `jets` (2 terms,)
+    are coefficients of force [N] and ground acceleration [m/s^2].
     """
     z = np.zeros(HARMONICS + 2 * harmonics + jets.shape[0])
     m1, m2 = carriage_mass(p), p[at.M2]
@@ -185,15 +167,6 @@ def bound_motion(p, k2, z, harmonics, ground, terms, h, duration, in_slip):
 
     The root of twice the energy grows at most by the force over the root of the mass it moves; it
     bounds every coordinate, and the equations of motion bound their derivatives.
-
-    Parameters
-    ----------
-    p, k2, harmonics, ground, terms, h, in_slip
-        As for `generator`.
-    z
-        (n,) read: at the start.
-    duration
-        [s].
     """
     m1, m2, k1, d = carriage_mass(p), p[at.M2], p[at.K1] * p[at.ALPHA], p[at.D]
     total = m1 + m2
@@ -245,27 +218,15 @@ def stays_slower(p, k2, z, rate, limit):
 
 @kernel
 def stays(vr, z, change, second, rate, drive, first, next_order, h):
-    """Tell whether w provably stays in its regime over a time h in which it changes by `change`.
+    """Tell whether w provably stays in its regime over a time h [s] in which it changes by change.
 
     Two certificates. A chord of w is wrong by at most t (h - t) / 2 times the largest |w''|, and a
     chord between two points on one side leaves room for it if their distances from the boundary sum
     to h^2 / 2 times that. In stick also: w' = -rate w + g keeps |w| below the larger of its start
     and |g| / rate, however fast the rate.
 
-    Parameters
-    ----------
-    vr
-        Reference velocity [m/s].
-    z
-        (n,) read: at the start.
-    change
-        Of w over the time h [m/s].
-    second, rate, drive
-        At the start: w'' [m/s^3], the rate [1/s] and g [m/s^2].
-    first, next_order
-        Bounds of |g'| and |g''| while h lasts.
-    h
-        [s].
+    At the start w'' [m/s^3] is `second`, the rate [1/s] and g [m/s^2], the drive, are known, and
+    `first` and `next_order` bound |g'| and |g''| while h lasts.
     """
     w = z[SLIP]
     # w'' obeys the same equation with g''.
@@ -298,22 +259,8 @@ def quadratic(form, z):
 def attempt(vr, levels, rows, bounds, z, y, level, step):
     """Take one interval if the regime provably lasts or it is the last level's; tell if it was.
 
-    Parameters
-    ----------
-    vr
-        Reference velocity [m/s].
-    levels
-        (2, depth + 1, n, n) read: `precise_integration_kernel.double_up` for stick, then slip.
-    rows
-        (2, 2, n) read: as `slip_rows` writes them.
-    bounds
-        (2, 2) read: as `bound_motion` returns them.
-    z
-        (n,) read and written.
-    y
-        (n,) written: scratch.
-    level, step
-        Level of the interval, and the whole step [s].
+    `bounds` (2, 2) are as `bound_motion` returns them, `level` that of the interval; the whole step
+    is in seconds.
     """
     regime = 0 if z[SIGN] == 0.0 else 1
     d = levels[regime, level]

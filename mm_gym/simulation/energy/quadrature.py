@@ -1,4 +1,4 @@
-"""Energy rates along the motion of a plant in value form, by Gauss and Legendre's quadrature."""
+"""Energy rates along a motion: by quadrature in value form, by series of nonlinear plants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.methods.base import Settings
 from mm_gym.methods.support import fastest_rate
-from mm_gym.simulation.recording import held_rows, with_damping
+from mm_gym.sensitivity.layout import TANGENTS
+from mm_gym.sensitivity.model import model_of
+from mm_gym.simulation.energy import rate_series_kernel
+from mm_gym.simulation.recording import lanes_at
 from mm_gym.simulation.response import interface_energy, interface_force
 
 if TYPE_CHECKING:
@@ -43,14 +46,28 @@ TOLERANCE = 1e-12
 """Of the motion to the nodes."""
 
 
-def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
+def integrals_by_series(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
     """Return what is dissipated and what disturbances add, (k, 2) [J]; see `work._integrate`.
+
+    Between the kinks of friction, term by term.
+    """
+    support, lanes = recording.plant.at_interval(duration).support, lanes_at(recording, start)
+    model = model_of(support, (), len(lanes), 0)
+    values = np.vstack([lanes, np.zeros((TANGENTS + 2, lanes.shape[1]))])
+    status = rate_series_kernel.propagate(model, values, 0, lanes.shape[1])
+    if status > at.ENDED:
+        msg = f"work: {at.MESSAGES[status]}"
+        raise SimulationError(msg)
+    return values[-2:].T
+
+
+def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -> Array:
+    """Return the same by Gauss and Legendre's quadrature along the motion that the plant makes.
 
     What the interface stores is not dissipated.
     """
-    states, applied, jets, times = start
-    plant = _tight(recording.plant)
-    lanes = _lanes(recording, states, applied, jets, times)
+    plant, states = _tight(recording.plant), start[0]
+    lanes = lanes_at(recording, start)
     panels = max(FEWEST, math.ceil(fastest_rate(plant.support) * duration / LONGEST))
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     total = np.zeros((len(states), 2))
@@ -71,21 +88,6 @@ def integrals(recording: Recording, start: tuple[Array, ...], duration: float) -
 def _tight(plant: Plant) -> Plant:
     """Return the plant with a tight tolerance."""
     return replace(plant, settings=Settings(TOLERANCE, plant.settings.substeps))
-
-
-def _lanes(recording: Recording, states: Array, applied: Array, jets: Array, times: Array) -> Array:
-    """Return lanes (rows, k) at the starts of intervals."""
-    support = recording.plant.support
-    lanes = np.tile(recording.parameters[:, None], (1, len(states)))
-    lanes[support.state_rows] = states.T
-    lanes[held_rows(recording.plant)] = applied.T
-    lanes = with_damping(recording.plant, lanes, applied)
-    lanes[support.jets : support.jets + 2 * support.terms] = jets.T
-    for j in range(len(support.ground)):
-        harmonic = at.HARMONICS + at.HARMONIC_ROWS * j
-        angle = lanes[harmonic + at.PHASE] + lanes[harmonic + at.FREQUENCY] * times
-        lanes[harmonic + at.COSINE], lanes[harmonic + at.SINE] = np.cos(angle), np.sin(angle)
-    return lanes
 
 
 def _at(plant: Plant, lanes: Array, part: float, duration: float) -> tuple[Array, Array, Array]:

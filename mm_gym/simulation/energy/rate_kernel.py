@@ -1,7 +1,6 @@
 """Energy rates of a piecewise linear plant, integrated exactly: (11) of docs/model.md.
 
-Arguments of several kernels are those of `step_integrals`, and of the functions that
-`piecewise_linear_kernel` has.
+Arguments in common are those of `step_integrals` and of `piecewise_linear_kernel`.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ MOST_INTERVALS = 1 << 24
 
 @kernel
 def step_integrals(p, model, states, applied, jets, times, duration, work):
-    """Write what is dissipated in each sample interval, and what disturbances add.
+    """Write what is dissipated in each sample interval, and what disturbances add; return a status.
 
     Parameters
     ----------
@@ -33,17 +32,10 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     states, applied, jets
         (n, 4), (n, 2) or (n, 3), and (n, 2 terms), read: state [m, m/s]; force [N], stretch, and
         damping [N s/m] if it is actuated; coefficients of the excitation at the intervals' starts.
-    times
-        (n,) read: the intervals' starts [s].
-    duration
-        Of each from its start [s].
+    times, duration
+        (n,) read: the intervals' starts [s], and the length of what is looked at from there [s].
     work
         (n, 2) written [J].
-
-    Returns
-    -------
-    int
-        Status.
     """
     harmonics, terms, h = (
         int(model[at.HARMONIC_COUNT]),
@@ -87,17 +79,7 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
 
 @kernel
 def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
-    """Write one regime's levels, its integrals of both energy rates, and its slip rows.
-
-    Parameters
-    ----------
-    k2
-        Stiffness of the springs [N/m].
-    in_slip
-        Whether the regime is slip.
-    levels, forms, rows
-        (depth + 1, n, n), (2, depth + 1, n, n) and (2, n), written.
-    """
+    """Write one regime's levels, its integrals of both energy rates, and its slip rows."""
     harmonics, ground, terms = (
         int(model[at.HARMONIC_COUNT]),
         int(model[at.GROUND]),
@@ -116,14 +98,9 @@ def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
 
 @kernel
 def _weigh(p, harmonics, ground, terms, in_slip, weights):
-    """Write the quadratic forms of both energy rates [W], the terms of (11) of docs/model.md.
+    """Write the quadratic forms (2, n, n) of both energy rates [W], the terms of (11).
 
     d v1^2 + f w, and p v1 - a_g (m1 v1 + m2 v2).
-
-    Parameters
-    ----------
-    weights
-        (2, n, n) written, zeroed before.
     """
     n = weights.shape[1]
     m1, m2, vr = piecewise.carriage_mass(p), p[at.M2], p[at.VR] if in_slip else 0.0
@@ -163,19 +140,7 @@ def _add_outer(weight, factor, a, b):
 
 @kernel
 def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
-    """Add up both energy rates over one step, interval by interval between changes of regime.
-
-    Parameters
-    ----------
-    levels, forms, rows
-        (2, depth + 1, n, n), (2, 2, depth + 1, n, n) and (2, 2, n), read: of stick, then slip.
-    z
-        (n,) read and written.
-    y
-        (n,) written: scratch.
-    work
-        (2,) written [J].
-    """
+    """Add up both energy rates over one step, interval by interval between changes of regime."""
     harmonics, ground, terms = (
         int(model[at.HARMONIC_COUNT]),
         int(model[at.GROUND]),

@@ -11,11 +11,11 @@ Interfaces in value form: quadrature along the motion, which the plant's own met
 (`quadrature`); such a balance says nothing of the method.
 
 The others have in common with the methods the laws of the forces (one file each in `law`), the
-search for changes of regime (`law.events`), and the series of the excitation and of q**-2
-(`excitation.kinds`, `excitation.jets`, `lanes.arithmetic`); the energy of an interface is that
-which trajectories show (`simulation.response`). No method propagates a state for them,
-except from impulse to impulse and from corner to corner of a record (`recording.pieces`). So a
-balance that closes confirms how the plants propagate, and not the laws.
+search for changes of regime (`law.events`), and the excitation (`excitation`); the energy of an
+interface is that which trajectories show (`simulation.response`). No method propagates a state for
+them, except from impulse to impulse and from corner to corner of a record (`recording.pieces`): the
+series are those of `sensitivity.series_kernel`. So a balance that closes confirms how the plants
+propagate, and not the laws.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
 from mm_gym.law import carriage_spring, springs
-from mm_gym.simulation.energy import quadrature, rate_kernel, rate_series_kernel
+from mm_gym.simulation.energy import quadrature, rate_kernel
 from mm_gym.simulation.recording import jets_over, pieces, stops_at_corners
 from mm_gym.simulation.response import damped, interface_energy
 
@@ -207,11 +207,11 @@ def _integrate(recording: Recording, start: tuple[Array, ...], duration: float) 
     # The exact forms bound the motion between kinks by an energy, which has no lower bound here.
     unbounded = p[at.ALPHA] < 0.0 and p[at.VR] > 0.0
     # At a corner of a record the energy rate has a kink: series, whose pieces begin there.
-    series = nonlinear or unbounded or stops_at_corners(recording.plant)
-    integrals = (rate_series_kernel if series else rate_kernel).step_integrals
+    if nonlinear or unbounded or stops_at_corners(recording.plant):
+        return quadrature.integrals_by_series(recording, start, duration)
     work, model = np.zeros((len(start[0]), 2)), recording.plant.model[: at.MODEL_OWN].copy()
     model[at.SAMPLE_INTERVAL] = duration
-    status = integrals(recording.parameters, model, *start, duration, work)
+    status = rate_kernel.step_integrals(p, model, *start, duration, work)
     if status > at.ENDED:
         msg = f"work: {at.MESSAGES[status]}"
         raise SimulationError(msg)
