@@ -22,8 +22,7 @@ from mm_gym.errors import (
     suggest,
 )
 from mm_gym.files import check_outputs
-from mm_gym.plant.compile import compile_scene
-from mm_gym.plant.findings import compile_findings
+from mm_gym.plant.compile import compile_findings, compile_scene
 from mm_gym.plant.rigs import over_rigs
 from mm_gym.records import ACCELERATION_UNITS, FORCE_UNITS, read_record
 from mm_gym.scene.excitation import Recorded

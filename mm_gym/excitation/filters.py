@@ -11,6 +11,9 @@ the arithmetic.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.arithmetic import stay_apart
@@ -18,6 +21,9 @@ from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
 from mm_gym.lanes.simd_masks import all_hold, where
 from mm_gym.lanes.simd_memory import rows_on_stack
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 ORDER = 4
 """States of a filter: x, x' / w of the low-pass, then y, y' / w of the high-pass, if it has one."""
@@ -32,6 +38,20 @@ COVARIANCE, OWN = MATRICES, MATRICES + ORDER * ORDER
 
 SERIES = 14
 """Terms of the filter's Taylor series over a phase of 2^-4; its remainder is below round-off."""
+
+
+def filter_matrices(
+    filters: NDArray[np.float64], interval: float, *, passes_velocity: bool
+) -> NDArray[np.float64]:
+    """Return the matrices (`MATRICES`,) of noise over a sample interval [s].
+
+    The filters are (2, 2): frequency [rad/s] and damping ratio of the low-pass and of the
+    high-pass.
+    """
+    matrices = np.zeros((MATRICES, 1))
+    lane = np.zeros(1, np.int64)
+    write_matrices(matrices, 0, filters.reshape(-1, 1), passes_velocity, interval, lane)
+    return matrices[:, 0]
 
 
 @borrowing_kernel

@@ -13,7 +13,6 @@ from mm_gym.errors import CompileError, SceneError
 from mm_gym.excitation.kinds import FIRST
 from mm_gym.lanes import layout as at
 from mm_gym.law.springs import LINEAR
-from mm_gym.plant.linear_parts import ControlLoop
 from mm_gym.plant.linearise import values_about
 from mm_gym.plant.state_space import state_space_of
 from mm_gym.state_space.equations import state_space
@@ -228,7 +227,7 @@ class Plant:
             If the carriage has no mass.
         """
         return state_space_of(
-            self._control_loop(),
+            self,
             self.actuators if inputs is None else inputs,
             self.channels if outputs is None else outputs,
             sampled=sampled,
@@ -325,21 +324,6 @@ class Plant:
     def scores_reactions(self) -> bool:
         """Whether the objective weighs accelerations or the force between the masses."""
         return bool(self.task[at.HAS_DERIVED_COST])
-
-    def _control_loop(self) -> ControlLoop:
-        slots = {
-            "force": at.FORCE_LAG_FACTOR,
-            "stretch": at.STRETCH_LAG_FACTOR,
-            "damping": at.DAMPING_LAG_FACTOR,
-            "voltage": at.DAMPING_LAG_FACTOR,
-        }
-        return ControlLoop(
-            support=self.support,
-            lags={name: float(self.task[slot]) for name, slot in slots.items()},
-            noise={channel.name: channel.noise for channel in self.observed},
-            time_step=self.time_step,
-            delay=self.delay,
-        )
 
     def _middle(self, stretch: float | None) -> NDArray[np.float64]:
         """Return the lane (rows,) with the middle of every range, and a stretch [-]."""

@@ -3,41 +3,374 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.plant.filters import random_impulses, shaping_filters
-from mm_gym.plant.linear_parts import (
-    DISTURBANCE,
-    GROUND,
-    INPUTS,
-    ONE,
-    STATES,
-    ControlLoop,
-    Parts,
-    outputs_of,
-    sensor_noise,
-    sources_of,
-)
-from mm_gym.plant.linearise import DRIVERS, tangent
+from mm_gym.excitation import filters as shaping
+from mm_gym.excitation import impulse_process as process
+from mm_gym.excitation import kinds as kernels
+from mm_gym.excitation import noise
+from mm_gym.lanes import layout as at
+from mm_gym.plant.linearise import DRIVERS, Tangent, tangent
 from mm_gym.plant.point import lane_at
 from mm_gym.state_space.linear_system import LinearSystem, Signal
 from mm_gym.state_space.matrix_exponential import decimals, exponential
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.methods.support import Support
+    from mm_gym.plant.plant import Plant
+
     Array = NDArray[np.float64]
+
+INPUTS = {
+    "force": "N",
+    "stretch": "-",
+    "damping": "N s/m",
+    "voltage": "V",
+    "disturbance": "N",
+    "ground": "m/s^2",
+}
+"""Inputs and their units."""
+
+STATES = {"x1": "m", "x2": "m", "v1": "m/s", "v2": "m/s"}
+FORCE, STRETCH, DAMPING, VOLTAGE, DISTURBANCE, GROUND, ONE = range(len(DRIVERS))
+
+SEES: dict[str, tuple[str, ...]] = {
+    "force": ("carriage_acceleration", "applied_force"),
+    "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
+    "damping": ("carriage_acceleration", "sphere_acceleration", "damping"),
+    "voltage": ("carriage_acceleration", "sphere_acceleration", "voltage"),
+}
+"""Channels that change at once with what an actuator applies."""
+
+POINTS = {name: row for name, row in at.APPLIED.items() if name != "force"}
+"""Rows of the inputs that are not 0 at the point."""
+
+SHOWN = {
+    "applied_force": "force",
+    "stretch": "stretch",
+    "damping": "damping",
+    "voltage": "voltage",
+    "disturbance_force": "disturbance",
+    "ground_acceleration": "ground",
+}
+"""The driver that each of the other channels shows."""
+
+ABSOLUTE = ("force", "stretch", "damping", "voltage", "disturbance")
+"""Drivers of the absolute accelerations."""
+
+ROWS = {
+    kernels.IMPULSE: process.ROWS,
+    kernels.FILTER: noise.ROWS,
+}
+
+
+@dataclass(frozen=True)
+class ShapingFilter:
+    """A filter of white noise, z' = F z + white noise, whose output is the excitation.
+
+    Attributes
+    ----------
+    name
+        Dotted name of the part of the excitation.
+    ground
+        Whether it shakes the ground.
+    generator, intensity
+        (k, k) F [1/s], and the intensity of the white noise on the states [1/s].
+    output
+        (k,) the excitation [N] or [m/s^2] per state.
+    transition, spread
+        (k, k) exp(F h) over a sample interval, and a root of the covariance added in it.
+    sampled_output
+        (k,) as `output`, for an excitation that is linear between its samples.
+    """
+
+    name: str
+    ground: bool
+    generator: Array
+    intensity: Array
+    output: Array
+    transition: Array
+    spread: Array
+    sampled_output: Array
+
+
+@dataclass(frozen=True)
+class RandomImpulses:
+    """Random impulses: their rate [1/s], and mean and mean square of their size [N s] or [m/s]."""
+
+    ground: bool
+    rate: float
+    mean: float
+    square: float
+
+
+def shaping_filters(support: Support, row: Array) -> list[ShapingFilter]:
+    """Return the filters of the noise of a lane (rows,), as they are while the envelope is 1."""
+    return [
+        _filter(name, slots, first, support.sample_interval, row)
+        for name, slots, first in _parts_of_kind(support, kernels.FILTER)
+    ]
+
+
+def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
+    """Return the random impulses of a lane (rows,)."""
+    found: list[RandomImpulses] = []
+    for _, slots, first in _parts_of_kind(support, kernels.IMPULSE):
+        own = slots[kernels.OWN :]
+        size = float(row[first + process.SIZE])
+        low, high = (size, size)
+        if own[process.IS_RANGE] > 0.0:
+            low, high = float(own[process.LOWEST]), float(own[process.HIGHEST])
+        rate = float(row[first + process.RATE])
+        if rate > 0.0:
+            square = (low**2 + low * high + high**2) / 3.0
+            ground = bool(slots[kernels.TARGET] > 0.0)
+            found.append(RandomImpulses(ground, rate, 0.5 * (low + high), square))
+    return found
+
+
+def _parts_of_kind(support: Support, kind: int) -> Iterator[tuple[str, Array, int]]:
+    """Yield dotted name, slots and first row of the parts of one kind."""
+    described = support.excitation
+    for k in range(int(described[0])):
+        slots = described[kernels.FIRST + kernels.SIZE * k :][: kernels.SIZE]
+        if int(slots[kernels.KIND]) != kind:
+            continue
+        first = int(slots[kernels.ROW])
+        own = range(first, first + ROWS[kind])
+        name = next(name for name, row in support.names.items() if row in own)
+        yield name.rpartition(".")[0], slots, first
+
+
+def _filter(name: str, slots: Array, first: int, interval: float, row: Array) -> ShapingFilter:
+    passes_velocity = bool(slots[kernels.OWN + noise.PASSES_VELOCITY] > 0.0)
+    own = row[first : first + noise.ROWS]
+    filters = own[noise.LOW_PASS : noise.HIGH_PASS_DAMPING + 1].reshape(2, 2)
+    matrices = shaping.filter_matrices(filters, interval, passes_velocity=passes_velocity)
+    order = shaping.ORDER if own[noise.HIGH_PASS] > 0.0 else shaping.ORDER // 2
+    transition = matrices[shaping.TRANSITION : shaping.SPREAD].reshape(shaping.ORDER, -1)
+    output = matrices[shaping.OUTPUT : shaping.OUTPUT + order] * own[noise.RMS]
+    stationary = _root(matrices[shaping.START_SPREAD : shaping.OUTPUT], order)
+    # In continuous time nothing is lost between samples, so the variance is that at an instant.
+    deviation = np.linalg.norm(output @ stationary)
+    factor = own[noise.RMS] / deviation if deviation > 0.0 else 0.0
+    intensity = np.zeros((order, order))
+    intensity[1, 1] = own[noise.LOW_PASS]  # (E13) of docs/excitation.md
+    return ShapingFilter(
+        name=name,
+        ground=bool(slots[kernels.TARGET] > 0.0),
+        generator=_generator(own, order, passes_velocity=passes_velocity),
+        intensity=intensity,
+        output=output * factor,
+        transition=transition[:order, :order].copy(),
+        spread=_root(matrices[shaping.SPREAD : shaping.START_SPREAD], order),
+        sampled_output=output,
+    )
+
+
+def _root(packed: Array, order: int) -> Array:
+    """Return a Cholesky factor that is packed by rows."""
+    root = np.zeros((shaping.ORDER, shaping.ORDER))
+    root[np.tril_indices(shaping.ORDER)] = packed
+    return root[:order, :order]
+
+
+def _generator(own: Array, order: int, *, passes_velocity: bool) -> Array:
+    """Return F, (E9) to (E11) of docs/excitation.md."""
+    low, damping = own[noise.LOW_PASS], 2.0 * own[noise.LOW_PASS_DAMPING]
+    high, high_damping = own[noise.HIGH_PASS], 2.0 * own[noise.HIGH_PASS_DAMPING]
+    generator = np.zeros((shaping.ORDER, shaping.ORDER))
+    generator[0, 1], generator[1, :2] = low, (-low, -damping * low)  # (E9)
+    generator[2, 3] = high  # (E11)
+    passed = damping if passes_velocity else 0.0  # (E10)
+    generator[3] = high * np.array([1.0, passed, -1.0, -high_damping])
+    return generator[:order, :order]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a linear system is assembled from.
+
+    Attributes
+    ----------
+    plant, row
+        The plant, and the lane (rows,) at the point.
+    tangent
+        The motion about the point.
+    filters, impulses
+        Random excitation.
+    inputs, outputs
+        Names.
+    sampled
+        Whether it is the map of a control step.
+    """
+
+    plant: Plant
+    row: Array
+    tangent: Tangent
+    filters: list[ShapingFilter]
+    impulses: list[RandomImpulses]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    sampled: bool
+
+    @property
+    def harmonics(self) -> list[tuple[str, bool, float, float]]:
+        """Dotted name, whether it shakes the ground, amplitude and frequency of each harmonic."""
+        support = self.plant.support
+        found: list[tuple[str, bool, float, float]] = []
+        for j, ground in enumerate(support.ground):
+            first = at.HARMONICS + at.HARMONIC_ROWS * j
+            name = next(n for n, r in support.names.items() if r == first + at.FREQUENCY)
+            amplitude, frequency = self.row[first + at.AMPLITUDE], self.row[first + at.FREQUENCY]
+            found.append((name.rpartition(".")[0], ground, float(amplitude), float(frequency)))
+        return found
+
+    @property
+    def lags(self) -> dict[str, float]:
+        """Actuator -> the fraction of the way to a command that it goes in a control step [-]."""
+        task = self.plant.task
+        of_device = float(task[at.DAMPING_LAG_FACTOR])
+        force, stretch = float(task[at.FORCE_LAG_FACTOR]), float(task[at.STRETCH_LAG_FACTOR])
+        return {"force": force, "stretch": stretch, "damping": of_device, "voltage": of_device}
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Actuators that need a state: with lag, or seen while held."""
+        sees = dict(SEES)
+        if self.plant.support.is_between:
+            sees["force"] = (*sees["force"], "sphere_acceleration")
+        return tuple(
+            name
+            for name, lag in self.lags.items()
+            if name in self.inputs
+            and (lag < 1.0 or (self.sampled and any(seen in self.outputs for seen in sees[name])))
+        )
+
+    @property
+    def names(self) -> list[Signal]:
+        """The states but those of the delay."""
+        states = [Signal(n, u, float(self.row[k])) for k, (n, u) in enumerate(STATES.items())]
+        states += [self.input_signal(name) for name in self.held]
+        for name, *_ in self.harmonics:
+            states += [Signal(f"{name}.cosine", "-"), Signal(f"{name}.sine", "-")]
+        for source in self.filters:
+            count = len(source.generator)
+            states += [Signal(f"{source.name}.filter{k + 1}", "-") for k in range(count)]
+        return states
+
+    def input_signal(self, name: str) -> Signal:
+        """Return an input with its unit and point."""
+        point = float(self.row[POINTS[name]]) if name in POINTS else 0.0
+        return Signal(name, INPUTS[name], point)
+
+
+class Source(NamedTuple):
+    """A source of excitation: its first state, target, output, generator and intensity."""
+
+    row: int
+    ground: bool
+    output: Array
+    generator: Array
+    intensity: Array
+
+
+def sources_of(parts: Parts) -> list[Source]:
+    """Return the harmonics, then the filters."""
+    found: list[Source] = []
+    row = 4 + len(parts.held)
+    for _, ground, amplitude, frequency in parts.harmonics:
+        turn = frequency * np.array([[0.0, -1.0], [1.0, 0.0]])
+        found.append(Source(row, ground, np.array([0.0, amplitude]), turn, np.zeros((2, 2))))
+        row += 2
+    for source in parts.filters:
+        own = source.output, source.generator, source.intensity
+        found.append(Source(row, source.ground, *own))
+        row += len(source.output)
+    return found
+
+
+def sensor_noise(parts: Parts) -> Array:
+    """Return the covariance (p, p) of the sensors' noise."""
+    noise = {channel.name: channel.noise for channel in parts.plant.observed}
+    return np.diag([noise.get(name, 0.0) ** 2 for name in parts.outputs])
+
+
+def outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
+    """Return C, D and the outputs, all at the same instant."""
+    count, drivers = len(parts.names), parts.tangent.drivers.astype(np.float64)
+    c, d = np.zeros((len(parts.outputs), count)), np.zeros((len(parts.outputs), len(parts.inputs)))
+    signals: list[Signal] = []
+    # What each driver is, in terms of states and inputs.
+    driven = {name: (np.zeros(count), np.zeros(len(parts.inputs))) for name in DRIVERS}
+    for k, name in enumerate(parts.held):
+        driven[name][0][4 + k] = 1.0
+    for k, name in enumerate(parts.inputs):
+        if name not in parts.held:
+            driven[name][1][k] = 1.0
+    for row, ground, output, _, _ in sources_of(parts):
+        own = slice(row, row + len(output))
+        driven["ground" if ground else "disturbance"][0][own] += output
+    if parts.sampled:  # the samples' own factor
+        first = count - sum(len(source.output) for source in parts.filters)
+        for source in parts.filters:
+            own = slice(first, first + len(source.output))
+            driven["ground" if source.ground else "disturbance"][0][own] = source.sampled_output
+            first = own.stop
+    for k, name in enumerate(parts.outputs):
+        motion, weights, point = _output(parts, drivers, name)
+        c[k, :4] = motion
+        for driver, weight in weights.items():
+            c[k] += weight * driven[driver][0]
+            d[k] += weight * driven[driver][1]
+        unit = CHANNELS[name].unit if name in CHANNELS else STATES[name]
+        signals.append(Signal(name, unit, point))
+    return c, d, tuple(signals)
+
+
+def _output(parts: Parts, drivers: Array, name: str) -> tuple[Array, dict[str, float], float]:
+    """Return an output's slopes over x1, x2, v1, v2 and over drivers, and its point."""
+    motion, row = np.zeros(4), parts.row
+    if name in STATES:
+        k = list(STATES).index(name)
+        motion[k] = 1.0
+        return motion, {}, float(row[k])
+    channel = CHANNELS[name]
+    if channel.row < 4:  # noqa: PLR2004 - one of the state, or a difference
+        motion[channel.row] = 1.0
+        point = float(row[channel.row])
+        if channel.subtracted != at.NO_ROW:
+            motion[channel.subtracted] = -1.0
+            point -= float(row[channel.subtracted])
+        return motion, {}, point
+    if name in ("carriage_acceleration", "sphere_acceleration"):
+        k = 2 if name == "carriage_acceleration" else 3
+        motion = parts.tangent.a.astype(np.float64)[k]
+        # Absolute, so without the ground's own acceleration.
+        weights = {driver: float(drivers[k, DRIVERS.index(driver)]) for driver in ABSOLUTE}
+        return motion, weights, float(drivers[k, ONE])
+    over_offset, over_stretch = parts.tangent.spring
+    if name == "spring_force":
+        return (
+            np.array([-over_offset, over_offset, 0.0, 0.0]),
+            {"stretch": over_stretch},
+            parts.tangent.spring_force,
+        )
+    return motion, {SHOWN[name]: 1.0}, float(row[POINTS[name]]) if name in POINTS else 0.0
 
 
 def state_space_of(
-    loop: ControlLoop,
+    plant: Plant,
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
@@ -48,16 +381,16 @@ def state_space_of(
     """Return a plant as a linear system; see `mm_gym.plant.plant.Plant.state_space`."""
     asked_inputs = _names("inputs", inputs, INPUTS)
     asked_outputs = _names("outputs", outputs, {**CHANNELS, **STATES})
-    row = lane_at(loop.support, at, about)
+    row = lane_at(plant.support, at, about)
     parts = Parts(
-        loop=loop,
+        plant=plant,
         row=row,
-        tangent=tangent(loop.support, row),
-        filters=shaping_filters(loop.support, row),
-        impulses=random_impulses(loop.support, row),
+        tangent=tangent(plant.support, row),
+        filters=shaping_filters(plant.support, row),
+        impulses=random_impulses(plant.support, row),
         inputs=asked_inputs,
         outputs=asked_outputs,
-        held=_held(loop, asked_inputs, asked_outputs, sampled=sampled),
+        sampled=sampled,
     )
     return _sampled(parts) if sampled else _continuous(parts)
 
@@ -76,37 +409,13 @@ def _names(what: str, given: Sequence[str], allowed: Mapping[str, object]) -> tu
     return names
 
 
-SEES: dict[str, tuple[str, ...]] = {
-    "force": ("carriage_acceleration", "applied_force"),
-    "stretch": ("carriage_acceleration", "sphere_acceleration", "spring_force", "stretch"),
-    "damping": ("carriage_acceleration", "sphere_acceleration", "damping"),
-    "voltage": ("carriage_acceleration", "sphere_acceleration", "voltage"),
-}
-"""Channels that change at once with what an actuator applies."""
-
-
-def _held(
-    loop: ControlLoop, inputs: tuple[str, ...], outputs: tuple[str, ...], *, sampled: bool
-) -> tuple[str, ...]:
-    """Return the actuators that need a state: with lag, or seen while held."""
-    sees = dict(SEES)
-    if loop.support.is_between:
-        sees["force"] = (*sees["force"], "sphere_acceleration")
-    return tuple(
-        name
-        for name, lag in loop.lags.items()
-        if name in inputs
-        and (lag < 1.0 or (sampled and any(channel in outputs for channel in sees[name])))
-    )
-
-
 def _continuous(parts: Parts) -> LinearSystem:
     states, inputs = parts.names, parts.inputs
     a, b = np.zeros((len(states), len(states))), np.zeros((len(states), len(inputs)))
     drivers = parts.tangent.drivers.astype(np.float64)
     a[:4, :4] = parts.tangent.a.astype(np.float64)
     for k, name in enumerate(parts.held):
-        lag = -parts.loop.time_step / np.log1p(-parts.loop.lags[name])
+        lag = -parts.plant.time_step / np.log1p(-parts.lags[name])
         a[:4, 4 + k] = drivers[:, DRIVERS.index(name)]
         a[4 + k, 4 + k], b[4 + k, inputs.index(name)] = -1.0 / lag, 1.0 / lag
     for k, name in enumerate(inputs):
@@ -123,15 +432,15 @@ def _continuous(parts: Parts) -> LinearSystem:
         kick = drivers[:, GROUND if impulse.ground else DISTURBANCE]
         noise[:4, :4] += impulse.rate * impulse.square * np.outer(kick, kick)
         drift[:4] += impulse.rate * impulse.mean * kick
-    c, d, signals = outputs_of(parts, sampled=False)
+    c, d, signals = outputs_of(parts)
     return LinearSystem(
         *(a, b, c, d, tuple(states), tuple(parts.input_signal(name) for name in inputs), signals),
         drift=drift,
         process_noise=noise,
-        sensor_noise=parts.loop.time_step * sensor_noise(parts),
+        sensor_noise=parts.plant.time_step * sensor_noise(parts),
         time_step=None,
         dead_time=np.array(
-            [parts.loop.delay * parts.loop.time_step * (n in CHANNELS) for n in parts.outputs]
+            [parts.plant.delay * parts.plant.time_step * (n in CHANNELS) for n in parts.outputs]
         ),
     )
 
@@ -139,7 +448,7 @@ def _continuous(parts: Parts) -> LinearSystem:
 def _sampled(parts: Parts) -> LinearSystem:
     """Return the map of a control step, with the delay's states behind all others."""
     step, spread, kicks = _interval(parts)
-    size, count = len(step), parts.loop.support.intervals_per_step
+    size, count = len(step), parts.plant.support.intervals_per_step
     whole, noise, mean = np.eye(size), np.zeros((size, size)), np.zeros(size)
     for _ in range(count):
         noise = step @ noise @ step.T + spread
@@ -157,7 +466,7 @@ def _sampled(parts: Parts) -> LinearSystem:
     process[np.ix_(order, order)] = noise[np.ix_(kept, kept)]
     for k, name in enumerate(inputs):
         column = whole[:4, 4 + DRIVERS.index(name)]
-        fraction = parts.loop.lags.get(name, 1.0)
+        fraction = parts.lags.get(name, 1.0)
         b[:4, k] = fraction * column
         if name in parts.held:
             row = 4 + parts.held.index(name)
@@ -172,7 +481,7 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
     The states are x1, x2, v1, v2, then `DRIVERS`, which are held, then the sources.
     """
     sources, fixed = sources_of(parts), 4 + len(DRIVERS)
-    interval, harmonics = parts.loop.support.sample_interval, parts.harmonics
+    interval, harmonics = parts.plant.support.sample_interval, parts.harmonics
     size = fixed + 2 + 2 * len(harmonics)  # two ramps: of the disturbance and of the ground
     generator = np.full((size, size), Decimal(0))
     generator[:4, :4], generator[:4, 4:fixed] = parts.tangent.a, parts.tangent.drivers
@@ -236,11 +545,11 @@ def _spread_of_kicks(a: NDArray[np.object_], kick: Array, duration: float) -> Ar
 
 def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> LinearSystem:
     """Return the sampled system; late channels are shifted through states."""
-    loop, states, inputs = parts.loop, parts.names, parts.inputs
-    c, d, signals = outputs_of(parts, sampled=True)
-    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and loop.delay]
+    delay, states, inputs = parts.plant.delay, parts.names, parts.inputs
+    c, d, signals = outputs_of(parts)
+    late = [k for k, name in enumerate(parts.outputs) if name in CHANNELS and delay]
     size, count = len(states), len(late)
-    total = size + count * loop.delay
+    total = size + count * delay
 
     def grown(matrix: Array, rows: int, columns: int) -> Array:
         larger = np.zeros((rows, columns))
@@ -249,7 +558,7 @@ def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> Li
 
     a, noise = grown(a, total, total), grown(noise, total, total)
     b, c, d = grown(b, total, len(inputs)), grown(c, len(c), total), d.copy()
-    for age in range(1, loop.delay + 1):
+    for age in range(1, delay + 1):
         own = slice(size + count * (age - 1), size + count * age)
         if age == 1:
             a[own], b[own] = c[late], d[late]
@@ -264,6 +573,6 @@ def _delayed(parts: Parts, a: Array, b: Array, drift: Array, noise: Array) -> Li
         drift=np.append(drift, np.zeros(total - size)),
         process_noise=noise,
         sensor_noise=sensor_noise(parts),
-        time_step=loop.time_step,
+        time_step=parts.plant.time_step,
         dead_time=np.zeros(len(parts.outputs)),
     )

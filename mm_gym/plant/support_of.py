@@ -14,9 +14,8 @@ from mm_gym.law.hardening_springs import CUBIC, LINES, with_hardening_springs
 from mm_gym.law.interface import LINE
 from mm_gym.law.springs import LINEAR
 from mm_gym.methods.support import Support, fastest_rate
-from mm_gym.plant.excitation import NUMBER
-from mm_gym.plant.excitation_layout import lay_out
-from mm_gym.plant.instruments import instruments_of
+from mm_gym.plant.excitation import NUMBER, lay_out
+from mm_gym.plant.task import instruments_of
 from mm_gym.scene.mechanics import GRAVITY
 from mm_gym.scene.scene import bounds
 

@@ -18,7 +18,7 @@ from mm_gym import (
 from mm_gym.__main__ import main
 from mm_gym.analysis import response_spectrum
 from mm_gym.env.arguments import FLOAT32
-from mm_gym.plant.findings import compile_findings
+from mm_gym.plant.compile import compile_findings
 from mm_gym.records import Record, read_record
 from mm_gym.scene.toml_text import toml_of
 from mm_gym.simulation.lanes import Lanes

@@ -77,7 +77,7 @@ def excess(seed: int) -> float:
     """Return the largest error of a random scene's control steps over its tolerance.
 
     To the tolerance comes round-off, which a motion about an unstable place lets grow; see
-    `mm_gym.plant.findings.MOST_GROWTH`. Where that is not enough, ten times the effect of rounding
+    `mm_gym.plant.compile.MOST_GROWTH`. Where that is not enough, ten times the effect of rounding
     the reference's state to doubles is allowed as well: a spring of finite stretch that is nearly
     shortened to nothing magnifies it.
     """
