@@ -2,10 +2,8 @@
 
 Tags such as (E8) are equations of docs/excitation.md.
 
-Matrices of four states are four blocks of two by two, each packed by rows: those of the low-pass,
-of the high-pass on it, of it on the high-pass, and of the high-pass. A filter without high-pass has
-the first block alone. They are tuples, because an array for each product would take longer than
-the arithmetic.
+A filter without high-pass has two states, those of the low-pass, and of each matrix the rows and
+columns of these.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.arithmetic import stay_apart
 from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.simd import LANES, alike, element, everywhere, root, with_element
-from mm_gym.lanes.simd_masks import all_hold, where
+from mm_gym.lanes.simd_masks import all_hold, larger, where
 from mm_gym.lanes.simd_memory import rows_on_stack
 
 if TYPE_CHECKING:
@@ -33,8 +31,10 @@ ORDER = 4
 # OUTPUT: what the states contribute to the noise.
 TRANSITION, SPREAD, START_SPREAD, OUTPUT, MATRICES = 0, 16, 26, 36, 40
 
-COVARIANCE, OWN = MATRICES, MATRICES + ORDER * ORDER
-"""Scratch behind them: a covariance in full, and what the states contribute before it is scaled."""
+# Scratch behind them: matrices in full, and what the states contribute before it is scaled.
+COVARIANCE, STEP, GROWN, NEXT, TERM, FORM, FILTER, OWN = (
+    MATRICES + ORDER * ORDER * k for k in range(8)
+)
 
 SERIES = 14
 """Terms of the filter's Taylor series over a phase of 2^-4; its remainder is below round-off."""
@@ -96,12 +96,12 @@ def _write_group(matrices, first, filters, passes_velocity, step, own, has_high_
     high, high_damping = _gathered(filters, 2, own), 2.0 * _gathered(filters, 3, own)
     zero = alike(w, 0.0)
     passed = damping if passes_velocity else zero  # (E10)
-    f = (
-        (zero, w, -w, -damping * w),  # (E9)
-        (zero, zero, zero, zero),
-        (zero, zero, high, high * passed),
-        (zero, high, -high, -high * high_damping),  # (E11)
-    )
+    numbers, order = _scratch(), ORDER if has_high_pass else ORDER // 2
+    for k in range(ORDER * ORDER):
+        numbers[FILTER + k] = zero
+    numbers[FILTER + 1], numbers[FILTER + 4], numbers[FILTER + 5] = w, -w, -damping * w  # (E9)
+    numbers[FILTER + 11], numbers[FILTER + 12], numbers[FILTER + 13] = high, high, high * passed
+    numbers[FILTER + 14], numbers[FILTER + 15] = -high, -high * high_damping  # (E11)
     rate = w * (1.0 + damping) + high * (2.0 + damping + high_damping)
     short, halvings, most = zero, zero, 0
     for k in range(LANES):
@@ -109,13 +109,7 @@ def _write_group(matrices, first, filters, passes_velocity, step, own, has_high_
         short = with_element(short, k, step * 0.5**count)
         halvings = with_element(halvings, k, float(count))
         most = max(most, count)
-    reached, added, stationary = _moments(f, w, short, halvings, most, has_high_pass)
-    numbers, order = _scratch(), ORDER if has_high_pass else ORDER // 2
-    _unpack(reached, numbers, TRANSITION)
-    _unpack(added, numbers, COVARIANCE)
-    _write_root(numbers, order, SPREAD)
-    _unpack(stationary, numbers, COVARIANCE)
-    _write_root(numbers, order, START_SPREAD)
+    _write_moments(numbers, w, short, halvings, most, order)
     one = alike(w, 1.0)
     numbers[OWN], numbers[OWN + 1], numbers[OWN + 2] = one, passed, -one
     numbers[OWN + 3] = -high_damping
@@ -163,166 +157,79 @@ def _scatter(rows, row, own, numbers):
 
 
 @inlined_kernel
-def _moments(f, w, short, halvings, most, has_high_pass):
-    """Return the filters' transition and covariances, over a sample interval and stationary.
+def _write_moments(b, w, short, halvings, most, order):
+    """Write the filters' transition, and the spreads of an interval and of the stationary state.
 
     They follow from those of a short time [s] by doubling (E14), in each lane so many times: after
     many doublings the covariance is the stationary one, the solution of Lyapunov's equation.
     """
-    transition, covariance = _short_step(f, w, short, has_high_pass)
+    _write_short_step(b, w, short, order)
     for n in range(most):
-        further, grown = _doubled(transition, covariance, has_high_pass)
-        transition = _chosen(halvings > n, further, transition)
-        covariance = _chosen(halvings > n, grown, covariance)
-    reached, added, done = transition, covariance, alike(w, 0.0)
+        _double(b, order)
+        for k in range(ORDER * order):
+            for old, new in ((STEP, NEXT), (COVARIANCE, GROWN)):
+                b[old + k] = where(halvings > n, b[new + k], b[old + k])
+    for k in range(ORDER * order):
+        b[TRANSITION + k] = b[STEP + k]
+    _write_root(b, order, SPREAD)
+    done = alike(w, 0.0)
     for _ in range(80):  # 2^80 sample intervals: the first state has decayed for any damping
-        transition, grown = _doubled(transition, covariance, has_high_pass)
-        # What is added later is smaller still.
-        done = where(_are_same(grown, covariance, has_high_pass), 1.0, done)
-        covariance = _chosen(done > 0.0, covariance, grown)
+        _double(b, order)
+        change = alike(w, 0.0)
+        for k in range(ORDER * order):
+            b[STEP + k] = b[NEXT + k]
+            change = larger(change, abs(b[GROWN + k] - b[COVARIANCE + k]))
+        done = where(change > 0.0, done, 1.0)
+        for k in range(ORDER * order):  # what is added later is smaller still
+            b[COVARIANCE + k] = where(done > 0.0, b[COVARIANCE + k], b[GROWN + k])
         if all_hold(done > 0.0):
             break
-    return reached, added, covariance
+    _write_root(b, order, START_SPREAD)
 
 
 @inlined_kernel
-def _short_step(f, w, step, has_high_pass):
-    """Return exp(f h) and the state's covariance (E13) after a short h, by their Taylor series."""
-    zero, one = alike(w, 0.0), alike(w, 1.0)
-    none, unit = (zero, zero, zero, zero), (one, zero, zero, one)
-    transition = term = (unit, none, none, unit)
-    covariance = form = ((zero, zero, zero, w * step), none, none, none)
+def _write_short_step(b, w, short, order):
+    """Write exp(f h) and the state's covariance (E13) after a short h, by their Taylor series."""
+    for k in range(ORDER * order):
+        unit = alike(w, 1.0 if k % (ORDER + 1) == 0 else 0.0)
+        b[STEP + k] = b[TERM + k] = unit
+        b[COVARIANCE + k] = b[FORM + k] = w * short if k == ORDER + 1 else alike(w, 0.0)
     for n in range(2, SERIES + 2):
-        term = _scaled(_product(f, term, has_high_pass), step / (n - 1.0))
-        transition = _sum(transition, term)
-        half = _product(f, form, has_high_pass)
-        form = _scaled(_sum(half, _transposed(half)), step / n)
-        covariance = _sum(covariance, form)
-    return transition, covariance
+        _multiply(b, FILTER, TERM, NEXT, order, False)
+        _multiply(b, FILTER, FORM, GROWN, order, False)
+        for row in range(order):
+            for column in range(order):
+                k, turned = ORDER * row + column, ORDER * column + row
+                b[TERM + k] = b[NEXT + k] * (short / (n - 1.0))
+                b[FORM + k] = (b[GROWN + k] + b[GROWN + turned]) * (short / n)
+                b[STEP + k] = b[STEP + k] + b[TERM + k]
+                b[COVARIANCE + k] = b[COVARIANCE + k] + b[FORM + k]
 
 
 @inlined_kernel
-def _doubled(transition, covariance, has_high_pass):
-    """Return transition and covariance over twice the time (E14)."""
-    moved = _product(transition, covariance, has_high_pass)
-    spread = _product(moved, _transposed(transition), has_high_pass)
-    return _product(transition, transition, has_high_pass), _sum(covariance, spread)
+def _double(b, order):
+    """Write transition and covariance over twice the time (E14)."""
+    _multiply(b, STEP, COVARIANCE, TERM, order, False)
+    _multiply(b, TERM, STEP, GROWN, order, True)
+    _multiply(b, STEP, STEP, NEXT, order, False)
+    for k in range(ORDER * order):
+        b[GROWN + k] = b[COVARIANCE + k] + b[GROWN + k]
 
 
 @inlined_kernel
-def _product(a, b, has_high_pass):
-    """Return a b; a library's product would round differently on other machines."""
-    zero = alike(a[0][0], 0.0)
-    none = zero, zero, zero, zero
-    low = _add_product(none, a[0], b[0])
-    if not has_high_pass:
-        return low, none, none, none
-    return (
-        _add_product(low, a[1], b[2]),
-        _add_product(_add_product(none, a[0], b[1]), a[1], b[3]),
-        _add_product(_add_product(none, a[2], b[0]), a[3], b[2]),
-        _add_product(_add_product(none, a[2], b[1]), a[3], b[3]),
-    )
+def _multiply(b, left, right, out, order, is_turned):
+    """Write the product of two matrices, or the first times the other's transpose.
 
-
-@inlined_kernel
-def _chosen(condition, a, b):
-    """Return a in lanes where a condition holds, otherwise b."""
-    return (
-        _chosen_block(condition, a[0], b[0]),
-        _chosen_block(condition, a[1], b[1]),
-        _chosen_block(condition, a[2], b[2]),
-        _chosen_block(condition, a[3], b[3]),
-    )
-
-
-@inlined_kernel
-def _chosen_block(condition, a, b):
-    """Do so with blocks."""
-    return (
-        where(condition, a[0], b[0]),
-        where(condition, a[1], b[1]),
-        where(condition, a[2], b[2]),
-        where(condition, a[3], b[3]),
-    )
-
-
-@inlined_kernel
-def _are_same(a, b, has_high_pass):
-    """Tell in which lanes all entries of a and b are equal."""
-    low = _are_same_blocks(a[0], b[0])
-    if not has_high_pass:
-        return low
-    others = _are_same_blocks(a[1], b[1]) & _are_same_blocks(a[2], b[2])
-    return low & others & _are_same_blocks(a[3], b[3])
-
-
-@inlined_kernel
-def _are_same_blocks(a, b):
-    """Do so with blocks."""
-    return (a[0] == b[0]) & (a[1] == b[1]) & (a[2] == b[2]) & (a[3] == b[3])
-
-
-@inlined_kernel
-def _add_product(total, a, b):
-    """Return total + a b of blocks."""
-    return (
-        total[0] + a[0] * b[0] + a[1] * b[2],
-        total[1] + a[0] * b[1] + a[1] * b[3],
-        total[2] + a[2] * b[0] + a[3] * b[2],
-        total[3] + a[2] * b[1] + a[3] * b[3],
-    )
-
-
-@inlined_kernel
-def _sum(a, b):
-    """Return a + b."""
-    return _plus(a[0], b[0]), _plus(a[1], b[1]), _plus(a[2], b[2]), _plus(a[3], b[3])
-
-
-@inlined_kernel
-def _plus(a, b):
-    """Return a + b of blocks."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
-
-
-@inlined_kernel
-def _scaled(a, factor):
-    """Return a times a number."""
-    return _times(a[0], factor), _times(a[1], factor), _times(a[2], factor), _times(a[3], factor)
-
-
-@inlined_kernel
-def _times(a, factor):
-    """Return a block times a number."""
-    return a[0] * factor, a[1] * factor, a[2] * factor, a[3] * factor
-
-
-@inlined_kernel
-def _transposed(a):
-    """Return the transpose of a."""
-    return _turned(a[0]), _turned(a[2]), _turned(a[1]), _turned(a[3])
-
-
-@inlined_kernel
-def _turned(a):
-    """Return the transpose of a block."""
-    return a[0], a[2], a[1], a[3]
-
-
-@inlined_kernel
-def _unpack(a, numbers, first):
-    """Write the blocks of a as rows of 4 by 4 numbers from the first on."""
-    for k in range(2):
-        _unpack_row(a[0], a[1], k, numbers, first + ORDER * k)
-        _unpack_row(a[2], a[3], k, numbers, first + ORDER * (k + 2))
-
-
-@inlined_kernel
-def _unpack_row(left, right, k, numbers, first):
-    """Write row k of two blocks side by side."""
-    numbers[first], numbers[first + 1] = left[2 * k], left[2 * k + 1]
-    numbers[first + 2], numbers[first + 3] = right[2 * k], right[2 * k + 1]
+    A library's product would round differently on other machines.
+    """
+    along, across = (1, ORDER) if is_turned else (ORDER, 1)
+    for row in range(order):
+        for column in range(order):
+            first, second = left + ORDER * row, right + across * column
+            total = b[first] * b[second]
+            for k in range(1, order):
+                total = total + b[first + k] * b[second + along * k]
+            b[out + ORDER * row + column] = total
 
 
 @inlined_kernel
