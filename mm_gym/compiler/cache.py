@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numba
+from llvmlite import binding
 from numba.core import caching
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult, compile_result
 from numba.core.runtime import rtsys
 
-from mm_gym.compiler.intermediate_code import IntermediateCode
 from mm_gym.compiler.lock import locked
 from mm_gym.compiler.notice import NOT_KEPT
 from mm_gym.compiler.trust import UntrustedError, check_folder, read_trusted
@@ -30,6 +31,8 @@ from mm_gym.compiler.trust import UntrustedError, check_folder, read_trusted
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
     from typing import BinaryIO
+
+    from numba.core.codegen import CodeLibrary
 
 
 def sources() -> list[Path]:
@@ -144,6 +147,35 @@ class _Entries(caching.IndexDataCacheFile):
 
 def _opened_for_the_user(path: str, flags: int) -> int:
     return os.open(path, flags, 0o644)  # whatever his `umask`
+
+
+class IntermediateCode(JITCodeLibrary):
+    """The code of a kernel as others link it: with all that it calls, neither optimised nor run."""
+
+    @classmethod
+    def loaded(cls, codegen: Any, name: str, bitcode: bytes) -> IntermediateCode:  # noqa: ANN401
+        """Return a library as `bitcode` saves it."""
+        library = cls(codegen, name)
+        library._final_module = binding.parse_bitcode(bitcode)
+        library._finalized = True
+        return library
+
+    def bitcode(self) -> bytes:
+        """Return the code in bytes."""
+        return self._final_module.as_bitcode()
+
+    def add_linking_library(self, library: CodeLibrary) -> None:
+        """Add a library that this one calls; numba's runtime comes with the machine code."""
+        if library is not rtsys.library:
+            super().add_linking_library(library)
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to the machine code of which this becomes a part."""
+
+    def _finalize_final_module(self) -> None:
+        """Keep the code out of the memory of what runs."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
 
 
 class _MachineCode:

@@ -21,8 +21,7 @@ from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
-from mm_gym.compiler.cache import KernelCache
-from mm_gym.compiler.intermediate_code import IntermediateCode
+from mm_gym.compiler.cache import IntermediateCode, KernelCache
 from mm_gym.compiler.notice import announce
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from mm_gym.compiler.jit import plain
 from mm_gym.errors import CompileError, SceneError
 from mm_gym.lanes import layout as at
 from mm_gym.law import carriage_spring, dry_friction, springs
-from mm_gym.state_space.coefficients import values_of
-from mm_gym.state_space.equations import state_space
+from mm_gym.state_space.equations import state_space, values_of
 from mm_gym.state_space.matrix_exponential import ASSEMBLY_DIGITS
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The models of the sensitivities' kernels, and the excitation that they may expect."""
+"""The models of the sensitivities' kernels, and the excitation to be expected."""
 
 from __future__ import annotations
 

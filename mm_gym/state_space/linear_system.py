@@ -8,12 +8,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mm_gym.errors import DesignError
-from mm_gym.state_space.subspace import kept_by_zeros, reachable_basis
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Array = NDArray[np.float64]
+
+REACHED = 1e-9
+"""Part of a direction of size 1 below which it is round-off."""
+
+ROUNDS = 200
+"""Most rounds of balancing; a few suffice."""
 
 
 class Signal(NamedTuple):
@@ -124,14 +129,14 @@ class LinearSystem:
             If the inputs move no state.
         """
         moved = np.hstack([self.B, self.process_noise]) if noise else self.B
-        kept = kept_by_zeros(self.A, moved)
+        kept = _kept_by_zeros(self.A, moved)
         if not kept.any():
             names = ", ".join(signal.name for signal in self.inputs) or "none"
             msg = f"inputs: {names} move nothing at this point; choose another point or input"
             raise DesignError(msg)
         part = self._selected(kept)
         moved = np.hstack([part.B, part.process_noise]) if noise else part.B
-        basis, back = reachable_basis(part.A, moved)
+        basis, back = _reachable_basis(part.A, moved)
         return part if basis.shape[1] == len(part.A) else _within(part, basis, back)
 
     def observable(self) -> LinearSystem:
@@ -142,13 +147,13 @@ class LinearSystem:
         DesignError
             If the outputs show no state.
         """
-        kept = kept_by_zeros(self.A.T, self.C.T)
+        kept = _kept_by_zeros(self.A.T, self.C.T)
         if not kept.any():
             names = ", ".join(signal.name for signal in self.outputs) or "none"
             msg = f"outputs: {names} show nothing of the states; choose other channels"
             raise DesignError(msg)
         part = self._selected(kept)
-        back, basis = reachable_basis(part.A.T, part.C.T)
+        back, basis = _reachable_basis(part.A.T, part.C.T)
         return part if back.shape[1] == len(part.A) else _within(part, basis.T, back.T)
 
     def to_control(self) -> Any:  # noqa: ANN401 - of an optional package
@@ -208,3 +213,50 @@ def _within(system: LinearSystem, basis: Array, back: Array) -> LinearSystem:
         process_noise=back @ system.process_noise @ back.T,
         states=tuple(Signal(f"z{k + 1}", "-") for k in range(basis.shape[1])),
     )
+
+
+def _kept_by_zeros(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Return which of the n states inputs (n, m) can move, as far as exact zeros of A tell."""
+    kept = (b != 0.0).any(axis=1)
+    for _ in range(len(a)):
+        kept = kept | ((a != 0.0) & kept).any(axis=1)
+    return kept
+
+
+def _reachable_basis(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return a basis (n, r) of what inputs reach, and its inverse on it (r, n).
+
+    Krylov's space of B, A B, ..., orthonormal in balanced coordinates: positions and velocities
+    differ by a factor of their frequency, and forces and accelerations by more.
+    """
+    scale = _balance(a)
+    generator = a * scale / scale[:, None]
+    start = b / scale[:, None]
+    sizes = np.linalg.norm(start, axis=0)
+    start = start[:, sizes > 0.0] / sizes[sizes > 0.0]
+    generator = generator / max(np.linalg.norm(generator, 2), np.finfo(np.float64).tiny)
+    basis = np.zeros((len(a), 0))
+    while start.shape[1]:
+        for _ in range(2):  # twice is enough (Kahan and Parlett)
+            start = start - basis @ (basis.T @ start)
+        left, spread, _ = np.linalg.svd(start, full_matrices=False)
+        new = left[:, spread > REACHED]
+        basis = np.hstack([basis, new])
+        start = generator @ new
+    return scale[:, None] * basis, basis.T / scale
+
+
+def _balance(a: Array) -> Array:
+    """Return a scale (n,) of powers of 2 with which rows and columns of A have like sizes."""
+    scale, size = np.ones(len(a)), np.abs(a)
+    np.fill_diagonal(size, 0.0)
+    for _ in range(ROUNDS):
+        balanced = size * scale / scale[:, None]
+        rows, columns = balanced.sum(axis=1), balanced.sum(axis=0)
+        some = (rows > 0.0) & (columns > 0.0)
+        factor = np.ones(len(a))
+        factor[some] = 2.0 ** np.clip(np.rint(0.25 * np.log2(rows[some] / columns[some])), -8, 8)
+        if (factor == 1.0).all():
+            break
+        scale = scale * factor
+    return scale

@@ -13,7 +13,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.base import ExactMethod, Settings, header
 from mm_gym.methods.cayley_hamilton import kernel as ch
 from mm_gym.methods.support import PARAMETRIC_LINEAR, fastest_rate
-from mm_gym.state_space.coefficients import values_of
+from mm_gym.state_space.equations import values_of
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:

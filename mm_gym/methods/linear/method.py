@@ -11,7 +11,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.base import ExactMethod, Settings, header, refuse_overflow
 from mm_gym.methods.linear import kernel
 from mm_gym.methods.support import LINEAR, MASSLESS
-from mm_gym.state_space.coefficients import linear_system, values_of
+from mm_gym.state_space.equations import linear_system, values_of
 from mm_gym.state_space.transition import (
     halved_massless_transitions,
     halved_transitions,

@@ -20,8 +20,7 @@ from mm_gym.methods.support import (
 )
 from mm_gym.methods.switched import kernel, series_kernel
 from mm_gym.methods.switched import layout as switched
-from mm_gym.state_space.coefficients import values_of
-from mm_gym.state_space.equations import slip_space
+from mm_gym.state_space.equations import slip_space, values_of
 from mm_gym.state_space.matrix_exponential import halved_exponentials
 from mm_gym.step.control_step import build
 
