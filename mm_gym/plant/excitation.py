@@ -67,18 +67,14 @@ class Kind(Generic[P]):
 
     Attributes
     ----------
-    fields
-        Numeric field -> its row among those of a part.
-    rows
-        Number of rows of a part, but for those of what `drawn_rows` counts.
-    drawn_rows
-        Returns the number of rows of what follows from fields that are drawn.
-    code
-        Of its branches in `mm_gym.excitation.kinds`; harmonics have none.
-    terms
-        Coefficients of what it adds to a jet.
-    constants
-        Row -> value, of rows that no field sets.
+    fields, constants
+        Numeric field -> its row among those of a part; row -> value, of rows that no field sets.
+    rows, drawn_rows
+        Number of rows of a part, and a function that returns how many more follow from fields that
+        are drawn.
+    code, terms
+        Of its branches in `mm_gym.excitation.kinds`, which harmonics have not; coefficients of what
+        it adds to a jet.
     interval
         Returns the longest sample interval [s] where the part asks for none.
     samples
@@ -279,11 +275,7 @@ def motions_of(placed: Placed[Recorded]) -> Iterator[Array]:
 
 
 def _noise_phase(filters: NDArray[np.float64], *, passes_velocity: bool) -> float:
-    """Return the longest sample interval [s] that keeps to `SHORTFALL` and `NOISE_PHASE`.
-
-    The filters are (2, 2): frequency and damping ratio of the low-pass and of the high-pass; the
-    highest frequency is 1 rad/s.
-    """
+    """Return the longest interval [s] of filters with a highest frequency of 1 rad/s."""
 
     def falls_short(interval: float) -> bool:
         matrices = shaping.filter_matrices(filters, interval, passes_velocity=passes_velocity)
@@ -429,18 +421,7 @@ KINDS: dict[str, Kind[Any]] = {
 
 
 def samples_of(name: str, part: Any) -> tuple[Any, Array, float]:  # noqa: ANN401 - of any kind
-    """Return a part whose pattern of files is replaced by what it found, and its samples.
-
-    Parameters
-    ----------
-    name
-        Its dotted name, such as "excitation.0".
-    part
-        The part.
-
-    Returns
-    -------
-    The part, and what `Kind.samples` returned.
+    """Return a part, whose pattern of files is replaced by what it found, and its `Kind.samples`.
 
     Raises
     ------
@@ -478,14 +459,11 @@ class Layout:
 
     Attributes
     ----------
-    parts
-        The parts of the excitation.
-    ground
-        For each harmonic, whether it shakes the ground.
-    names
-        Dotted name of each field that can be set -> its row of a lane.
-    values
-        Row -> value or range, also of the rows that no field sets.
+    parts, ground
+        The parts of the excitation; for each harmonic, whether it shakes the ground.
+    names, values
+        Dotted name of each field that can be set -> its row of a lane; row -> value or range, also
+        of the rows that no field sets.
     description
         See `mm_gym.excitation.kinds`.
     jets, terms, size
@@ -509,16 +487,9 @@ class Layout:
 
 
 def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
-    """Lay out a scene's excitation.
+    """Lay out a scene's excitation, given the fastest rate of its plant [1/s].
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    rate
-        The fastest rate of its plant [1/s].
-    turn
-        By how much a harmonic may turn in a sample interval [rad].
+    In a sample interval a harmonic may turn by so much [rad].
 
     Raises
     ------

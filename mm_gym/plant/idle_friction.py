@@ -63,17 +63,9 @@ ROUND_OFF = 1e-9
 def require_stick(support: Support, values: Array, where: str) -> None:
     """Raise `SceneError` for states from which friction might slip that is left out of the plant.
 
+    They are those of `values` (rows, lanes); `where` is what is refused, as the message names it.
     By its energy, which cannot grow, each state of the scene itself stays below the reference
     velocity.
-
-    Parameters
-    ----------
-    support
-        That of the plant.
-    values
-        (rows, lanes), with states x1, x2, v1, v2.
-    where
-        What is refused, as the message names it.
     """
     limit = support.idle_velocity
     if limit == np.inf:

@@ -36,16 +36,9 @@ def jacobian_of(
     place: Mapping[str, Any] | ArrayLike | None,
     parameters: Sequence[str],
 ) -> Jacobian:
-    """Return the Jacobians; see `Plant.jacobian`.
+    """Return the Jacobians; see `Plant.jacobian`, whose arguments these are.
 
-    Parameters
-    ----------
-    support, constants
-        Of the plant; the constants are the model's and the task's.
-    motion
-        State and action.
-    place, parameters
-        Its arguments `at` and `parameters`.
+    The constants are the arrays of model and task; a motion is state and action.
     """
     model, task = constants
     rows = {name: _followed_row(support, name) for name in parameters}

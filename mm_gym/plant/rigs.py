@@ -69,9 +69,7 @@ def over_rigs(
         if name.startswith(of_rig) and name != DELAY
     }
     return scene.replace(
-        **{DELAY: (delay + 1) // 2},
-        **stated,
-        randomization={**scene.randomization, **ranges},
+        **{DELAY: (delay + 1) // 2}, **stated, randomization={**scene.randomization, **ranges}
     )
 
 

@@ -68,10 +68,7 @@ SHOWN = {
 ABSOLUTE = ("force", "stretch", "damping", "voltage", "disturbance")
 """Drivers of the absolute accelerations."""
 
-ROWS = {
-    kernels.IMPULSE: process.ROWS,
-    kernels.FILTER: noise.ROWS,
-}
+ROWS = {kernels.IMPULSE: process.ROWS, kernels.FILTER: noise.ROWS}
 
 
 @dataclass(frozen=True)
@@ -80,18 +77,14 @@ class ShapingFilter:
 
     Attributes
     ----------
-    name
-        Dotted name of the part of the excitation.
-    ground
-        Whether it shakes the ground.
+    name, ground
+        Dotted name of the part of the excitation, and whether it shakes the ground.
     generator, intensity
         (k, k) F [1/s], and the intensity of the white noise on the states [1/s].
-    output
-        (k,) the excitation [N] or [m/s^2] per state.
+    output, sampled_output
+        (k,) the excitation [N] or [m/s^2] per state; the same, linear between its samples.
     transition, spread
         (k, k) exp(F h) over a sample interval, and a root of the covariance added in it.
-    sampled_output
-        (k,) as `output`, for an excitation that is linear between its samples.
     """
 
     name: str

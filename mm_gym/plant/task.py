@@ -216,14 +216,11 @@ class Instruments(NamedTuple):
 
     Attributes
     ----------
-    names
-        Dotted name of each field -> its row.
-    values
-        Row -> number or range.
-    sensors
-        First row of the sensors; 0 if all lanes have the same ones, at most with noise and delay.
-    actuators
-        Name -> first row of each actuator whose lag or rate limit is drawn.
+    names, values
+        Dotted name of each field -> its row; row -> number or range.
+    sensors, actuators
+        First row of the sensors, 0 if all lanes have the same ones, at most with noise and delay;
+        name -> first row of each actuator whose lag or rate limit is drawn.
     size
         Number of the rows in front of these and of these.
     """

@@ -30,10 +30,8 @@ class Actuator(NamedTuple):
     low, high, rate, lag_factor
         Limits, largest change in a control step, and fraction of the way that its lag lets it go;
         of lanes that differ in them, the middle.
-    is_rate
-        Whether it is commanded by rate.
-    own
-        First row of what each lane has for itself, 0 if all have the same.
+    is_rate, own
+        Whether it is commanded by rate; first row of what each lane has for itself, or 0.
     """
 
     name: str

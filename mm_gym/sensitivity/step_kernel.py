@@ -10,15 +10,7 @@ from mm_gym.excitation.kinds import excite, excited, has_corners
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import copy_row, fill, span
 from mm_gym.sensitivity import cubic_kernel, linear_kernel, series_kernel
-from mm_gym.sensitivity.layout import (
-    FIRST_ROW,
-    LAST_V1,
-    LAST_V2,
-    STATES,
-    TANGENTS,
-    TIME,
-    WIDTH,
-)
+from mm_gym.sensitivity.layout import FIRST_ROW, LAST_V1, LAST_V2, STATES, TANGENTS, TIME, WIDTH
 from mm_gym.step.crossing import by_pieces, by_superposition
 from mm_gym.step.outputs import pass_frame
 from mm_gym.step.task import command, hold

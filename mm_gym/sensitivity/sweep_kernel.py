@@ -113,17 +113,10 @@ def _linearise(motion, actuators, a, b, m, lane):
 def _expand(matrices, q, by_control, of_control):
     """Write the quadratic of the cost to come over states and controls before a step.
 
-    Parameters
-    ----------
-    matrices
-        (4, n, n): the quadratic p after the step and the derivatives a, read; p a, written.
-    q
-        (n,) read: the slope after the step.
-    by_control
-        (2, n, k): the derivatives b, read; p b, written.
-    of_control
-        (k, 2 n + k + 4) written: of each control, the curvature over the states, over the controls,
-        and the slope; behind them bounds, change and gains.
+    Of the matrices (4, n, n), the quadratic p after the step and the derivatives a are read, and p
+    a is written; of (2, n, k), the derivatives b and p b; q (n,) is the slope after the step. Of
+    each control the curvature over the states and over the controls and the slope are written;
+    behind them are bounds, change and gains, (k, 2 n + k + 4).
     """
     p, a, pa = matrices[0], matrices[1], matrices[2]
     b, pb = by_control[0], by_control[1]
@@ -164,7 +157,7 @@ def _bound(actuators, states, controls, bounds, m, j, lane):
 
 @borrowing_kernel
 def _minimise(of_control, n):
-    """Minimise the quadratic over the controls' changes within their bounds; write changes, gains.
+    """Minimise over the controls' changes within their bounds; write changes and gains.
 
     A control at a bound has no gains. Of two controls all cases are tried: none at a bound, or one
     of them, while the other is clipped.
@@ -226,17 +219,7 @@ def _hold_limits(actuators, controls, of_control, n, m, lane):
 
 @borrowing_kernel
 def _step_back(matrices, vectors, of_control):
-    """Turn the quadratic of the cost to come after a step into that before it.
-
-    Parameters
-    ----------
-    matrices
-        (4, n, n): quadratic, derivatives a and p a, read; the quadratic is written, and room.
-    vectors
-        (2, n): slope, read and written, and room.
-    of_control
-        As of `_expand`, read.
-    """
+    """Turn the quadratic of the cost to come after a step into that before it: see `_expand`."""
     a, pa, following = matrices[1], matrices[2], matrices[3]
     n, k = a.shape[0], of_control.shape[0]
     slope, change, gain = n + k, n + k + 3, n + k + 4

@@ -251,13 +251,7 @@ def record_of(motion: ArrayLike) -> Generator[Recorded]:
 
 
 def checked_motion(motion: ArrayLike) -> NDArray[np.float64]:
-    """Return a ground motion (k, 2) as numbers.
-
-    Raises
-    ------
-    SimulationError
-        If it has another shape or is not finite.
-    """
+    """Return a ground motion (k, 2) as finite numbers, or raise `SimulationError`."""
     samples = np.asarray(motion)
     shape = samples.shape
     if samples.dtype.kind not in "fiu" or samples.ndim != 2 or shape[1] != 2 or shape[0] < 2:  # noqa: PLR2004

@@ -15,14 +15,7 @@ from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.harmonics import begin_harmonic
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, prefer_widest_vectors
-from mm_gym.lanes.listed import (
-    copy_within,
-    gather_row,
-    place_of,
-    run_of,
-    scatter_row,
-    set_row,
-)
+from mm_gym.lanes.listed import copy_within, gather_row, place_of, run_of, scatter_row, set_row
 from mm_gym.lanes.memory import span
 from mm_gym.lanes.random import COUNT, KEY, next_episode, uniform
 from mm_gym.law.dry_friction import REGIMES_READ, REGIMES_WRITTEN, write_regimes

@@ -13,12 +13,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import clip, fma, prefer_widest_vectors
 from mm_gym.lanes.listed import place_of
 from mm_gym.lanes.memory import copy_row, copy_rows, fill, span
-from mm_gym.lanes.random import (
-    chance_of_sensors,
-    count_draws,
-    normals_ahead,
-    normals_of_sensors,
-)
+from mm_gym.lanes.random import chance_of_sensors, count_draws, normals_ahead, normals_of_sensors
 from mm_gym.lanes.transposition import copy_as_columns
 from mm_gym.law.carriage_spring import carriage_force
 from mm_gym.law.dry_friction import interface_force

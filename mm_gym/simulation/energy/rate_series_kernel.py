@@ -10,16 +10,7 @@ from mm_gym.compiler.jit import borrowing_kernel
 from mm_gym.excitation.sources import is_excited
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.tangents import value_of
-from mm_gym.sensitivity.series_kernel import (
-    FORCE,
-    GROUND,
-    LANE,
-    SLIP,
-    SLOPE,
-    V1,
-    W,
-    propagating,
-)
+from mm_gym.sensitivity.series_kernel import FORCE, GROUND, LANE, SLIP, SLOPE, V1, W, propagating
 
 ENOUGH = 2.0**-56, 8
 """See `propagating`. Of fewer terms, symmetry could make all zero: begun at rest, a cubic spring
