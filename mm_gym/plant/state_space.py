@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -72,47 +72,63 @@ ROWS = {kernels.IMPULSE: process.ROWS, kernels.FILTER: noise.ROWS}
 
 
 @dataclass(frozen=True)
-class ShapingFilter:
-    """A filter of white noise, z' = F z + white noise, whose output is the excitation.
+class Source:
+    """What excites: z' = F z + white noise, whose output is the excitation.
 
     Attributes
     ----------
-    name, ground
-        Dotted name of the part of the excitation, and whether it shakes the ground.
+    names
+        Of the k states z.
+    driver
+        The driver that it adds to: `DISTURBANCE` or `GROUND`.
     generator, intensity
         (k, k) F [1/s], and the intensity of the white noise on the states [1/s].
     output, sampled_output
         (k,) the excitation [N] or [m/s^2] per state; the same, linear between its samples.
     transition, spread
-        (k, k) exp(F h) over a sample interval, and a root of the covariance added in it.
+        (k, k) exp(F h) over a sample interval, and a root of the covariance added in it; empty for
+        harmonics, which are moved with the masses.
     """
 
-    name: str
-    ground: bool
+    names: tuple[str, ...]
+    driver: int
     generator: Array
     intensity: Array
     output: Array
+    sampled_output: Array
     transition: Array
     spread: Array
-    sampled_output: Array
+
+    @property
+    def is_random(self) -> bool:
+        """Whether it is a filter of noise, not a harmonic."""
+        return self.transition.size > 0
 
 
 @dataclass(frozen=True)
 class RandomImpulses:
     """Random impulses: their rate [1/s], and mean and mean square of their size [N s] or [m/s]."""
 
-    ground: bool
+    driver: int
     rate: float
     mean: float
     square: float
 
 
-def shaping_filters(support: Support, row: Array) -> list[ShapingFilter]:
-    """Return the filters of the noise of a lane (rows,), as they are while the envelope is 1."""
-    return [
-        _filter(name, slots, first, support.sample_interval, row)
-        for name, slots, first in _parts_of_kind(support, kernels.FILTER)
-    ]
+def sources_of(support: Support, row: Array) -> list[Source]:
+    """Return the harmonics and then the filters of a lane (rows,), while the envelope is 1."""
+    found: list[Source] = []
+    for j, ground in enumerate(support.ground):
+        first = at.HARMONICS + at.HARMONIC_ROWS * j
+        name = next(n for n, r in support.names.items() if r == first + at.FREQUENCY)
+        name, output = name.rpartition(".")[0], np.array([0.0, row[first + at.AMPLITUDE]])
+        turn = row[first + at.FREQUENCY] * np.array([[0.0, -1.0], [1.0, 0.0]])
+        names, driver = (f"{name}.cosine", f"{name}.sine"), GROUND if ground else DISTURBANCE
+        known = turn, np.zeros((2, 2)), output, output, np.empty((0, 0)), np.empty((0, 0))
+        found.append(Source(names, driver, *known))
+    for name, slots, first in _parts_of_kind(support, kernels.FILTER):
+        found.append(_filter(name, slots, first, support.sample_interval, row))
+    return found
 
 
 def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
@@ -127,8 +143,7 @@ def random_impulses(support: Support, row: Array) -> list[RandomImpulses]:
         rate = float(row[first + process.RATE])
         if rate > 0.0:
             square = (low**2 + low * high + high**2) / 3.0
-            ground = bool(slots[kernels.TARGET] > 0.0)
-            found.append(RandomImpulses(ground, rate, 0.5 * (low + high), square))
+            found.append(RandomImpulses(_driver(slots), rate, 0.5 * (low + high), square))
     return found
 
 
@@ -145,7 +160,11 @@ def _parts_of_kind(support: Support, kind: int) -> Iterator[tuple[str, Array, in
         yield name.rpartition(".")[0], slots, first
 
 
-def _filter(name: str, slots: Array, first: int, interval: float, row: Array) -> ShapingFilter:
+def _driver(slots: Array) -> int:
+    return GROUND if slots[kernels.TARGET] > 0.0 else DISTURBANCE
+
+
+def _filter(name: str, slots: Array, first: int, interval: float, row: Array) -> Source:
     passes_velocity = bool(slots[kernels.OWN + noise.PASSES_VELOCITY] > 0.0)
     own = row[first : first + noise.ROWS]
     filters = own[noise.LOW_PASS : noise.HIGH_PASS_DAMPING + 1].reshape(2, 2)
@@ -159,9 +178,9 @@ def _filter(name: str, slots: Array, first: int, interval: float, row: Array) ->
     factor = own[noise.RMS] / deviation if deviation > 0.0 else 0.0
     intensity = np.zeros((order, order))
     intensity[1, 1] = own[noise.LOW_PASS]  # (E13) of docs/excitation.md
-    return ShapingFilter(
-        name=name,
-        ground=bool(slots[kernels.TARGET] > 0.0),
+    return Source(
+        names=tuple(f"{name}.filter{k + 1}" for k in range(order)),
+        driver=_driver(slots),
         generator=_generator(own, order, passes_velocity=passes_velocity),
         intensity=intensity,
         output=output * factor,
@@ -200,8 +219,8 @@ class Parts:
         The plant, and the lane (rows,) at the point.
     tangent
         The motion about the point.
-    filters, impulses
-        Random excitation.
+    sources, impulses
+        What excites.
     inputs, outputs
         Names.
     sampled
@@ -211,23 +230,18 @@ class Parts:
     plant: Plant
     row: Array
     tangent: Tangent
-    filters: list[ShapingFilter]
+    sources: list[Source]
     impulses: list[RandomImpulses]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     sampled: bool
 
     @property
-    def harmonics(self) -> list[tuple[str, bool, float, float]]:
-        """Dotted name, whether it shakes the ground, amplitude and frequency of each harmonic."""
-        support = self.plant.support
-        found: list[tuple[str, bool, float, float]] = []
-        for j, ground in enumerate(support.ground):
-            first = at.HARMONICS + at.HARMONIC_ROWS * j
-            name = next(n for n, r in support.names.items() if r == first + at.FREQUENCY)
-            amplitude, frequency = self.row[first + at.AMPLITUDE], self.row[first + at.FREQUENCY]
-            found.append((name.rpartition(".")[0], ground, float(amplitude), float(frequency)))
-        return found
+    def placed(self) -> list[tuple[slice, Source]]:
+        """The sources and their states."""
+        first = 4 + len(self.held)
+        ends = (first + np.cumsum([len(source.output) for source in self.sources])).tolist()
+        return list(zip(map(slice, [first, *ends], ends), self.sources, strict=False))
 
     @property
     def lags(self) -> dict[str, float]:
@@ -255,42 +269,12 @@ class Parts:
         """The states but those of the delay."""
         states = [Signal(n, u, float(self.row[k])) for k, (n, u) in enumerate(STATES.items())]
         states += [self.input_signal(name) for name in self.held]
-        for name, *_ in self.harmonics:
-            states += [Signal(f"{name}.cosine", "-"), Signal(f"{name}.sine", "-")]
-        for source in self.filters:
-            count = len(source.generator)
-            states += [Signal(f"{source.name}.filter{k + 1}", "-") for k in range(count)]
-        return states
+        return states + [Signal(name, "-") for source in self.sources for name in source.names]
 
     def input_signal(self, name: str) -> Signal:
         """Return an input with its unit and point."""
         point = float(self.row[POINTS[name]]) if name in POINTS else 0.0
         return Signal(name, INPUTS[name], point)
-
-
-class Source(NamedTuple):
-    """A source of excitation: its first state, target, output, generator and intensity."""
-
-    row: int
-    ground: bool
-    output: Array
-    generator: Array
-    intensity: Array
-
-
-def sources_of(parts: Parts) -> list[Source]:
-    """Return the harmonics, then the filters."""
-    found: list[Source] = []
-    row = 4 + len(parts.held)
-    for _, ground, amplitude, frequency in parts.harmonics:
-        turn = frequency * np.array([[0.0, -1.0], [1.0, 0.0]])
-        found.append(Source(row, ground, np.array([0.0, amplitude]), turn, np.zeros((2, 2))))
-        row += 2
-    for source in parts.filters:
-        own = source.output, source.generator, source.intensity
-        found.append(Source(row, source.ground, *own))
-        row += len(source.output)
-    return found
 
 
 def sensor_noise(parts: Parts) -> Array:
@@ -311,15 +295,9 @@ def outputs_of(parts: Parts) -> tuple[Array, Array, tuple[Signal, ...]]:
     for k, name in enumerate(parts.inputs):
         if name not in parts.held:
             driven[name][1][k] = 1.0
-    for row, ground, output, _, _ in sources_of(parts):
-        own = slice(row, row + len(output))
-        driven["ground" if ground else "disturbance"][0][own] += output
-    if parts.sampled:  # the samples' own factor
-        first = count - sum(len(source.output) for source in parts.filters)
-        for source in parts.filters:
-            own = slice(first, first + len(source.output))
-            driven["ground" if source.ground else "disturbance"][0][own] = source.sampled_output
-            first = own.stop
+    for own, source in parts.placed:
+        output = source.sampled_output if parts.sampled else source.output
+        driven[DRIVERS[source.driver]][0][own] = output
     for k, name in enumerate(parts.outputs):
         motion, weights, point = _output(parts, drivers, name)
         c[k, :4] = motion
@@ -379,7 +357,7 @@ def state_space_of(
         plant=plant,
         row=row,
         tangent=tangent(plant.support, row),
-        filters=shaping_filters(plant.support, row),
+        sources=sources_of(plant.support, row),
         impulses=random_impulses(plant.support, row),
         inputs=asked_inputs,
         outputs=asked_outputs,
@@ -415,14 +393,13 @@ def _continuous(parts: Parts) -> LinearSystem:
         if name not in parts.held:
             b[:4, k] = drivers[:, DRIVERS.index(name)]
     noise = np.zeros_like(a)
-    for row, ground, output, generator, intensity in sources_of(parts):
-        own = slice(row, row + len(output))
-        a[:4, own] = np.outer(drivers[:, GROUND if ground else DISTURBANCE], output)
-        a[own, own], noise[own, own] = generator, intensity
+    for own, source in parts.placed:
+        a[:4, own] = np.outer(drivers[:, source.driver], source.output)
+        a[own, own], noise[own, own] = source.generator, source.intensity
     drift = np.zeros(len(states))
     drift[:4] = drivers[:, ONE]
     for impulse in parts.impulses:
-        kick = drivers[:, GROUND if impulse.ground else DISTURBANCE]
+        kick = drivers[:, impulse.driver]
         noise[:4, :4] += impulse.rate * impulse.square * np.outer(kick, kick)
         drift[:4] += impulse.rate * impulse.mean * kick
     c, d, signals = outputs_of(parts)
@@ -473,31 +450,29 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
 
     The states are x1, x2, v1, v2, then `DRIVERS`, which are held, then the sources.
     """
-    sources, fixed = sources_of(parts), 4 + len(DRIVERS)
-    interval, harmonics = parts.plant.support.sample_interval, parts.harmonics
+    fixed, interval = 4 + len(DRIVERS), parts.plant.support.sample_interval
+    harmonics = [source for source in parts.sources if not source.is_random]
     size = fixed + 2 + 2 * len(harmonics)  # two ramps: of the disturbance and of the ground
     generator = np.full((size, size), Decimal(0))
     generator[:4, :4], generator[:4, 4:fixed] = parts.tangent.a, parts.tangent.drivers
     for ramp, driver in enumerate((DISTURBANCE, GROUND)):
         generator[4 + driver, fixed + ramp] = 1 / Decimal(interval)
-    shift = 4 + len(parts.held)
-    for k, (row, ground, output, turn, _) in enumerate(sources[: len(harmonics)]):
+    for k, source in enumerate(harmonics):
         own = slice(fixed + 2 + 2 * k, fixed + 4 + 2 * k)
-        driver = parts.tangent.drivers[:, GROUND if ground else DISTURBANCE]
-        generator[:4, own] = np.outer(driver, decimals(output[None])[0])
-        generator[own, own] = decimals(turn)
-        assert row == shift + 2 * k  # noqa: S101 - as `sources_of` orders them
+        driver = parts.tangent.drivers[:, source.driver]
+        generator[:4, own] = np.outer(driver, decimals(source.output[None])[0])
+        generator[own, own] = decimals(source.generator)
     moved = exponential(generator, interval)
-    total = fixed + sum(len(source.output) for source in sources)
+    total = fixed + sum(len(source.output) for source in parts.sources)
     step, spread, mean = np.zeros((total, total)), np.zeros((total, total)), np.zeros(total)
     kept = [*range(fixed), *range(fixed + 2, size)]
     step[: size - 2, : size - 2] = moved[np.ix_(kept, kept)]
     step[4:fixed, 4:fixed] = np.eye(len(DRIVERS))
     first = size - 2
-    for source in parts.filters:
+    for source in parts.sources[len(harmonics) :]:
         own = slice(first, first + len(source.transition))
-        driver = GROUND if source.ground else DISTURBANCE
-        hold, ramp = moved[:4, 4 + driver], moved[:4, fixed + int(source.ground)]
+        hold = moved[:4, 4 + source.driver]
+        ramp = moved[:4, fixed + int(source.driver == GROUND)]
         now, then = source.sampled_output, source.sampled_output @ source.transition
         step[:4, own] = np.outer(hold, now) + np.outer(ramp, then - now)
         step[own, own] = source.transition
@@ -508,13 +483,9 @@ def _interval(parts: Parts) -> tuple[Array, Array, Array]:
         first = own.stop
     drivers = parts.tangent.drivers.astype(np.float64)
     for impulse in parts.impulses:
-        driver = GROUND if impulse.ground else DISTURBANCE
-        spread[:4, :4] += (
-            impulse.rate
-            * impulse.square
-            * _spread_of_kicks(parts.tangent.a, drivers[:, driver], interval)
-        )
-        mean[:4] += impulse.rate * impulse.mean * moved[:4, 4 + driver]
+        kicks = _spread_of_kicks(parts.tangent.a, drivers[:, impulse.driver], interval)
+        spread[:4, :4] += impulse.rate * impulse.square * kicks
+        mean[:4] += impulse.rate * impulse.mean * moved[:4, 4 + impulse.driver]
     return step, spread, mean
 
 
