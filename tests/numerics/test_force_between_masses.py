@@ -10,6 +10,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, Scene, SceneError, compile_scene, simulate
 from mm_gym.metrics import LaneResponse, response
+from mm_gym.precision.oracle import Oracle
 
 from .by_scipy import motion
 
@@ -137,6 +138,16 @@ def test_drawn_parameters_and_carriages_without_mass_know_it():
     assert np.abs(alone.state[:, :2] - light.state[:, :2]).max() <= 1e-6
     assert np.abs(alone.state[:, 1] - simulate(scene_of(**massless)).state[:, 1]).max() > 1e-3
     require_balance(alone)
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.1], ids=["massless", "with mass"])
+def test_the_oracle_knows_it(mass):
+    scene, (forces, _) = scene_of(**{"carriage.mass": mass}), commands(3)
+    found = Oracle(scene).solve(0.005 * np.arange(1, STEPS + 1), forces=forces)
+    expected = simulate(scene, action=forces[:, None]).state[1:]
+    # Without mass the carriage's velocity jumps with the force: at an end it is another step's.
+    moved = [0, 1, 3]
+    assert (np.abs(found - expected) <= ROUND_OFF * np.abs(expected).max(axis=0))[:, moved].all()
 
 
 @pytest.mark.parametrize(
