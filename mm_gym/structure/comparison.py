@@ -319,10 +319,14 @@ def _draw(comparison: Comparison) -> Figure:
         axes[0].plot(comparison.time, curve, STYLES[k], color=colour, label=name)
         if drifts:
             peaks = [1e3 * (row.full_peak, row.reduced_peak)[k] for row in drifts]
-            axes[1].bar(np.arange(1, len(peaks) + 1) + 0.4 * k - 0.2, peaks, 0.4, color=colour)
+            places = np.arange(1, len(peaks) + 1) + 0.4 * k - 0.2
+            hatch = ("", "//")[k]
+            axes[1].bar(places, peaks, 0.4, color=colour, edgecolor="white", hatch=hatch)
     axes[0].set(xlabel="time [s]", ylabel=f"{comparison.rows[0].name} [mm]")
     if drifts:
         axes[1].set(xlabel="storey", ylabel="largest drift [mm]")
         axes[1].margins(x=0.02)
+        axes[1].set_xticks(range(1, len(drifts) + 1))
+        axes[1].grid(visible=False, axis="x")
     legend_below(figure, axes[0], 2)
     return figure

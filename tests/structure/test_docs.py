@@ -62,7 +62,8 @@ def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, 
     (tmp_path / "frame.py").write_text(PROGRAMS[3])
     exec(compile(PROGRAMS[3], "frame.py", "exec"), {})  # noqa: S102
     assert [len(load_scene(f"{name}.toml").excitation) for name in ("train", "quake")] == [1, 2]
-    commands = re.findall(r"^    python -m agents[. ](.*)$", PAGE, re.MULTILINE)
+    section = PAGE.partition("to a learned controller\n")[2].partition("\n## ")[0]
+    commands = re.findall(r"^    python -m agents[. ](.*)$", section, re.MULTILINE)
     shorter = {"evolve": "--generations 1 --threads 1", "evaluate": "--episodes 2"}
     for command in commands:
         # All baselines take minutes to tune.
@@ -81,6 +82,23 @@ def test_frame_and_record_become_a_learned_controller_and_a_figure(monkeypatch, 
         "learned",
     ]
     assert (tmp_path / "comparison.png").stat().st_size > 10_000
+
+
+def test_lqg_of_the_page_compiles_without_a_warning(monkeypatch, tmp_path):
+    pytest.importorskip("control")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "RSN953.AT2").write_text(record())
+    exec(compile(PROGRAMS[3] + PROGRAMS[5], "frame.py", "exec"), {})  # noqa: S102
+    section = PAGE.partition("## An LQG and its C code\n")[2].partition("\n## ")[0]
+    commands = re.findall(r"^    ((?:python -m agents export|cc) .*)$", section, re.MULTILINE)
+    assert len(commands) == 2
+    for command in commands:
+        words = command.replace("python", sys.executable, 1).split()
+        done = subprocess.run(
+            words, check=True, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True
+        )
+    assert done.stderr == ""
+    assert (tmp_path / "lqg.o").stat().st_size > 1_000
 
 
 def test_page_lists_every_example():
