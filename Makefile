@@ -79,6 +79,7 @@ results: $(INSTALLED)
 # groups need pip 25.1.
 define install
 @$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "mm_gym needs Python 3.11 or newer: make PYTHON=/path/to/it")'
+@echo "Installing into $(1): some minutes, mostly of downloads"
 test -x $(1)/bin/python || $(PYTHON) -m venv $(1)
 $(1)/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 endef

@@ -38,3 +38,14 @@ def test_costs_of_the_readme_are_those_of_the_pages(task, agents, controllers):
     assert controllers == f"{best:.{digits}f}"
     assert agents == f"{float(gradient_costs()[task]):.{len(agents) - 2}f}"
     assert float(agents) < float(controllers)
+
+
+def test_passive_damper_of_the_readme_is_that_of_the_scores():
+    (stated,) = re.findall(r"a passive damper costs (0\.\d+)", README)
+    rows = read_scores()["mm_gym/PreStretchShock-v0"]["rows"]
+    (passive,) = (row["cost"] for row in rows if row["role"] == "passive")
+    assert stated == f"{passive:.{len(stated) - 2}f}"
+
+
+def test_readme_is_at_most_120_lines():
+    assert len(README.splitlines()) <= 120
