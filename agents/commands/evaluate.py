@@ -50,7 +50,7 @@ class Arguments:
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
-    file. Several, or with --tasks: what is compared, each a law's name (a wrong one lists them),
+    file. Several, or with --tasks: what is compared, each a controller's name (a wrong one lists them),
     "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
     training, a policy's file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ class Arguments:
     """open an archive of Stable-Baselines3, and run a run's own base and reward, although that can
     run any code"""
     controller: str | None = None
-    """a law or controller of your own, FILE.py:NAME, in place of a run's policy"""
+    """a controller of your own, FILE.py:NAME, in place of a run's policy"""
     reward: str | None = None
     """a cost of your own, FILE.py:NAME, to score by in place of the objective: docs/scenes.md"""
     published: bool = False

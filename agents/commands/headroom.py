@@ -64,7 +64,9 @@ class Arguments:
     """of the search"""
     plans: Path | None = None
     """folder where the plans are kept, a file a task, and from which the next search begins"""
-    out: Path = SCORES
+    out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: docs/{SCORES.name})")] = (
+        SCORES
+    )
     """file that the scores are written to; those of other tasks in it are kept"""
 
 

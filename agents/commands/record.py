@@ -34,7 +34,7 @@ class RecordSettings(Document):
     changes: Changes = Field(default_factory=dict[str, JsonValue])
     """fields of the scene to change, by dotted name: '{"control.steps": 200}'"""
     controller: str = "random"
-    """a law's name (a wrong one lists those of the task), the folder of a run, or a
+    """a controller's name (a wrong one lists those of the task), the folder of a run, or a
     policy's file"""
     lanes: Annotated[int, Field(ge=1)] = 64
     """environments side by side"""

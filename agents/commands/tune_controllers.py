@@ -53,7 +53,9 @@ class Arguments:
     """designs that are tried of each controller and scene"""
     seed: int = 0
     """of the search"""
-    out: Path = NUMBERS
+    out: Annotated[Path, tyro.conf.arg(help_behavior_hint=f"(default: configs/{NUMBERS.name})")] = (
+        NUMBERS
+    )
     """file that the numbers are written to"""
 
 

@@ -39,4 +39,4 @@ class SearchSettings(TimedSettings):
     extra: Annotated[int, Field(ge=0)] = 0
     """correlation units in addition to those of the controller, drawn at random"""
     memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
-    """states of a linear memory that foretells a random force, where two frames show it"""
+    """states of a linear memory that predicts a random force, if two frames show it"""
