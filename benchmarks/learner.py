@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mm_gym.env.terms import InfoLevel
+    from mm_gym.env.outputs import InfoLevel
 
 LANES = (16_384, 65_536)
 TASKS = ("mm_gym/CarriageForce-v0", "mm_gym/PreStretch-v0")

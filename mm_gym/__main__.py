@@ -27,8 +27,7 @@ from mm_gym.plant.rigs import over_rigs
 from mm_gym.records import ACCELERATION_UNITS, FORCE_UNITS, read_record
 from mm_gym.scene.excitation import Recorded
 from mm_gym.scene.schema import scene_schema
-from mm_gym.scene.toml_file import check_scene, load_scene
-from mm_gym.scene.toml_text import toml_of
+from mm_gym.scene.toml_file import check_scene, load_scene, toml_of
 from mm_gym.simulation.simulate import simulate
 from mm_gym.tasks import ids, is_id, path_of, task_or_scene
 

@@ -17,16 +17,10 @@ from mm_gym.env.arguments import (
     python_integer,
     scene_of,
 )
-from mm_gym.env.pickling import Picklable
-from mm_gym.env.pictures import SINGLE_MODES, rendered, renderer_of
-from mm_gym.env.seeding import Seeded
-from mm_gym.env.spaces import action_space, observation_space
-from mm_gym.env.specification import Specified
-from mm_gym.env.terms import Terms, checked_level
+from mm_gym.env.base import SINGLE_MODES, Environment
+from mm_gym.env.outputs import action_space, checked_level, observation_space
 from mm_gym.lanes import layout as at
-from mm_gym.plant.compile import compile_scene
-from mm_gym.rendering.playback import frames_per_second
-from mm_gym.simulation.lanes import Lanes
+from mm_gym.rendering.subject import frames_per_second
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,12 +28,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike
+    from mm_gym.env.outputs import InfoLevel
     from mm_gym.env.own_reward import RewardLike
-    from mm_gym.env.terms import InfoLevel
 
 
 class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
-    Specified, Seeded, Picklable, gymnasium.Env[np.ndarray, np.ndarray]
+    Environment, gymnasium.Env[np.ndarray, np.ndarray]
 ):
     """Keep a vibrating carriage still: push it, or stretch the springs of the sphere it carries.
 
@@ -193,11 +187,8 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         The parts are kept together, and bound, because looking one up or indexing an array takes a
         good part of a control step.
         """
-        self.plant = compile_scene(self.scene)
-        self._lanes = lanes = Lanes(self.plant, 1, own_reward=self.scene.own_reward)
-        self._terms = Terms(self.plant, own=self.scene.own_reward is not None)
-        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
-        column = lanes.values[:, 0]
+        self._compile(1)
+        lanes, column = self._lanes, self._lanes.values[:, 0]
         self._parts = (
             *((len(self.plant.actuators),), lanes.advance_of(FLOAT32)),
             *(lanes.rewards, lanes.rewards.item),
@@ -328,7 +319,7 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         SceneError
             If there is no such mode.
         """
-        frames = rendered(self._renderer, self.render_mode)
+        frames = self._frames()
         return None if frames is None else frames[0]
 
     def close(self) -> None:
@@ -341,6 +332,6 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
 
         Left and right command -1 and 1 of the first actuator, down and up those of a second one.
         """
-        from mm_gym.rendering.window import keys_to_action  # noqa: PLC0415 - needs pygame
+        from mm_gym.rendering.renderer import keys_to_action  # noqa: PLC0415 - needs pygame
 
         return keys_to_action(self.plant.actuators)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -22,40 +22,34 @@ from mm_gym.env.arguments import (
     python_integer,
     scene_of,
 )
-from mm_gym.env.closed_loop import CanCloseLoop
-from mm_gym.env.ends import Ends
-from mm_gym.env.lane_access import LaneAccess
-from mm_gym.env.pickling import Picklable
-from mm_gym.env.pictures import RENDER_MODES, rendered, renderer_of
-from mm_gym.env.seeding import Seeded
-from mm_gym.env.spaces import action_space, observation_space
-from mm_gym.env.specification import Specified
-from mm_gym.env.terms import Terms, checked_level
+from mm_gym.env.base import RENDER_MODES, Environment
+from mm_gym.env.outputs import action_space, checked_level, observation_space
 from mm_gym.errors import SceneError
 from mm_gym.lanes import layout as at
-from mm_gym.plant.compile import compile_scene
-from mm_gym.rendering.playback import frames_per_second
-from mm_gym.simulation.lanes import Lanes
+from mm_gym.rendering.subject import frames_per_second
+from mm_gym.simulation.checks import is_array
+from mm_gym.simulation.closed_loop import ClosedLoop
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from gymnasium import Space
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.env.arguments import Changes, SceneLike, Seeds
+    from mm_gym.env.outputs import InfoLevel
     from mm_gym.env.own_reward import RewardLike
-    from mm_gym.env.terms import InfoLevel
     from mm_gym.scene.scene import Scene
+    from mm_gym.simulation.closed_loop import Episodes
+    from mm_gym.simulation.lanes import Lanes
+
+
+SINGLE = {"action_space": "single_action_space", "observation_space": "single_observation_space"}
+"""Attributes of a single environment that a vector has by another name."""
 
 
 class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gymnasium declares `spec` an attribute
-    Specified,
-    Seeded,
-    LaneAccess,
-    CanCloseLoop,
-    Picklable,
-    VectorEnv[np.ndarray, np.ndarray, np.ndarray],
+    Environment, VectorEnv[np.ndarray, np.ndarray, np.ndarray]
 ):
     """Many independent episodes of one scene.
 
@@ -136,13 +130,10 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def _prepare(self) -> None:
         """Compile the scene, and make the lanes and views of their outputs."""
-        self.plant = compile_scene(self.scene)
-        self._lanes = lanes = Lanes(self.plant, self.num_envs, self._threads, self.scene.own_reward)
-        self._ends = Ends(lanes, copy=self._copy)
-        self._terms = Terms(self.plant, own=self.scene.own_reward is not None)
+        self._compile(self.num_envs, self._threads)
+        self._ends = Ends(self._lanes, copy=self._copy)
         self._rewards = {name: np.zeros(self.num_envs) for name in self._terms.names}
-        self._views = [_read_only(array.T) for array in lanes.outputs]
-        self._renderer = renderer_of(self.scene, lanes, self.render_mode)
+        self._views = [_read_only(array.T) for array in self._lanes.outputs]
         self._over = np.arange(self.num_envs)
         self._everywhere = np.ones(self.num_envs, np.bool_)
         self._everywhere.flags.writeable = False
@@ -373,13 +364,130 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
 
     def render(self) -> tuple[Any, ...] | None:
         """Return for every lane what `MovingMassEnv.render` returns; "human" shows up to nine."""
-        frames = rendered(self._renderer, self.render_mode)
+        frames = self._frames()
         return None if frames is None else tuple(frames)
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ANN401, ARG002 - Gymnasium's signature
         """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
+
+    def closed_loop(self, law: Callable[..., None], *arguments: object) -> Callable[[], Episodes]:
+        """Return a function that takes every lane through its episode to the end.
+
+        Between the control steps no Python runs, and the GIL is free. The function may be called
+        after each `reset`; the next call needs another one.
+
+        Parameters
+        ----------
+        law
+            A function ``law(observed, actions, *arguments)`` that `numba.njit` has compiled. It
+            returns nothing, and is called before each control step of all lanes.
+
+            - ``observed``, read: (n, columns) float32. A lane's observation is a column; there may
+              be more columns than lanes.
+            - ``actions``, to be written: (k, lanes) float32, as `step` takes them, transposed.
+        *arguments
+            Arrays, numbers and tuples of them, of the caller's own. What arrays hold is read anew
+            in each control step, so they may be changed between two episodes, and be the law's
+            memory.
+
+        Raises
+        ------
+        TypeError
+            If the law is not compiled, or returns something.
+        ResetNeeded, ActionError, SimulationError
+            From the function, as from `step`; the last one also if the law raises an error.
+        """
+        loop = ClosedLoop(self._lanes, law, arguments)
+
+        def run() -> Episodes:
+            if self._over.size:
+                msg = f"{self._over.size} of {self.num_envs} lanes need reset() before an episode"
+                raise ResetNeeded(msg)
+            self._over = np.arange(self.num_envs)
+            episodes = loop.run()
+            if self._renderer is not None:
+                self._renderer.note(watched=False)
+            return episodes
+
+        return run
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:  # noqa: ANN401 - Gymnasium's signature
+        """Call a method of each lane, or get an attribute, as Gymnasium's `SyncVectorEnv`.
+
+        All lanes are one environment, so what they share cannot be set for some of them.
+
+        Parameters
+        ----------
+        name
+            ``"render"``, ``"drawn"``, ``"get_state"`` (for `MovingMassEnv.set_state`), ``"close"``,
+            or the name of an attribute.
+        *args, **kwargs
+            Those of the method.
+
+        Raises
+        ------
+        AttributeError
+            If `MovingMassEnv` has nothing of this name, or a method that one lane cannot run by
+            itself, such as ``"step"``.
+        """
+        if name in self._own:
+            return self._own[name]
+        value = getattr(self, SINGLE.get(name, name))
+        if name == "get_state":
+            return tuple(self._state_of(lane) for lane in range(self.num_envs))
+        if name in {"render", "drawn", "close"}:
+            value = cast("Callable[..., object]", value)(*args, **kwargs)
+        elif callable(value) or name.startswith("_"):
+            msg = f"{name}: a single lane cannot run it; call it on the vector environment"
+            raise AttributeError(msg)
+        if name in {"render", "drawn", "state"} and value is not None:
+            return tuple(cast("NDArray[Any]", value))
+        return (value,) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of each lane, see `call`."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: object) -> None:
+        """Set an attribute of the caller's own in each lane.
+
+        Parameters
+        ----------
+        name
+            A name that the environment does not use.
+        values
+            A list or tuple with a value for each lane, or one value for all.
+
+        Raises
+        ------
+        ValueError
+            If the number of values is another one than that of lanes, or the environment uses the
+            name: its attributes follow from the scene, and setting them would have no effect.
+        """
+        if not isinstance(values, list | tuple):
+            values = (values,) * self.num_envs
+        given = tuple(cast("tuple[object, ...]", values))
+        if len(given) != self.num_envs:
+            msg = f"{name}: got {len(given)} values; allowed: one, or {self.num_envs} of them"
+            raise ValueError(msg)
+        if hasattr(self, name):
+            msg = (
+                f"{name}: the environment's own, which follows from its scene; allowed: a new name"
+            )
+            raise ValueError(msg)
+        self._own[name] = given
+
+    def _state_of(self, lane: int) -> Mapping[str, object]:
+        """Return the state of a lane as `MovingMassEnv.set_state` takes it."""
+        state = self.get_state()
+        finished = cast("NDArray[np.bool_]", state.pop("finished"))
+        columns = {
+            name: value[..., lane : lane + 1].copy() if is_array(value) else value
+            for name, value in state.items()
+        }
+        return columns | {"running": not bool(finished[lane])}
 
 
 def _shortened(scene: Scene, max_episode_steps: int | None) -> Scene:
@@ -401,3 +509,55 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+class Ends:
+    """Last outputs of lanes, for `final_obs` and `final_info`, laid out as by `SyncVectorEnv`.
+
+    Parameters
+    ----------
+    lanes
+        The lanes.
+    copy
+        Whether what is returned is the caller's own. If not, it is memory that the next call
+        overwrites: to make an array for each observation takes longer than the control step.
+    """
+
+    def __init__(self, lanes: Lanes, *, copy: bool) -> None:
+        self._lanes, self._copy = lanes, copy
+        self._memory: tuple[Any, ...] = ()
+        self._former = np.empty(0, np.int64)
+
+    def of(
+        self, over: NDArray[np.int64]
+    ) -> tuple[NDArray[np.object_], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the outputs of the lanes listed, before they begin anew.
+
+        They are observations (lanes,), None in other lanes, and states (lanes, 4) and what was
+        applied (lanes, actuators), zero in other lanes.
+        """
+        memory, former = self._memory, self._former
+        if not memory:
+            memory = self._allocated(len(over) if self._copy else self._lanes.count)
+        written, rows, observations, state, applied = memory
+        self._lanes.copy_ends(over, former, *written)
+        observations[former] = None
+        observations[over] = rows[: len(over)]
+        if not self._copy:
+            self._memory, self._former = memory, over
+        return observations, state, applied
+
+    def _allocated(self, count: int) -> tuple[Any, ...]:
+        """Return memory for a number of lanes' observations.
+
+        It is what the kernel writes, each observation's row in it, all lanes' observations, states,
+        and what was applied.
+        """
+        _, _, _, state, applied = self._lanes.outputs
+        observed = np.empty((count, len(self._lanes.observed)), np.float32)
+        values = np.zeros((self._lanes.count, len(state) + len(applied)))
+        views = observed.view(), values[:, : len(state)], values[:, len(state) :]
+        for view in views:
+            view.flags.writeable = self._copy
+        rows = np.fromiter(views[0], dtype=object, count=count)
+        return (observed, values), rows, np.empty(self._lanes.count, dtype=object), *views[1:]

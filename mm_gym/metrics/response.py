@@ -3,13 +3,76 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from mm_gym.compiler.jit import plain
+from mm_gym.errors import SimulationError
+from mm_gym.lanes import layout as at
+from mm_gym.law import carriage_spring
+from mm_gym.scene.mechanics import GRAVITY
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+
+
+class Cubic(NamedTuple):
+    """A quantity over intervals: q(s) = c0 + c1 s + c2 s^2 + c3 s^3, with s from 0 to 1.
+
+    Between the instants it is right to the fourth order in their spacing. For a vibration at w, the
+    spacing h leaves (w h)^4 / 384 of the amplitude: 4e-4 for 16 instants a period.
+    """
+
+    c0: Array
+    c1: Array
+    c2: Array
+    c3: Array
+
+    def at(self, s: Array) -> Array:
+        """Return the values at s."""
+        return self.c0 + s * (self.c1 + s * (self.c2 + s * self.c3))
+
+    def turns(self) -> tuple[Array, Array]:
+        """Return where the rate is zero within the interval, else its end, as two arrays of s."""
+        a, b, c = 3.0 * self.c3, 2.0 * self.c2, self.c1
+        inner = np.maximum(b * b - 4.0 * a * c, 0.0)
+        q = -0.5 * (b + np.copysign(np.sqrt(inner), b))  # without a difference of equal numbers
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = q / a, c / q
+        first, second = (np.where((s > 0.0) & (s < 1.0), s, 1.0) for s in roots)
+        return np.minimum(first, second), np.maximum(first, second)
+
+    def peak(self) -> Array:
+        """Return the largest magnitude."""
+        ones = np.ones_like(self.c0)
+        inner = [np.abs(self.at(s)) for s in (*self.turns(), ones)]
+        return np.maximum.reduce([np.abs(self.c0), *inner])
+
+    def variation(self) -> Array:
+        """Return how far it goes, there and back: the integral of the magnitude of its rate."""
+        first, second = self.turns()
+        stops = [self.c0, self.at(first), self.at(second), self.at(np.ones_like(self.c0))]
+        return np.abs(np.diff(stops, axis=0)).sum(axis=0)
+
+    def mean_square(self) -> Array:
+        """Return the mean of the square over the interval."""
+        c0, c1, c2, c3 = self
+        return (
+            c0 * (c0 + c1 + 2.0 / 3.0 * c2 + 0.5 * c3)
+            + c1 * (c1 / 3.0 + 0.5 * c2 + 0.4 * c3)
+            + c2 * (0.2 * c2 + c3 / 3.0)
+            + c3 * c3 / 7.0
+        )
+
+
+def cubic(start: tuple[Array, Array], end: tuple[Array, Array], duration: Array | float) -> Cubic:
+    """Return the cubic of given value and rate at the start and at the end of a duration [s]."""
+    (q0, r0), (q1, r1) = start, end
+    r0, r1, change = r0 * duration, r1 * duration, q1 - q0
+    return Cubic(q0, r0, 3.0 * change - 2.0 * r0 - r1, r0 + r1 - 2.0 * change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,3 +134,146 @@ class Response:
     control_work: Array
     injected: Array
     withdrawn: Array
+
+
+class End(NamedTuple):
+    """The starts or the ends of n intervals in each lane.
+
+    Attributes
+    ----------
+    state
+        (4, lanes, n) x1, x2 [m], v1, v2 [m/s].
+    acceleration
+        (2, lanes, n) of carriage and sphere [m/s^2], absolute.
+    ground
+        (lanes, n) acceleration of the ground [m/s^2].
+    damping
+        (lanes, n) of the carriage [N s/m], in the interval.
+    """
+
+    state: Array
+    acceleration: Array
+    ground: Array
+    damping: Array
+
+
+class Totals:
+    """Peaks, integrals and energies of lanes so far.
+
+    Between the ends of an interval displacement, stroke, velocity and base force are cubics from
+    values and rates at both; the acceleration, whose rate is not known, is a line.
+
+    Parameters
+    ----------
+    parameters
+        (rows, lanes) of the motions.
+    is_between
+        Whether the control force acts between the masses, and not between ground and carriage.
+
+    Raises
+    ------
+    SimulationError
+        If a carriage has no mass: its acceleration is not finite.
+    """
+
+    def __init__(self, parameters: Array, *, is_between: bool) -> None:
+        if not parameters[at.M1].all():
+            msg = "carriage.mass: 0 has no finite acceleration; give it some mass"
+            raise SimulationError(msg)
+        self._p, lanes, self._is_between = parameters, parameters.shape[1], is_between
+        self._duration = np.zeros(lanes)
+        self._peaks: dict[str, Array] = {}
+        self._sums: dict[str, Array] = {}
+        self._none = np.zeros(lanes)
+
+    def add(self, start: End, end: End, force: Array, duration: Array) -> None:
+        """Add intervals of durations (lanes, n) [s], in which a force (lanes, n) [N] is held.
+
+        Those of duration 0 do not count.
+        """
+        displacement, velocity, stroke, base_force = (
+            cubic(first, last, duration)
+            for first, last in zip(
+                self._smooth(start, force), self._smooth(end, force), strict=True
+            )
+        )
+        counts, fastest = duration > 0.0, velocity.peak()
+        first, last = start.acceleration[0], end.acceleration[0]
+        moved, speed, way = displacement, fastest, end.state[at.X1] - start.state[at.X1]
+        if self._is_between:
+            moved, speed = stroke, cubic(_slip(start), _slip(end), duration).peak()
+            way = way - (end.state[at.X2] - start.state[at.X2])
+        self._raise(
+            counts,
+            displacement=displacement.peak(),
+            velocity=fastest,
+            acceleration=np.maximum(np.abs(first), np.abs(last)),
+            base_force=base_force.peak(),
+            stroke=stroke.peak(),
+            force=np.abs(force),
+            power=np.abs(force) * speed,
+        )
+        self._add(
+            counts,
+            displacement=duration * displacement.mean_square(),
+            acceleration=duration * (first * first + first * last + last * last) / 3.0,
+            base_force=duration * base_force.mean_square(),
+            stroke=duration * stroke.mean_square(),
+            force=duration * force * force,
+            control_energy=np.abs(force) * moved.variation(),
+            control_work=force * way,
+        )
+        self._duration += duration.sum(axis=1)
+
+    def add_jumps(self, jumps: Array) -> None:
+        """Add energies (lanes, n) [J] that changes of the stretch bring in."""
+        everywhere = np.ones(jumps.shape, np.bool_)
+        self._add(everywhere, injected=np.maximum(jumps, 0.0), withdrawn=np.maximum(-jumps, 0.0))
+
+    def response(self) -> Response:
+        """Return what there is so far."""
+        peaks, sums, p = self._peaks, self._sums, self._p
+        rms = {
+            f"rms_{name}": np.sqrt(sums[name] / self._duration)
+            for name in ("displacement", "acceleration", "base_force", "stroke", "force")
+        }
+        energies = {
+            name: sums.get(name, self._none).copy()
+            for name in ("control_energy", "control_work", "injected", "withdrawn")
+        }
+        return Response(
+            duration=self._duration.copy(),
+            weight=(p[at.M1] + p[at.M2]) * GRAVITY,
+            **{f"peak_{name}": value.copy() for name, value in peaks.items()},
+            **rms,
+            **energies,
+        )
+
+    def _smooth(self, end: End, control: Array) -> list[tuple[Array, Array]]:
+        """Return value and rate of displacement, velocity, stroke and force on the base.
+
+        The reaction to a control force (lanes, n) [N] that acts on the ground is part of the last.
+        """
+        k1, alpha, beta = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA))
+        d = end.damping
+        x1, x2, v1, v2 = end.state
+        relative = end.acceleration[0] - end.ground
+        force = plain(carriage_spring.carriage_force)(k1, alpha, beta, x1) + d * v1
+        force = force if self._is_between else force - control
+        rate = k1 * (alpha + 3.0 * beta * x1 * x1) * v1 + d * relative
+        return [(x1, v1), (v1, relative), (x2 - x1, v2 - v1), (force, rate)]
+
+    def _raise(self, counts: NDArray[np.bool_], **values: Array) -> None:
+        for name, value in values.items():
+            largest = np.max(value, axis=1, initial=0.0, where=counts)
+            self._peaks[name] = np.maximum(self._peaks.get(name, self._none), largest)
+
+    def _add(self, counts: NDArray[np.bool_], **values: Array) -> None:
+        for name, value in values.items():
+            total = np.sum(value, axis=1, where=counts)
+            self._sums[name] = self._sums.get(name, self._none) + total
+
+
+def _slip(end: End) -> tuple[Array, Array]:
+    """Return the slip velocity [m/s] and its rate [m/s^2]."""
+    return end.state[at.V2] - end.state[at.V1], end.acceleration[1] - end.acceleration[0]

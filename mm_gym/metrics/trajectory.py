@@ -9,7 +9,7 @@ import numpy as np
 
 from mm_gym.errors import SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.metrics.totals import End, Totals
+from mm_gym.metrics.response import End, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
 from mm_gym.simulation.recording import Place, excitation, states_at
 from mm_gym.simulation.response import acceleration, damped

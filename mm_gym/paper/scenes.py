@@ -1,14 +1,10 @@
-"""The paper's systems as scenes.
-
-Figure 2 is there twice. "fig2a" to "fig2f" have m1 = 0.04 kg and m2 = 0.10 kg, as the text needs
-them; "fig2a_caption" to "fig2f_caption" have the caption's masses, which are the other way round.
-Section 8 of docs/model.md has the evidence for either. Panels D and F have a carriage of 1e-80 kg.
-In D d = 1 N s/m, since the text says c = d; in F the caption leaves 1 or 10 N s/m, and 10 is
-assumed. Figure 8 omits chi; 0.1 N s/m is used, also in figure 9, where nothing slips and chi is
-without effect. Equation 19 is read as x1(0) = x2(0) = 0.01 m.
-"""
+"""The paper's systems as scenes, and dry friction as the paper prints it."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.scene.mechanics import (
@@ -21,6 +17,10 @@ from mm_gym.scene.mechanics import (
     Viscous,
 )
 from mm_gym.scene.scene import Control, Initial, Scene
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
 
 CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Slip dampings of figure 10 [N s/m]; a choice, because the text does not list them."""
@@ -150,3 +150,40 @@ def scene(name: str) -> Scene:
         known = ", ".join(NAMES)
         msg = f"{name!r} is not a system of the paper{suggest(name, NAMES)}; allowed: {known}"
         raise SceneError(msg) from None
+
+
+def friction_of(system: Scene) -> DryFriction:
+    """Return a scene's dry friction; raise `SceneError` if it has none."""
+    if system.interface.kind != "dry_friction":
+        msg = f"interface.kind: got {system.interface.kind!r}; allowed: 'dry_friction'"
+        raise SceneError(msg)
+    return system.interface
+
+
+def normal_force(law: DryFriction) -> float:
+    """Return F_N [N], which the paper always states; raise `SceneError` if the law does not."""
+    if law.normal_force is None:
+        msg = "interface.normal_force: the paper states it; set it"
+        raise SceneError(msg)
+    return law.normal_force
+
+
+def stick_slope(law: DryFriction) -> float:
+    """Return mu1 F_N / v_r [N s/m], the damping of friction in stick."""
+    return law.static_coefficient * normal_force(law) / law.reference_velocity
+
+
+def friction_force(law: DryFriction, slip_velocity: ArrayLike) -> NDArray[np.float64]:
+    """Return the force [N] at slip velocities [m/s], with the paper's Heaviside steps, H(0) = 1.
+
+    It therefore slips at exactly |w| = v_r, where this project sticks: section 2 of docs/model.md.
+    """
+    w = np.asarray(slip_velocity, np.float64)
+    normal, vr = normal_force(law), law.reference_velocity
+    mu1, mu2, chi = law.static_coefficient, law.kinetic_coefficient, law.slip_damping
+    change = (
+        2.0 * (mu2 * normal - chi * vr) * (w >= 0.0)
+        - normal / vr * (mu1 * w + mu2 * vr)
+        + chi * (w + vr)
+    )
+    return mu1 * normal / vr * w + change * (np.abs(w) >= vr)

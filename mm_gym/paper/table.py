@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, modes
-from mm_gym.analysis.values import linear_values
+from mm_gym.analysis.linear import linear_values
 from mm_gym.files import write_text
-from mm_gym.paper.printed import friction_of, stick_slope
-from mm_gym.paper.scenes import CAPTION, scene
+from mm_gym.paper.scenes import CAPTION, friction_of, scene, stick_slope
 
 if TYPE_CHECKING:
     from collections.abc import Callable

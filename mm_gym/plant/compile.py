@@ -20,7 +20,7 @@ from mm_gym.plant.method_choice import choose, settings_of
 from mm_gym.plant.plant import Plant
 from mm_gym.plant.support_of import support_of
 from mm_gym.plant.task import observed, rewarded_channels, task_array
-from mm_gym.scene.rules import is_whole
+from mm_gym.scene.part import is_whole
 from mm_gym.scene.scene import DELAY, Solver, bounds
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
 from mm_gym.precision.episode import episodes_of, truth_of
-from mm_gym.precision.margin import margin
-from mm_gym.precision.result import Setting, WorkPrecision
+from mm_gym.precision.result import Setting, WorkPrecision, margin
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.simulation.recording import blank, lane_at, run
 

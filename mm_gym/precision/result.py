@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SceneError
 from mm_gym.files import write_csv
@@ -18,6 +20,39 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+
+LARGEST = 20
+"""Errors that the tail is fitted to, of few a quarter."""
+
+RETURN = 100.0
+"""How many times rarer than the largest sampled error an error above the margin is to be."""
+
+LEAST = 2.0
+"""Least margin."""
+
+UNKNOWN = 10.0
+"""Margin where there is but one error, and no spread."""
+
+
+def margin(errors: NDArray[np.float64]) -> float:
+    """Return the factor on the largest of (n,) errors that later errors hardly exceed.
+
+    Above the (k + 1)-th largest error, log(error) is taken to be exponentially distributed with the
+    mean g that the k larger ones have (Hill, *A simple general approach to inference about the tail
+    of a distribution*, Ann. Statist. 3, 1975). An error is then larger than the largest of n with
+    a probability of about 1 / n, and r times rarer if it is to be larger by r^g.
+    """
+    if errors.size == 1:
+        return UNKNOWN
+    count = min(LARGEST, max(1, errors.size // 4))
+    ordered = np.sort(errors)[::-1][: count + 1]
+    if not (np.isfinite(ordered).all() and ordered[-1] > 0.0):
+        return UNKNOWN
+    with np.errstate(over="ignore"):  # an infinite margin says that nothing is known of the tail
+        return float(max(LEAST, RETURN ** np.log(ordered[:-1] / ordered[-1]).mean()))
+
 
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 """Errors that a setting is recommended for."""
@@ -46,7 +81,7 @@ class Setting:
     seconds
         Cost of a control step of one lane [s]; infinite if the state did not stay finite.
     margin
-        Factor on the error for the steps that were not sampled, see `mm_gym.precision.margin`.
+        Factor on the error for the steps that were not sampled, see `mm_gym.precision.result`.
     """
 
     method: str

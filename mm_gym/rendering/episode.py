@@ -15,10 +15,9 @@ from mm_gym.files import write_bytes
 from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.canvas import load_pygame
-from mm_gym.rendering.chart import columns
 from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
-from mm_gym.rendering.picture import Picture
+from mm_gym.rendering.picture import Picture, columns
 from mm_gym.rendering.subject import subject_of
 from mm_gym.simulation.lanes import Lanes
 

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from math import cos, floor, pi, sin, sqrt
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from mm_gym.compiler.jit import plain
 from mm_gym.lanes import layout as at
+from mm_gym.law.carriage_spring import carriage_force
+from mm_gym.law.dry_friction import interface_force
+from mm_gym.law.springs import spring_force
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
-from mm_gym.rendering import view as place
-from mm_gym.rendering.impulses import can_be_seen, recent_impulse
-from mm_gym.rendering.numbers import round_up, text_of
+from mm_gym.rendering.look import FINE_STEPS, PIXELS, Unit, round_down, round_up, text_of, unit_of
 from mm_gym.rendering.subject import UNSTRETCHED
 
 if TYPE_CHECKING:
@@ -19,7 +23,124 @@ if TYPE_CHECKING:
     from mm_gym.rendering.history import Past
     from mm_gym.rendering.look import Colour
     from mm_gym.rendering.subject import Subject
-    from mm_gym.rendering.view import View
+
+
+DOTS = 96.0 / 0.0254 / PIXELS
+"""Units of a picture to a metre of a screen that has 96 dots per inch."""
+
+# Places and lengths of the mechanism.
+WALL, SPRING = 35.0, 165.0
+HALF_BODY = 175.0
+REST = WALL + SPRING + HALF_BODY
+GROUND, BOTTOM, TOP = 232.5, 213.75, 162.5
+"""Heights of the ground's surface and of the carriage's underside and top."""
+POST, POST_TOP = 165.0, 98.0
+"""Where the sphere's springs are held, from the carriage's middle, and how high up."""
+RADIUS, WHEEL = 33.0, 9.0
+FILM = 4.0
+"""Thickness of the interface."""
+
+ROOM = 88.0
+"""Largest displacement of the carriage, that of the ground included."""
+TRAVEL = POST - RADIUS - 16.0
+"""Largest offset of the sphere."""
+
+
+@dataclass(frozen=True)
+class View:
+    """The scale of a picture.
+
+    Attributes
+    ----------
+    magnification
+        Of displacements on a screen of 96 dots per inch [-].
+    unit
+        Unit of the lengths that the picture states.
+    """
+
+    magnification: float
+    unit: Unit
+
+    @property
+    def scale(self) -> float:
+        """Units to a metre."""
+        return self.magnification * DOTS
+
+    def angle(self, rolled: float, radius: float) -> float:
+        """Return by how much a wheel of a radius has turned [rad] to roll a distance [m].
+
+        Clockwise if it rolled to the right. The distance is magnified; thus the wheel does not slip
+        in the picture.
+        """
+        return rolled * self.scale / radius
+
+
+def view_of(subject: Subject, past: Past) -> View:
+    """Return the largest round magnification that keeps the episode so far in view."""
+    displacement = max(subject.displacement, past.displacement)
+    room = ROOM / displacement
+    if subject.has_sphere:
+        room = min(room, TRAVEL / max(subject.offset, past.offset))
+    return View(round_down(room / DOTS, FINE_STEPS), unit_of(0.999 * displacement))
+
+
+SHOWN = 0.3
+"""Time [s] on the screen for which an impulse is shown."""
+
+MOST_TURN = 0.7
+"""Longest control step, times the carriage's natural frequency [rad]: the trapezoidal rule's error
+of what other forces do is then below 5 % of the velocity's change."""
+
+LEAST = 0.05
+"""Smallest impulse that is told from that error, of the largest one."""
+
+
+def can_be_seen(subject: Subject) -> bool:
+    """Tell whether the control steps are short enough to find impulses, and all forces known."""
+    if not subject.knows_forces:
+        return False
+    largest = subject.impulse or subject.ground_impulse
+    return largest > 0.0 and 2.0 * pi * subject.time_step <= MOST_TURN * subject.period
+
+
+def recent_impulse(subject: Subject, past: Past) -> float:
+    """Return the newest impulse within `SHOWN`, 0 if there is none.
+
+    That on the carriage [N s], or, in a scene that has none of them, the jump of the ground's
+    velocity [m/s].
+    """
+    count = max(2, round(SHOWN * subject.frames)) + 1
+    now = past.rows[:, -count:]
+    mass = past.lane[at.M1]
+    if now.shape[1] < 2 or mass == 0.0:  # noqa: PLR2004 - a change needs two states
+        return 0.0
+    before, after = now[:, :-1].copy(), now[:, 1:]
+    held = [at.FORCE, at.STRETCH, at.DAMPING]
+    before[held] = after[held]  # over the control step
+    ends = (_force(subject, past.lane, states) for states in (before, after))
+    mean = 0.5 * sum(ends) / mass
+    mean -= 0.5 * (before[rows.SHAKE] + after[rows.SHAKE])
+    jumps = after[at.V1] - before[at.V1] - subject.time_step * mean
+    sizes = mass * jumps if subject.impulse else -jumps
+    found = np.flatnonzero(np.abs(sizes) > LEAST * (subject.impulse or subject.ground_impulse))
+    return float(sizes[found[-1]]) if found.size else 0.0
+
+
+def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array:
+    """Return the force on the carriage [N] at several moments (rows, n) of a lane."""
+    spring, pair, interface = map(plain, (carriage_force, spring_force, interface_force))
+    x1, offset = states[at.X1], states[at.X2] - states[at.X1]
+    c, d = (
+        states[at.DAMPING] if row == subject.damped_row else np.full(len(x1), lane[row])
+        for row in (at.C, at.D)
+    )
+    regimes = lane[at.VR], lane[at.KINETIC_FORCE], lane[at.CHI]
+    slips = (states[at.V2] - states[at.V1]).tolist()
+    total = np.array([interface(c, *regimes, w) for c, w in zip(c.tolist(), slips, strict=True)])
+    total += pair(lane[at.K0], lane[at.L0], states[at.STRETCH], offset)
+    total += states[rows.PUSH] + states[at.FORCE] - d * states[at.V1]
+    return total - spring(lane[at.K1], lane[at.ALPHA], lane[at.BETA], x1)
+
 
 COILS = 7
 """Coils of the carriage's spring."""
@@ -57,7 +178,7 @@ class Mechanism:
     @property
     def carriage(self) -> float:
         """Place of the carriage's middle."""
-        return place.REST + self.ground + self._shown(self.past.now(at.X1))
+        return REST + self.ground + self._shown(self.past.now(at.X1))
 
     @property
     def offset(self) -> float:
@@ -84,31 +205,31 @@ class Mechanism:
     def _draw_ground(self) -> None:
         """Draw ground and wall, with a ruler on which the carriage's pointer shows x1."""
         canvas, ground = self.canvas, self.ground
-        wall = place.WALL + ground
-        canvas.box(-20, place.GROUND, look.WIDTH + 20, place.GROUND + 14, look.PALE)
-        canvas.box(-20, 128, wall, place.GROUND + 14, look.PALE)
+        wall = WALL + ground
+        canvas.box(-20, GROUND, look.WIDTH + 20, GROUND + 14, look.PALE)
+        canvas.box(-20, 128, wall, GROUND + 14, look.PALE)
         for k in range(-1, 54):
             x = 16.0 * k + ground % 16.0
-            canvas.line([(x + 8, place.GROUND + 3), (x, place.GROUND + 14)], look.HATCH, 1.5)
+            canvas.line([(x + 8, GROUND + 3), (x, GROUND + 14)], look.HATCH, 1.5)
         for k in range(7):
             y = 134 + 14.0 * k
             canvas.line([(wall - 2, y), (wall - 12, y + 11)], look.HATCH, 1.5)
-        canvas.line([(wall, 128), (wall, place.GROUND)], look.INK, 2.5)
-        canvas.line([(wall, place.GROUND), (look.WIDTH + 20, place.GROUND)], look.INK, 2.5)
+        canvas.line([(wall, 128), (wall, GROUND)], look.INK, 2.5)
+        canvas.line([(wall, GROUND), (look.WIDTH + 20, GROUND)], look.INK, 2.5)
         self._draw_ruler()
         limit = self.subject.displacement_limit
-        if limit is not None and limit * self.view.scale <= 1.2 * place.ROOM:
+        if limit is not None and limit * self.view.scale <= 1.2 * ROOM:
             for side in (-1.0, 1.0):
-                x = place.REST + ground + side * limit * self.view.scale
-                self._draw_stop(x, place.GROUND, 12.0, side)
+                x = REST + ground + side * limit * self.view.scale
+                self._draw_stop(x, GROUND, 12.0, side)
 
     def _draw_ruler(self) -> None:
         canvas, view = self.canvas, self.view
-        middle, top = place.REST + self.ground, place.GROUND + 14.0
+        middle, top = REST + self.ground, GROUND + 14.0
         each = round_up(40.0 / view.scale / view.unit.size)
         parts = 4 if f"{each:e}".startswith("2") else 5
         spacing = each / parts * view.unit.size * view.scale
-        reach = floor(1.3 * place.ROOM / spacing)
+        reach = floor(1.3 * ROOM / spacing)
         for k in range(-reach, reach + 1):
             x, is_labelled = middle + k * spacing, k % parts == 0
             canvas.line([(x, top), (x, top + (7 if is_labelled else 4))], look.GREY, 1.25)
@@ -126,7 +247,7 @@ class Mechanism:
         )
 
     def _draw_carriage_spring(self) -> None:
-        start, end, y = place.WALL + self.ground, self.carriage - place.HALF_BODY, 174.0
+        start, end, y = WALL + self.ground, self.carriage - HALF_BODY, 174.0
         extended = self.past.now(at.X1) / max(self.subject.displacement, self.past.displacement)
         colour = look.spring_colour(0.5 + 0.5 * extended)
         self.canvas.line([(start, y), (start + 10, y)], colour, 2.25)
@@ -147,13 +268,13 @@ class Mechanism:
 
     def _draw_damper(self) -> None:
         canvas, y = self.canvas, 200.0
-        wall, end = place.WALL + self.ground, self.carriage - place.HALF_BODY
-        left, right = wall + 14, wall + 0.62 * place.SPRING
+        wall, end = WALL + self.ground, self.carriage - HALF_BODY
+        left, right = wall + 14, wall + 0.62 * SPRING
         canvas.line([(wall, y), (left, y)], look.GREY, 2.5)
         canvas.box(left, y - 7, right, y + 7, self._fluid(look.PALE, is_carriage=True))
         canvas.line([(right, y - 7), (left, y - 7), (left, y + 7), (right, y + 7)], look.GREY, 2.0)
         middle = 0.5 * (left + right)  # its stroke is smaller, so that it stays in the cylinder
-        piston = middle + 0.4 * (end - wall - place.SPRING)
+        piston = middle + 0.4 * (end - wall - SPRING)
         canvas.line([(piston, y), (end, y)], look.GREY, 2.5)
         canvas.line([(piston, y - 5), (piston, y + 5)], look.INK, 3.5)
 
@@ -167,13 +288,13 @@ class Mechanism:
 
     def _draw_carriage(self) -> None:
         canvas, middle = self.canvas, self.carriage
-        left, right = middle - place.HALF_BODY, middle + place.HALF_BODY
-        turned = self.view.angle(self.past.now(at.X1), place.WHEEL)
+        left, right = middle - HALF_BODY, middle + HALF_BODY
+        turned = self.view.angle(self.past.now(at.X1), WHEEL)
         for x in (left + 40, right - 40):
-            centre = (x, place.GROUND - place.WHEEL - 1)
-            canvas.disc(centre, place.WHEEL, look.INK)
-            canvas.disc(centre, place.WHEEL - 3, look.PALE)
-            spoke = (place.WHEEL - 3) * cos(turned), (place.WHEEL - 3) * sin(turned)
+            centre = (x, GROUND - WHEEL - 1)
+            canvas.disc(centre, WHEEL, look.INK)
+            canvas.disc(centre, WHEEL - 3, look.PALE)
+            spoke = (WHEEL - 3) * cos(turned), (WHEEL - 3) * sin(turned)
             canvas.line(
                 [
                     (centre[0] - spoke[0], centre[1] - spoke[1]),
@@ -182,57 +303,51 @@ class Mechanism:
                 look.INK,
                 2.0,
             )
-        canvas.box(left, place.TOP, right, place.BOTTOM, look.INK, radius=4)
-        canvas.box(left + 2, place.TOP + 2, right - 2, place.BOTTOM - 2, look.BODY, radius=3)
-        tip = place.GROUND - 3
-        canvas.polygon(
-            [(middle - 6, place.BOTTOM), (middle + 6, place.BOTTOM), (middle, tip)], look.INK
-        )
+        canvas.box(left, TOP, right, BOTTOM, look.INK, radius=4)
+        canvas.box(left + 2, TOP + 2, right - 2, BOTTOM - 2, look.BODY, radius=3)
+        tip = GROUND - 3
+        canvas.polygon([(middle - 6, BOTTOM), (middle + 6, BOTTOM), (middle, tip)], look.INK)
         self._draw_track()
 
     def _draw_track(self) -> None:
         """Draw what the sphere rolls on: a film, a rough surface, or nothing."""
-        canvas, middle, top = self.canvas, self.carriage, place.TOP
-        left, right = middle - place.POST + 14, middle + place.POST - 14
+        canvas, middle, top = self.canvas, self.carriage, TOP
+        left, right = middle - POST + 14, middle + POST - 14
         if self.subject.interface == "viscous":
-            canvas.box(
-                left, top - place.FILM, right, top + 1, self._fluid(look.FILM, is_carriage=False)
-            )
+            canvas.box(left, top - FILM, right, top + 1, self._fluid(look.FILM, is_carriage=False))
         elif self.subject.interface != "none":
             for k in range(int((right - left) / 8.0)):
                 x = left + 8.0 * k
-                canvas.polygon(
-                    [(x, top + 1), (x + 4, top - place.FILM), (x + 8, top + 1)], look.INK
-                )
+                canvas.polygon([(x, top + 1), (x + 4, top - FILM), (x + 8, top + 1)], look.INK)
         if not self.subject.has_sphere:
             return
         canvas.line([(middle, top + 2), (middle, top + 8)], look.GREY, 1.5)
         limit = self.subject.rail_limit
-        if limit is not None and limit * self.view.scale <= 1.1 * place.TRAVEL:
+        if limit is not None and limit * self.view.scale <= 1.1 * TRAVEL:
             for side in (-1.0, 1.0):
                 x = middle + side * limit * self.view.scale
                 self._draw_stop(x, top, 18.0, side)
 
     def _draw_springs(self) -> None:
         """Draw the sphere's springs: the pitch of the coils is as large as their stretch."""
-        canvas, middle, y = self.canvas, self.carriage, place.TOP - place.FILM - place.RADIUS
+        canvas, middle, y = self.canvas, self.carriage, TOP - FILM - RADIUS
         low, high = self.subject.stretch_range
         stretch, sphere = max(self.past.now(at.STRETCH), UNSTRETCHED), middle + self.offset
         for side in (-1.0, 1.0):
-            post = middle + side * place.POST
-            length = place.POST - side * self.offset
-            mine = stretch * length / place.POST
-            coils = place.POST / (PITCH * stretch)
+            post = middle + side * POST
+            length = POST - side * self.offset
+            mine = stretch * length / POST
+            coils = POST / (PITCH * stretch)
             colour = look.spring_colour(stretch_fraction(mine, low, high))
             half = COIL / sqrt(max(mine, 0.5))  # the material keeps its volume
             self._draw_coils(sphere, post, y, coils=coils, half=half, colour=colour)
-            canvas.line([(post, place.TOP), (post, place.POST_TOP)], look.INK, 6.0)
+            canvas.line([(post, TOP), (post, POST_TOP)], look.INK, 6.0)
             canvas.disc((post, y), 6.0, look.INK)
 
     def _draw_sphere(self) -> None:
-        canvas, radius = self.canvas, place.RADIUS
-        film = 0.0 if self.subject.interface == "none" else place.FILM
-        centre = self.carriage + self.offset, place.TOP - film - radius
+        canvas, radius = self.canvas, RADIUS
+        film = 0.0 if self.subject.interface == "none" else FILM
+        centre = self.carriage + self.offset, TOP - film - radius
         turned = self.view.angle(self.past.now(at.X2) - self.past.now(at.X1), radius)
         canvas.disc(centre, radius, look.INK)
         canvas.disc(centre, radius - 2, look.SHINE)
@@ -248,7 +363,7 @@ class Mechanism:
         if subject.force_limit is not None:
             arrows.append((past.now(at.FORCE) / largest, look.CONTROL))
         if subject.is_between:  # its reaction, on the sphere
-            centre = self.carriage + self.offset, place.TOP - place.FILM - place.RADIUS
+            centre = self.carriage + self.offset, TOP - FILM - RADIUS
             canvas.arrow(centre, -ARROW * past.now(at.FORCE) / largest, look.CONTROL)
         if subject.disturbance:
             arrows.append((past.now(rows.PUSH) / largest, look.DISTURBANCE))
@@ -261,7 +376,7 @@ class Mechanism:
             canvas.arrow((self.carriage, y), ARROW * part, colour)
         if subject.acceleration:
             part = past.now(rows.SHAKE) / max(subject.acceleration, past.acceleration)
-            start = 640.0 + self.ground, place.GROUND - 12
+            start = 640.0 + self.ground, GROUND - 12
             canvas.line([(start[0], start[1] - 9), (start[0], start[1] + 12)], look.GREY, 1.5)
             canvas.arrow(start, 70.0 * part, look.DISTURBANCE)
 

@@ -1,28 +1,211 @@
-"""A whole picture: captions, the mechanism, the scale of the springs' colours, the charts."""
+"""A whole picture: captions, the mechanism, and charts of the last control steps."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import ceil, floor
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
 from mm_gym.rendering.canvas import Canvas
-from mm_gym.rendering.chart import Chart, strips_of
-from mm_gym.rendering.impulses import can_be_seen, recent_impulse
-from mm_gym.rendering.mechanism import Mechanism
-from mm_gym.rendering.numbers import DASH, TIMES, reading, text_of
+from mm_gym.rendering.look import DASH, FINE_STEPS, MINUS, TIMES, reading, round_up, text_of
+from mm_gym.rendering.mechanism import Mechanism, can_be_seen, recent_impulse, view_of
 from mm_gym.rendering.subject import UNSTRETCHED
-from mm_gym.rendering.view import view_of
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from mm_gym.rendering.history import Past
+    from mm_gym.rendering.look import Colour
+    from mm_gym.rendering.mechanism import View
     from mm_gym.rendering.subject import Subject
-    from mm_gym.rendering.view import View
+
+
+LEFT, RIGHT = 55.0, 785.0
+TOP, BOTTOM = 290.0, 455.0
+WIDEST = 24
+"""Largest width of a control step [px]."""
+
+GAP = 26.0
+"""Room above a strip for its legend."""
+
+PERIODS = 20.0
+"""Natural periods that the charts show, about."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A line of a strip.
+
+    Attributes
+    ----------
+    values
+        (n,) float64, one for each control step.
+    name, colour
+        Its name with its unit, and its colour.
+    is_held
+        Whether a value was held over the control step that it ends.
+    limit
+        Magnitude at which an episode ends, or None.
+    """
+
+    values: NDArray[np.float64]
+    name: str
+    colour: Colour
+    is_held: bool = False
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Lines that share an axis.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the axis.
+    ticks
+        Values that are labelled.
+    series
+        The lines, the most important last.
+    """
+
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    series: tuple[Series, ...]
+
+
+def width_of_step(subject: Subject) -> float:
+    """Return the width of a control step: a whole number of pixels."""
+    wanted, width = PERIODS * subject.period / subject.time_step, (RIGHT - LEFT) * look.PIXELS
+    # A whole episode, if it fits, else about so many periods.
+    pixels = int(width / subject.steps) if subject.steps <= wanted else round(width / wanted)
+    return min(max(pixels, 1), WIDEST) / look.PIXELS
+
+
+def columns(subject: Subject) -> int:
+    """Return the number of control steps that the charts show."""
+    return int((RIGHT - LEFT) / width_of_step(subject) + 1e-9) + 1
+
+
+def strips_of(subject: Subject, past: Past, view: View) -> list[Strip]:
+    """Return the strips of a scene."""
+    strips = [_displacements(subject, past, view)]
+    if subject.force_limit is not None:
+        strips.append(_forces(subject, past))
+    if subject.is_stretched:
+        low, high = subject.stretch_range
+        name = "stretch λ of the sphere's springs [-]"
+        line = Series(past.rows[at.STRETCH], name, look.STRETCH, is_held=True)
+        strips.append(Strip(low, high, (low, high), (line,)))
+    if subject.damped_row:
+        low, high = subject.damping_range
+        name = f"{subject.device} of the {damper_of(subject)} [{CHANNELS[subject.device].unit}]"
+        line = Series(past.rows[at.DAMPING], name, look.DAMPING, is_held=True)
+        strips.append(Strip(low, high, (low, high), (line,)))
+    return strips
+
+
+def damper_of(subject: Subject) -> str:
+    """Return which part has the damping or voltage that is actuated."""
+    return "carriage" if subject.damped_row == at.D else "interface"
+
+
+def _displacements(subject: Subject, past: Past, view: View) -> Strip:
+    size, unit = view.unit
+    limits = [
+        None if limit is None else limit / size
+        for limit in (subject.displacement_limit, subject.rail_limit)
+    ]
+    x1 = past.rows[at.X1] / size
+    lines = [Series(x1, f"carriage x1 [{unit}]", look.INK, limit=limits[0])]
+    largest = max(subject.displacement, past.displacement)
+    if subject.has_sphere:
+        offset, name = past.rows[at.X2] / size - x1, f"sphere's offset x2 {MINUS} x1 [{unit}]"
+        lines.insert(0, Series(offset, name, look.OFFSET, limit=limits[1]))
+        largest = max(largest, subject.offset, past.offset)
+    high = round_up(largest / size, FINE_STEPS)
+    return Strip(-high, high, (-high, 0.0, high), tuple(lines))
+
+
+def _forces(subject: Subject, past: Past) -> Strip:
+    lines = [Series(past.rows[at.FORCE], "control force [N]", look.CONTROL, is_held=True)]
+    largest = subject.force_limit or 0.0
+    if subject.disturbance:
+        lines.insert(0, Series(past.rows[rows.PUSH], "disturbance [N]", look.DISTURBANCE))
+        largest = max(largest, subject.disturbance, past.disturbance)
+    return Strip(-largest, largest, (-largest, 0.0, largest), tuple(lines))
+
+
+class Chart:
+    """Draws the strips below each other over one axis of time."""
+
+    def __init__(self, canvas: Canvas, subject: Subject, past: Past) -> None:
+        self._canvas = canvas
+        self._subject = subject
+        self._steps = past.rows[rows.STEP]
+        self._pitch = width_of_step(subject)
+        # The chart fills from the left, then moves by whole pixels.
+        self._first = max(0.0, self._steps[-1] - (columns(subject) - 1))
+        self._shown = self._steps >= self._first
+        self._x = LEFT + self._pitch * (self._steps - self._first)[self._shown]
+
+    def draw(self, strips: list[Strip]) -> None:
+        """Draw the strips and the axis of time."""
+        height = (BOTTOM - TOP - GAP * (len(strips) - 1)) / len(strips)
+        for k, strip in enumerate(strips):
+            top = TOP + k * (height + GAP)
+            self._draw_strip(strip, top, top + height)
+        self._draw_times()
+
+    def _draw_strip(self, strip: Strip, top: float, bottom: float) -> None:
+        canvas, scale = self._canvas, (bottom - top) / (strip.high - strip.low)
+        for tick in strip.ticks:
+            y = bottom - (tick - strip.low) * scale
+            canvas.rule(LEFT, y - 0.5, RIGHT, y + 0.5, look.PALE)
+            canvas.text(text_of(tick), (LEFT - 8, y), look.SMALL, look.GREY, 1.0)
+        x = LEFT
+        for series in reversed(strip.series):
+            canvas.rule(x, top - 14, x + 16, top - 11, series.colour)
+            x += 46 + canvas.text(series.name, (x + 22, top - 12), look.SMALL, series.colour)
+        for series in strip.series:
+            if series.limit is not None and series.limit <= strip.high:
+                for limit in (-series.limit, series.limit):
+                    self._draw_dashes(bottom - (limit - strip.low) * scale, series.colour)
+            values = np.clip(series.values[self._shown], strip.low, strip.high)
+            points = np.stack([self._x, bottom - (values - strip.low) * scale], axis=1)
+            canvas.curve(_steps(points) if series.is_held else points, series.colour)
+            canvas.dot((points[-1, 0], points[-1, 1]), 3.5, series.colour)
+
+    def _draw_dashes(self, y: float, colour: Colour) -> None:
+        for x in range(round(LEFT), round(RIGHT), 12):
+            self._canvas.rule(x, y - 0.5, x + 6, y + 0.5, colour)
+
+    def _draw_times(self) -> None:
+        canvas, step = self._canvas, self._subject.time_step
+        each = round_up(90.0 / self._pitch * step)
+        first, last = self._first * step, (self._first + columns(self._subject) - 1) * step
+        for k in range(ceil(first / each - 1e-9), floor(last / each + 1e-9) + 1):
+            x = LEFT + self._pitch * (k * each / step - self._first)
+            canvas.rule(x - 0.5, BOTTOM, x + 0.5, BOTTOM + 5, look.GREY)
+            label = f"{text_of(float(f'{k * each:.6g}'))} s"
+            anchor = min(max(0.5, 0.5 + (x + 20 - RIGHT) / 40), 1.0)
+            canvas.text(label, (x, BOTTOM + 13), look.SMALL, look.GREY, anchor)
+
+
+def _steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (2 n - 1, 2) of a line that runs level, then jumps to the next level."""
+    stepped = np.repeat(points, 2, axis=0)[1:]
+    stepped[1::2, 0], stepped[1::2, 1] = points[1:, 0], points[1:, 1]
+    stepped[0::2, 1] = np.append(points[1:, 1], points[-1, 1])
+    return stepped
+
 
 READINGS, COLUMN = 180.0, 200.0
 """Left end of the readings, and the room of each: that of the longest, a jump of the ground."""

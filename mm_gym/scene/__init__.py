@@ -24,11 +24,11 @@ from mm_gym.scene.mechanics import Sphere as Sphere
 from mm_gym.scene.mechanics import Viscous as Viscous
 from mm_gym.scene.part import Document as Document
 from mm_gym.scene.part import Part as Part
-from mm_gym.scene.record_files import with_absolute_records as with_absolute_records
-from mm_gym.scene.record_files import with_relative_records as with_relative_records
 from mm_gym.scene.scene import Control as Control
 from mm_gym.scene.scene import Initial as Initial
 from mm_gym.scene.scene import Objective as Objective
 from mm_gym.scene.scene import Scene as Scene
 from mm_gym.scene.scene import Solver as Solver
 from mm_gym.scene.sensors import Sensors as Sensors
+from mm_gym.scene.toml_file import with_absolute_records as with_absolute_records
+from mm_gym.scene.toml_file import with_relative_records as with_relative_records

@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part
-from mm_gym.scene.rules import Rule
+from mm_gym.scene.part import Part, Rule
 
 
 def _rate_is_limited(command: str, rate_limit: float | None) -> str | None:

@@ -10,8 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError
-from mm_gym.scene.part import Part, listed
-from mm_gym.scene.rules import Ratio, Rule, ordered
+from mm_gym.scene.part import Part, Ratio, Rule, listed, ordered
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]

@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part
-from mm_gym.scene.rules import Ratio, Rule
+from mm_gym.scene.part import Part, Ratio, Rule
 
 GRAVITY = 9.81
 """Acceleration of gravity in the paper [m/s^2]; by default F_N is sphere.mass * GRAVITY."""

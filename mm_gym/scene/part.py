@@ -1,19 +1,99 @@
-"""The base class of all parts of a scene; it reports pydantic's findings as one `SceneError`."""
+"""The base class of all parts of a scene: its rules, its findings, and its data by dotted name."""
 
 from __future__ import annotations
 
 import reprlib
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    NamedTuple,
+    Self,
+    TypeAlias,
+    cast,
+    get_args,
+    get_origin,
+)
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.scene.rules import RANGE, Ratio, Rule, is_known
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
+    from numpy.typing import NDArray
     from pydantic_core import ErrorDetails
+
+
+RANGE = "range"
+"""Type of the errors that `ordered` raises."""
+
+LARGEST = 1.7976931348623157e308
+"""The largest double."""
+
+
+class Rule(NamedTuple):
+    """A rule across fields of a part.
+
+    A rule that holds at all ends of its fields' ranges must hold in between.
+
+    Attributes
+    ----------
+    fields
+        Names of the fields that it reads.
+    finding
+        Their values -> what is wrong, as "field: text", or None.
+    """
+
+    fields: tuple[str, ...]
+    finding: Callable[..., str | None]
+
+
+class Ratio(NamedTuple):
+    """A number to draw in place of a field whose range would depend on another field.
+
+    Attributes
+    ----------
+    field, of
+        The field is the ratio times the other one, and so keeps all rules that read it.
+    allows
+        Tells whether a number is allowed.
+    allowed
+        The same in words.
+    """
+
+    field: str
+    of: str
+    allows: Callable[[float], bool]
+    allowed: str
+
+
+def ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    """Return a range; refuse it if its ends are exchanged, or too far apart to draw between."""
+    low, high = ends
+    if low <= high and high - low <= LARGEST:
+        return ends
+    allowed = "[low, high] with low <= high"
+    if low <= high:
+        allowed = f"high - low of at most {LARGEST:.3g}, the largest number"
+    raise PydanticCustomError(RANGE, f"got [{low}, {high}]; allowed: {allowed}")  # pyright: ignore[reportArgumentType] - a literal for its type checker only
+
+
+def is_known(names: Iterable[str], wrong: frozenset[str]) -> bool:
+    """Tell whether none of some dotted names is wrong, or belongs to what is."""
+    return not any(
+        name == other or name.startswith(f"{other}.") for name in names for other in wrong
+    )
+
+
+def is_whole(names: Iterable[str], wrong: frozenset[str]) -> bool:
+    """Tell whether some dotted names are known, and so is everything that belongs to them."""
+    names = tuple(names)
+    return is_known(names, wrong) and is_known(wrong, frozenset(names))
+
 
 FIELDS_ONLY = {"rules": False}
 """Context of a validation that leaves out the rules across fields."""
@@ -216,3 +296,80 @@ def parts_of(annotation: object) -> Iterator[type[Part]]:
         yield annotation
     for argument in get_args(annotation):
         yield from parts_of(argument)
+
+
+Data: TypeAlias = "dict[str, Data] | list[Data] | str | float | bool | None"
+"""A part as plain data, as in a file."""
+
+KIND = "kind"
+
+
+def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
+    """Set the entries of plain data that dotted names refer to.
+
+    A table that is not there is made, and a name is not checked, as if a file said it. A part whose
+    kind changes keeps none of its other entries.
+
+    Raises
+    ------
+    SceneError
+        If a list has no entry of a number.
+    """
+    for name, value in sorted(changes.items(), key=lambda change: not _is_kind(change[0])):
+        *path, last = _words(name)
+        holder = _table(data, path, name)
+        if last == KIND and isinstance(holder, dict) and holder.get(KIND) != value:
+            holder.clear()
+        if isinstance(holder, list):
+            holder[_index(holder, last, name)] = plain(value)
+        else:
+            holder[last] = plain(value)
+
+
+def plain(value: object) -> Data:
+    """Return a value as JSON and TOML have it: parts as tables, tuples and arrays as lists."""
+    if isinstance(value, Part):
+        return cast("Data", value.model_dump(mode="json"))
+    if isinstance(value, np.ndarray | np.generic):
+        return cast("Data", cast("NDArray[np.generic]", value).tolist())
+    if isinstance(value, dict):
+        items = cast("dict[str, object]", value).items()
+        return {name: plain(entry) for name, entry in items}
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in cast("list[object]", value)]
+    return cast("Data", value)
+
+
+def _is_kind(name: str) -> bool:
+    return name.rpartition(".")[2] == KIND
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a dotted name; those drawn are named as a whole."""
+    first, dot, rest = name.partition(".")
+    return [first, rest] if dot and first == "randomization" else name.split(".")
+
+
+def _table(data: dict[str, Data], path: list[str], name: str) -> dict[str, Data] | list[Data]:
+    """Return the table or list at the end of a path, made if there is none."""
+    holder: dict[str, Data] | list[Data] = data
+    for word in path:
+        if isinstance(holder, list):
+            index = _index(holder, word, name)
+            inner = holder[index] = _opened(holder[index])
+        else:
+            inner = holder[word] = _opened(holder.get(word))
+        holder = inner
+    return holder
+
+
+def _opened(entry: Data) -> dict[str, Data] | list[Data]:
+    return entry if isinstance(entry, dict | list) else {}
+
+
+def _index(entries: list[Data], word: str, name: str) -> int:
+    if word.isascii() and word.isdecimal() and int(word) < len(entries):
+        return int(word)
+    allowed = f"0 to {len(entries) - 1}" if entries else "none, the list is empty"
+    msg = f"{name}: there is no entry {word!r}; allowed: {allowed}"
+    raise SceneError(msg)

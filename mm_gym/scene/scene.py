@@ -13,8 +13,6 @@ from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
 from mm_gym.records.text import MOST_BYTES
 from mm_gym.scene.actuators import Actuation, DampingActuator, VoltageActuator
-from mm_gym.scene.dotted_names import put
-from mm_gym.scene.draft import draft_of, findings_of
 from mm_gym.scene.excitation import (
     FIXED_FIELDS,
     Excitation,
@@ -23,7 +21,7 @@ from mm_gym.scene.excitation import (
     Range,
     Recorded,
 )
-from mm_gym.scene.joint_findings import joint_findings
+from mm_gym.scene.findings import draft_of, findings_of, joint_findings
 from mm_gym.scene.mechanics import (
     WITHOUT_STRETCH,
     Carriage,
@@ -33,8 +31,7 @@ from mm_gym.scene.mechanics import (
     Springs,
     Viscous,
 )
-from mm_gym.scene.part import Document, Part, dotted_name, listed
-from mm_gym.scene.rules import Rule, is_known
+from mm_gym.scene.part import Document, Part, Rule, dotted_name, is_known, listed, put
 from mm_gym.scene.sensors import Sensors
 from mm_gym.step.channels import CHANNELS
 
@@ -44,7 +41,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from mm_gym.scene.dotted_names import Data
+    from mm_gym.scene.part import Data
 
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 from pydantic import BeforeValidator, Field
 
 from mm_gym.scene.excitation import NonNegative
-from mm_gym.scene.part import Part, listed
-from mm_gym.scene.rules import Rule
+from mm_gym.scene.part import Part, Rule, listed
 from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:

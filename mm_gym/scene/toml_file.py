@@ -1,23 +1,259 @@
-"""Scene files in TOML, which state only what differs from the defaults."""
+"""Scene files in TOML, read and written; they state only what differs from the defaults."""
 
 from __future__ import annotations
 
+import glob
+import json
+import os
 import re
+import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias, cast
 
-from mm_gym.errors import SceneError
+from mm_gym.errors import SceneError, suggest
 from mm_gym.files import parse_toml, read_text
-from mm_gym.scene.base import with_base
-from mm_gym.scene.draft import draft_of
-from mm_gym.scene.record_files import with_absolute_records
+from mm_gym.scene.findings import draft_of
+from mm_gym.scene.part import KIND, Part, dotted_name, put
 from mm_gym.scene.scene import Scene
-from mm_gym.scene.toml_lines import lines_of
-from mm_gym.tasks import is_id, path_of
+from mm_gym.tasks import is_id, path_of, task_called
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from os import PathLike
+
+    from mm_gym.scene.part import Data
+
+
+def with_absolute_records(data: dict[str, object], folder: Path) -> dict[str, object]:
+    """Return a scene's fields with the relative paths of records resolved from a folder.
+
+    They are absolute, so that the scene is the same in another process or working directory.
+
+    Parameters
+    ----------
+    data
+        The fields as in a scene file, not validated, which are changed.
+    folder
+        The folder of the file.
+    """
+    place = folder.resolve()
+    pattern = Path(glob.escape(str(place)))
+    return _changed(
+        data,
+        lambda path: os.path.normpath(place / path),
+        lambda path: os.path.normpath(pattern / path),
+    )
+
+
+def with_relative_records(data: dict[str, object], folder: Path) -> dict[str, object]:
+    """Return a scene's fields with the paths of records relative to a folder.
+
+    Parameters
+    ----------
+    data
+        The fields of a valid scene, which are changed.
+    folder
+        The folder of the file that they are written to.
+    """
+    place = folder.resolve()
+    here, pattern = glob.escape(str(Path.cwd())), glob.escape(str(place))
+    return _changed(
+        data,
+        lambda path: Path(os.path.relpath(Path(path).resolve(), place)).as_posix(),
+        lambda path: Path(os.path.relpath(Path(here) / path, pattern)).as_posix(),
+    )
+
+
+def _changed(
+    data: dict[str, object], file: Callable[[str], str], pattern: Callable[[str], str]
+) -> dict[str, object]:
+    """Change the paths of files, and of patterns, which are texts in the field "files"."""
+    sources = data.get("excitation")
+    for source in cast("list[object]", sources) if isinstance(sources, list) else ():
+        if isinstance(source, dict):
+            entry = cast("dict[str, object]", source)
+            one, several = entry.get("file"), entry.get("files")
+            if isinstance(one, str) and one:
+                entry["file"] = file(one)
+            if isinstance(several, str) and several:
+                entry["files"] = pattern(several)
+            elif isinstance(several, list):
+                entry["files"] = [
+                    file(path) if isinstance(path, str) and path else path
+                    for path in cast("list[object]", several)
+                ]
+    return data
+
+
+BASE, DRAWN = "base", "randomization"
+
+
+def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str, object]:
+    """Return a scene's fields as in a file, those of its base included if it names one.
+
+    Tables go over those of the base field by field, lists and parts of another kind as a whole.
+    What the file states is no longer drawn, unless the file draws it too.
+
+    Parameters
+    ----------
+    data
+        The fields as in the file, not validated.
+    load
+        Returns the scene of a task. Tasks have no base, so there are no cycles.
+
+    Raises
+    ------
+    SceneError
+        If the base is not a task, "base: text", or the key is misspelt.
+    """
+    for name in data:
+        if name != BASE and suggest(name, [BASE]):
+            msg = f"{name}: unknown key{suggest(name, [BASE])}"
+            raise SceneError(msg)
+    if BASE not in data:
+        return data
+    own = {name: value for name, value in data.items() if name != BASE}
+    base = load(_task(data[BASE]))
+    stated = dict(_leaves(own))
+    found = cast("dict[str, Data]", base.model_dump(mode="json"))
+    gone = [*_replaced(stated, base), *(name for name in stated if not name.startswith(DRAWN))]
+    follows = {ratio: field for ratio, (field, _) in base.drawn_ratios.items()}
+    found[DRAWN] = {
+        name: ends
+        for name, ends in cast("dict[str, Data]", found[DRAWN]).items()
+        if not any(_within(one, part) for part in gone for one in (name, follows.get(name, name)))
+    }
+    put(found, stated)
+    return cast("dict[str, object]", found)
+
+
+def _task(name: object) -> str:
+    if not isinstance(name, str):
+        msg = f"base: got {name!r}; allowed: the name of a task, in quotes"
+        raise SceneError(msg)
+    try:
+        return task_called(name)
+    except SceneError as error:
+        msg = f"base: {str(error).removeprefix('task: ')}"
+        raise SceneError(msg) from None
+
+
+def _leaves(table: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield what a file states by dotted name: numbers, texts and whole lists."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(cast("dict[str, object]", value), f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _replaced(stated: dict[str, object], base: Scene) -> Iterator[str]:
+    """Yield the parts whose kind is another than that of the base."""
+    for name, value in stated.items():
+        part, _, last = name.rpartition(".")
+        if last == KIND and base.value_of(name) != value:
+            yield part
+
+
+def _within(name: str, part: str) -> bool:
+    return name == part or name.startswith(f"{part}.")
+
+
+Names: TypeAlias = tuple[str, ...]
+
+MOST_WORK = 1_000_000
+"""Characters parsed again for statements of several lines; later statements get no line."""
+
+DEEPEST = 10
+"""Levels of nested names that get a line; a scene has fewer."""
+
+
+def lines_of(text: str) -> dict[str, int]:
+    """Return dotted name -> line of the statement that sets it, for text that is valid TOML.
+
+    The parser itself finds the statements: each is the smallest number of lines that is TOML on its
+    own. Names within a value get the line on which the value begins; in a list over several lines,
+    the line on which their entry ends.
+    """
+    lines: dict[str, int] = {}
+    table: Names = ()
+    counts: dict[Names, int] = {}  # entries so far of each array of tables
+    for number, statement, data in _statements(text):
+        if data and statement.startswith("["):
+            *above, last = _header(data)
+            table = (*_resolved(above, counts), last)
+            if statement.startswith("[["):
+                counts[table] = counts.get(table, 0) + 1
+            table = _resolved([last], counts, table[:-1])
+            names = [()]
+        else:
+            names = _names(data)
+        for name in names:
+            path = (*table, *name)
+            for depth in range(1, len(path) + 1):
+                lines.setdefault(dotted_name(path[:depth]), number)
+    return lines
+
+
+def _statements(text: str) -> Iterator[tuple[int, str, dict[str, object]]]:
+    """Yield line, text and data of each statement; a list of several lines entry by entry first."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    first, work = 0, 0
+    while first < len(lines) and work < MOST_WORK:
+        for end in range(first + 1, len(lines) + 1):
+            statement = "\n".join(lines[first:end]).lstrip()
+            if (data := _parsed(statement)) is not None:
+                yield first + 1, statement, data
+                first = end
+                break
+            work += 2 * len(statement)
+            if work > MOST_WORK:
+                break
+            yield end, statement, _parsed(f"{statement}\n]") or {}
+
+
+def _parsed(text: str) -> dict[str, object] | None:
+    """Return the data of a text, or None if it is not TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return None
+
+
+def _header(data: object) -> list[str]:
+    """Return the names in ``[a.b]`` or ``[[a.b]]`` from its data."""
+    names: list[str] = []
+    while data:
+        if isinstance(data, list):
+            data = cast("list[object]", data)[0]
+        else:
+            ((name, data),) = cast("dict[str, object]", data).items()
+            names.append(name)
+    return names
+
+
+def _resolved(names: list[str], counts: dict[Names, int], path: Names = ()) -> Names:
+    """Return the path of a table; in an array of tables, the path in its last entry."""
+    for name in names:
+        path = (*path, name)
+        if path in counts:
+            path = (*path, str(counts[path] - 1))
+    return path
+
+
+def _names(value: object, depth: int = 0) -> Iterator[Names]:
+    """Yield the paths of a value and of everything in it."""
+    yield ()
+    if depth == DEEPEST:
+        return
+    items: dict[str, object] = {}
+    if isinstance(value, dict):
+        items = cast("dict[str, object]", value)
+    elif isinstance(value, list):
+        items = {str(i): entry for i, entry in enumerate(cast("list[object]", value))}
+    for name, entry in items.items():
+        for path in _names(entry, depth + 1):
+            yield (name, *path)
 
 
 def load_scene(path: str | PathLike[str]) -> Scene:
@@ -89,3 +325,90 @@ def _place(finding: str, lines: dict[str, int]) -> str:
     ends = [match.start() for match in re.finditer(r"[.:]", finding)]
     numbers = [lines[finding[:end]] for end in ends if finding[:end] in lines]
     return f":{numbers[-1]}" if numbers else ""
+
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""Keys that need no quotes."""
+
+Table = dict[str, object]
+
+
+def toml_of(scene: Scene, folder: Path) -> str:
+    """Return the text of a scene file, from which `load_scene` reads the same scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    folder
+        The folder of the file: records are named relative to it.
+    """
+    data = cast("Table", scene.model_dump(mode="json"))
+    tables = _differences(scene.of(with_relative_records(data, folder)))
+    blocks = [_block("", {k: v for k, v in tables.items() if not _is_table(v)})]
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            blocks += _tables(name, cast("Table", value))
+        elif _is_table(value):
+            blocks += [_block(f"[[{name}]]", entry) for entry in cast("list[Table]", value)]
+    return "\n".join(block for block in blocks if block) or "# all defaults\n"
+
+
+def _differences(part: Part) -> Table:
+    """Return the fields that differ from their defaults, and the kind of a part that has kinds."""
+    found: Table = {}
+    for name, value in part:
+        field = type(part).model_fields[name]
+        default = None if field.is_required() else field.get_default(call_default_factory=True)
+        if name == "kind" or value != default:
+            found[name] = _plain(value)
+    return {name: found[name] for name in sorted(found, key=lambda name: name != "kind")}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Part):
+        return _differences(value)
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in cast("tuple[object, ...]", value)]
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in cast("Table", value).items()}
+    return value
+
+
+def _is_table(value: object) -> bool:
+    if isinstance(value, list):
+        entries = cast("list[object]", value)
+        return bool(entries) and isinstance(entries[0], dict)
+    return isinstance(value, dict)
+
+
+def _tables(name: str, table: Table) -> list[str]:
+    """Return the blocks of a table and of those in it, such as an actuator's."""
+    inner = {k: cast("Table", value) for k, value in table.items() if isinstance(value, dict)}
+    own = {key: value for key, value in table.items() if key not in inner}
+    blocks = [_block(f"[{name}]", own)] if own or not inner else []
+    for key, value in inner.items():
+        blocks += _tables(f"{name}.{_key(key)}", value)
+    return blocks
+
+
+def _block(title: str, table: Table) -> str:
+    lines = [title] if title else []
+    lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items()]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _key(name: str) -> str:
+    return name if BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: object) -> str:
+    """Return a value: texts as JSON, whose escapes TOML reads too, numbers with all digits."""
+    if isinstance(value, list):
+        return f"[{', '.join(_value(entry) for entry in cast('list[object]', value))}]"
+    if isinstance(value, dict):
+        entries = (f"{_key(key)} = {_value(entry)}" for key, entry in cast("Table", value).items())
+        return f"{{ {', '.join(entries)} }}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value).lower() if isinstance(value, bool) else repr(value)

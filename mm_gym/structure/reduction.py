@@ -21,7 +21,7 @@ from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.part import Part
 from mm_gym.scene.scene import Scene
-from mm_gym.scene.toml_text import toml_of
+from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.simulate import record_of, simulate
 
 if TYPE_CHECKING:

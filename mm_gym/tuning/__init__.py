@@ -1,15 +1,17 @@
 """Tuned-mass dampers: optima in closed form, and by numerical optimisation for any linear scene."""
 
 from mm_gym.errors import DesignError, OutOfReachError
-from mm_gym.tuning.closed_forms import CLOSED_FORMS, Absorber, ClosedForm, closed_form
-from mm_gym.tuning.duffing import duffing_absorber
-from mm_gym.tuning.first_harmonic import lanchester_friction
-from mm_gym.tuning.friction import friction_absorber
-from mm_gym.tuning.friction_result import FrictionDesign, FrictionTuning
-from mm_gym.tuning.optimum import evaluate, tune
+from mm_gym.tuning.closed_forms import (
+    CLOSED_FORMS,
+    Absorber,
+    ClosedForm,
+    closed_form,
+    duffing_absorber,
+)
+from mm_gym.tuning.friction import friction_absorber, lanchester_friction
+from mm_gym.tuning.optimum import CRITERIA, evaluate, tune
 from mm_gym.tuning.reach import stretch_for
-from mm_gym.tuning.result import Design, Tuning
-from mm_gym.tuning.search import CRITERIA
+from mm_gym.tuning.result import Design, FrictionDesign, FrictionTuning, Tuning
 from mm_gym.tuning.transfer import CHANNELS, EXCITATIONS
 
 __all__ = [

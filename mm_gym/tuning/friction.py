@@ -5,22 +5,392 @@
 
 from __future__ import annotations
 
-from math import isfinite
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from math import isfinite, pi, sqrt
+from typing import TYPE_CHECKING, NamedTuple
 
-from mm_gym.analysis.springs import spring_stiffness
-from mm_gym.analysis.values import linear_values
-from mm_gym.errors import DesignError, suggest
-from mm_gym.scene.mechanics import GRAVITY
-from mm_gym.tuning.friction_result import FrictionTuning
-from mm_gym.tuning.friction_search import FrictionProblem
-from mm_gym.tuning.optimum import excitation_of, require_fixed, require_resonance
+import numpy as np
+from scipy.optimize import minimize
+
+from mm_gym.analysis.linear import linear_values
+from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
+from mm_gym.compiler.jit import plain
+from mm_gym.errors import DesignError, SimulationError, suggest
+from mm_gym.lanes.layout import NO_ROW
+from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
+from mm_gym.scene.mechanics import GRAVITY, DryFriction
+from mm_gym.simulation.simulate import simulate
+from mm_gym.step.channels import CHANNELS
+from mm_gym.tuning.optimum import FREQUENCY_RATIOS, excitation_of, require_fixed, require_resonance
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with
-from mm_gym.tuning.steady_motion import motion_channels
+from mm_gym.tuning.result import FrictionDesign, FrictionTuning
 from mm_gym.tuning.transfer import EXCITATIONS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from mm_gym.analysis.linear import Linear
     from mm_gym.scene.scene import Scene
+
+    Array = NDArray[np.float64]
+    Complex = NDArray[np.complex128]
+    Pair = tuple[float, float]
+
+
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Amplitudes of the slip velocity between which it is sought, over v_r and over that of a rigid
+support."""
+
+HALVINGS = 44
+"""Of the logarithm of that range: to 1e-11."""
+
+
+class Friction(NamedTuple):
+    """Dry friction (4) of docs/model.md: slope in stick [N s/m], kinetic force [N], v_r, chi."""
+
+    stick: float
+    kinetic: float
+    reference: float
+    slip: float
+
+
+def friction_of(law: DryFriction, normal: float) -> Friction:
+    """Return the friction under a normal force [N]."""
+    vr = law.reference_velocity
+    stick = plain(stick_slope)(law.static_coefficient, normal, vr)
+    kinetic = plain(kinetic_force)(law.kinetic_coefficient, normal)
+    return Friction(float(stick), float(kinetic), vr, law.slip_damping)
+
+
+def lanchester_friction(mass_ratio: float) -> float:
+    """Return the best friction force of a sphere without springs over the force on the carriage.
+
+    The result holds for the first harmonic, on a carriage without damping, with negligible creep
+    and static friction. The curves of all dampings pass through the fixed point of the viscous
+    damper. The least peak is therefore the same, (2 + mu) / mu. Friction whose equivalent damping
+    there is optimal attains it.
+    """
+    return 0.5 * pi / sqrt(2.0 + mass_ratio)
+
+
+def equivalent_damping(friction: Friction, speed: Array) -> Array:
+    """Return the damping [N s/m] that takes the energy that friction does, of slip amplitudes."""
+    angle = np.arcsin(np.minimum(friction.reference / speed, 1.0))  # at which stick ends
+    stuck = 0.5 * angle - 0.25 * np.sin(2.0 * angle)
+    intercept = plain(slip_intercept)(friction.kinetic, friction.slip, friction.reference)
+    slipping = intercept * np.cos(angle) / speed + friction.slip * (0.25 * pi - stuck)
+    return 4.0 / pi * (friction.stick * stuck + slipping)
+
+
+def steady_state(
+    values: Linear, friction: Friction, excitation: str, amplitude: float, frequencies: Array
+) -> Complex:
+    """Return the complex amplitudes (4, n) of x1, x2, v1 and v2 under amplitude * exp(i w t).
+
+    Parameters
+    ----------
+    values
+        Coefficients; the damping of the interface is replaced.
+    friction
+        The interface.
+    excitation, amplitude
+        "force" [N] or "ground" [m/s^2].
+    frequencies
+        (n,) w [rad/s].
+    """
+    w = frequencies
+    force = amplitude * (1.0 if excitation == "force" else values.m1)
+    low = np.full(len(w), np.log(SMALLEST * friction.reference))
+    high = np.log(LARGEST * (force * w / values.k1 + friction.reference))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        c = equivalent_damping(friction, np.exp(middle))
+        x1, x2 = _displacements(values, c, excitation, w)
+        grows = np.log(amplitude * w * np.abs(x2 - x1)) > middle
+        low, high = np.where(grows, middle, low), np.where(grows, high, middle)
+    c = equivalent_damping(friction, np.exp(low))
+    both = amplitude * np.array(_displacements(values, c, excitation, w))
+    return np.concatenate([both, 1j * w * both])
+
+
+def _displacements(
+    values: Linear, damping: Array, excitation: str, w: Array
+) -> tuple[Complex, Complex]:
+    """Return x1 and x2 (n,) per unit of excitation, by Cramer's rule on (1) and (2)."""
+    m1, m2, k1, k2, _, d = values
+    s = 1j * w
+    link = k2 + s * damping
+    carriage, sphere = k1 + s * d - w**2 * m1 + link, link - w**2 * m2
+    of_carriage, of_sphere = (1.0, 0.0) if excitation == "force" else (-m1, -m2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        over = 1.0 / (carriage * sphere - link**2)
+    x1 = (of_carriage * sphere + of_sphere * link) * over
+    return x1, (of_sphere * carriage + of_carriage * link) * over
+
+
+SAMPLES, FINER = (24, 96, 384), 8
+"""Control steps in a period, more if they must be, and points between two at which the largest
+value is looked for."""
+
+PERIODS = 200
+"""Periods after which a motion is taken to be steady."""
+
+STATES = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
+
+
+def motion_channels() -> tuple[str, ...]:
+    """Return the channels that are states or differences of two."""
+    motion = (NO_ROW, *range(len(STATES)))
+    return tuple(
+        name
+        for name, channel in CHANNELS.items()
+        if channel.row < len(STATES) and channel.subtracted in motion
+    )
+
+
+def of_channel(states: NDArray[np.generic], channel: str) -> NDArray[np.generic]:
+    """Return a channel (...) of states (4, ...)."""
+    row, subtracted = CHANNELS[channel].row, CHANNELS[channel].subtracted
+    return states[row] if subtracted == NO_ROW else states[row] - states[subtracted]
+
+
+def driven(scene: Scene, excitation: str, amplitude: float) -> Scene:
+    """Return the scene with one value for each field and without control, under a harmonic."""
+    harmonic = {
+        "kind": "harmonic", "target": excitation, "amplitude": amplitude, "frequency": 1.0,
+    }  # fmt: skip
+    others = ("randomization", "initial", "sensors", "actuation", "objective")
+    nothing: dict[str, object] = {name: {} for name in others}
+    return scene.replace(excitation=[harmonic], **nothing)
+
+
+def steady_amplitude(scene: Scene, channel: str, frequency: float, start: Array) -> float:
+    """Return the largest value of a channel's steady motion about its mean, simulated.
+
+    Parameters
+    ----------
+    scene
+        What `driven` returns.
+    channel
+        One of `motion_channels`.
+    frequency
+        Of the harmonic [rad/s].
+    start
+        (4,): x1, x2, v1, v2 from which the motion begins, close to the steady one.
+    """
+    x1, x2, v1, v2 = (float(value) for value in start)
+    initial = dict(zip(STATES, (x1, x2 - x1, v1, v2), strict=True))
+    scene = scene.replace(initial=initial, **{"excitation.0.frequency": frequency})
+    values = of_channel(_last_period(scene, 2.0 * np.pi / frequency).T, channel)
+    waves = np.fft.rfft(values)
+    waves[0] = 0.0
+    return float(FINER * np.abs(np.fft.irfft(waves, FINER * len(values))).max())
+
+
+def _last_period(scene: Scene, period: float) -> Array:
+    """Return the states (n, 4) in the last of `PERIODS` periods [s]."""
+    for count in SAMPLES[:-1]:
+        with suppress(SimulationError):  # stick and slip alternate too often in a control step
+            return _states(scene, period, count)
+    return _states(scene, period, SAMPLES[-1])
+
+
+def _states(scene: Scene, period: float, count: int) -> Array:
+    control = {"time_step": period / count, "steps": count * PERIODS}
+    return simulate(scene.replace(control=control)).state[-count:]
+
+
+BAND = np.sort(np.concatenate([np.geomspace(0.2, 5.0, 300), np.geomspace(0.8, 1.25, 500)]))
+"""Frequencies over w1 at which the first harmonic is looked at."""
+
+COARSE = BAND[::4]
+"""Those at which it is looked at where the search begins."""
+
+FORCES = np.geomspace(0.02, 5.0, 24)
+"""Friction forces over that on the carriage from which the search begins, for each stiffness."""
+
+STIFFNESSES = 16
+"""Stiffnesses of the springs from which it begins."""
+
+HIGH = 0.8
+"""Peaks of the first harmonic that are simulated, over the highest."""
+
+NEAR = (0.05, 0.017, 0.006)
+"""Parts of the frequency of a peak, either way, in which it is looked for: each in the last."""
+
+POINTS = 5
+"""Frequencies that are simulated in each."""
+
+STEEP = 0.03
+"""Relative change of the amplitude between points beyond which no parabola is put through them."""
+
+SWEPT, SHOWN = 60, 0.25
+"""Frequencies of a simulated curve, and the part of the highest peak down to which it goes."""
+
+SIMPLEX, CLOSE = 0.05, 1e-3
+"""Sizes of the first and last simplex of the search on the simulated motion, of logarithms."""
+
+
+NONE = 1e-300
+"""Stiffness [N/m] that stands for no springs where its logarithm is taken."""
+
+
+class FrictionProblem:
+    """What is tuned: the normal force [N] and, with springs, k2 [N/m].
+
+    Attributes
+    ----------
+    scene
+        The rig under a harmonic, without anything else.
+    values
+        Its coefficients.
+    excitation, amplitude, channel
+        See `mm_gym.tuning.friction_absorber`.
+    """
+
+    def __init__(self, scene: Scene, excitation: str, amplitude: float, channel: str) -> None:
+        self.values = linear_values(scene)
+        self.scene = driven(scene, excitation, amplitude)
+        self.excitation, self.amplitude, self.channel = excitation, amplitude, channel
+        interface = self.scene.interface
+        assert isinstance(interface, DryFriction)  # noqa: S101 - checked by the caller
+        self.interface = interface
+        self.w1 = float(np.sqrt(self.values.k1 / self.values.m1))
+        force = amplitude * (1.0 if excitation == "force" else self.values.m1)
+        self.unit = force / interface.kinetic_coefficient  # [N] of normal force
+
+    @property
+    def any_springs(self) -> Pair:
+        """Least and largest k2 that is searched where the springs do not bound it."""
+        low, high = self.values.m2 * (np.array(FREQUENCY_RATIOS) * self.w1) ** 2
+        return float(low), float(high)
+
+    def first(self, limits: Pair | None) -> Pair:
+        """Return the best normal force and k2 to the first harmonic.
+
+        k2 is between limits, or stays where there are none.
+        """
+        stiffnesses = [self.values.k2] if limits is None else np.geomspace(*limits, STIFFNESSES)
+        pairs = [np.log([self.unit * f, k2]) for f in FORCES for k2 in _positive(stiffnesses)]
+        start = min(pairs, key=lambda pair: self._rough(pair, COARSE))
+        return self._minimum(self._rough, start, limits, 0.2)
+
+    def improved(self, start: Pair, limits: Pair | None) -> Pair:
+        """Return the best normal force and k2 by the simulated motion, near a start."""
+        return self._minimum(self._simulated, np.log(_positive(start)), limits, SIMPLEX)
+
+    def band(self, normal: float, k2: float) -> Array:
+        """Return the frequencies [rad/s] of a curve with all high peaks of a design."""
+        sizes = self._first_harmonic(normal, k2, BAND * self.w1)
+        high = self.w1 * BAND[sizes >= SHOWN * sizes.max()]
+        return np.linspace(high[0], high[-1], SWEPT)
+
+    def design(self, normal: float, k2: float, frequencies: Array) -> FrictionDesign:
+        """Return what a design attains, simulated at some frequencies."""
+        curve = self._steady(normal, k2, frequencies)
+        frequency, peak = self._highest(normal, k2, [float(frequencies[np.argmax(curve)])])
+        force = normal * self.interface.kinetic_coefficient
+        return FrictionDesign(k2, normal, force, peak, frequency, curve)
+
+    def _first_harmonic(self, normal: float, k2: float, frequencies: Array) -> Array:
+        return np.abs(of_channel(self._states(normal, k2, frequencies), self.channel))
+
+    def _states(self, normal: float, k2: float, w: Array) -> NDArray[np.complex128]:
+        friction = friction_of(self.interface, normal)
+        values = self.values._replace(k2=k2)
+        return steady_state(values, friction, self.excitation, self.amplitude, w)
+
+    def _steady(self, normal: float, k2: float, frequencies: Array) -> Array:
+        scene = self.scene.replace(**{"interface.normal_force": normal})
+        if scene.springs.kind == "linear":
+            scene = scene.replace(**{"springs.stiffness": k2})
+        elif scene.springs.kind != "none":
+            stretch = max(1.0, float(stretch_for_stiffness(k2, scene.springs.stiffness)))
+            scene = scene.replace(**{"springs.stretch": stretch})  # 6 k0, rounded, needs 1
+        starts = self._states(normal, k2, frequencies).imag.T  # of a sine
+        pairs = zip(frequencies, starts, strict=True)
+        return np.array([steady_amplitude(scene, self.channel, w, start) for w, start in pairs])
+
+    def _rough(self, unknowns: Array, band: Array = BAND) -> float:
+        """Return the logarithm of the highest peak of the first harmonic."""
+        normal, k2 = _pair(unknowns)
+        return float(np.log(self._first_harmonic(normal, k2, band * self.w1).max()))
+
+    def _simulated(self, unknowns: Array) -> float:
+        """Return the logarithm of the highest peak, near those of the first harmonic."""
+        normal, k2 = _pair(unknowns)
+        return float(np.log(self._highest(normal, k2, ())[1]))
+
+    def _highest(self, normal: float, k2: float, others: Sequence[float]) -> Pair:
+        """Return frequency and height of the highest peak, near those of the first harmonic.
+
+        Others are further frequencies to look near.
+        """
+        sizes = self._first_harmonic(normal, k2, BAND * self.w1)
+        inner = sizes[1:-1]
+        is_peak = (inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner >= HIGH * sizes.max())
+        near = [*others, *(self.w1 * BAND[1:-1][is_peak])]
+        return max((self._peak(normal, k2, w) for w in near), key=lambda peak: peak[1])
+
+    def _peak(self, normal: float, k2: float, frequency: float) -> Pair:
+        """Return frequency and height of the peak near a frequency."""
+        peak = 0.0
+        for part in NEAR:
+            near = frequency * np.linspace(1.0 - part, 1.0 + part, POINTS)
+            frequency, peak = _refined(near, self._steady(normal, k2, near))
+        return frequency, peak
+
+    def _minimum(
+        self, size: Callable[[Array], float], start: Array, limits: Pair | None, simplex: float
+    ) -> Pair:
+        """Return the minimum near a start, by simplex."""
+        free = len(start) if limits is not None else 1
+        bounds = [tuple(np.log(self.unit * FORCES[[0, -1]])), np.log(limits or (1.0, 1.0))][:free]
+        corners = start[:free] + simplex * np.vstack([np.zeros(free), np.eye(free)])
+        low, high = np.array(bounds).T
+        corners = np.where(corners > high, start[:free] - simplex, np.maximum(corners, low))
+
+        def whole(unknowns: Array) -> Array:
+            return np.append(unknowns, start[free:])
+
+        def of_free(unknowns: Array) -> float:
+            return size(whole(unknowns))
+
+        found = minimize(
+            of_free,
+            corners[0],
+            bounds=bounds,
+            method="Nelder-Mead",
+            options={"initial_simplex": corners, "xatol": CLOSE, "fatol": CLOSE},
+        )
+        return _pair(whole(found.x))
+
+
+def _positive(values: object) -> Array:
+    """Return values with `NONE` in place of 0, which has no logarithm."""
+    return np.maximum(np.asarray(values, np.float64), NONE)
+
+
+def _pair(unknowns: Array) -> Pair:
+    """Return normal force and k2; that of no springs is 0."""
+    normal, k2 = np.exp(unknowns)
+    return float(normal), float(k2) if k2 > 2.0 * NONE else 0.0
+
+
+def _refined(frequencies: Array, sizes: Array) -> Pair:
+    """Return frequency and size of the highest peak, by the parabola through three points.
+
+    Where the curve is steep, as where the sphere begins to slip, it is the highest point.
+    """
+    k = int(np.argmax(sizes))
+    x, y = np.log(frequencies[max(k - 1, 0) : k + 2]), np.log(sizes[max(k - 1, 0) : k + 2])
+    if len(x) < 3 or np.ptp(y) > STEEP:  # noqa: PLR2004 - points of a parabola
+        return float(frequencies[k]), float(sizes[k])
+    a, b, _ = np.polyfit(x - x[1], y, 2)
+    shift = -0.5 * b / a
+    return float(np.exp(x[1] + shift)), float(np.exp(y[1] + 0.5 * b * shift))
 
 
 def friction_absorber(

@@ -1,22 +1,301 @@
-"""The optimum of a scene, with any springs and with its own."""
+"""The stiffness and damping that minimise a criterion, with any springs and with a scene's own."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# SciPy ships no types
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.optimize import minimize, root
 
-from mm_gym.analysis.values import Linear, linear_values
+from mm_gym.analysis.linear import Linear, characteristic, linear_values
 from mm_gym.errors import DesignError, suggest
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
-from mm_gym.tuning.criteria import largest_peak
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
-from mm_gym.tuning.search import CRITERIA, FREQUENCY_RATIOS, Problem, measure, search
-from mm_gym.tuning.transfer import check_path, transfer, without_dimension
+from mm_gym.tuning.transfer import (
+    Transfer,
+    abscissa,
+    amplitude,
+    check_path,
+    largest_peak,
+    rough_peak,
+    stationary_points,
+    transfer,
+    valley,
+    variance,
+    without_dimension,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
     from mm_gym.scene.scene import Scene
+    from mm_gym.tuning.transfer import Peak
+
+    Array = NDArray[np.float64]
+
+
+CRITERIA = ("h_infinity", "h2", "stability")
+
+FREQUENCY_RATIOS = (0.05, 20.0)
+"""Range of w2 / w1 that is searched where the springs do not bound it."""
+
+DAMPING_RATIOS = (1e-6, 20.0)
+"""Range of c / (2 m2 w1) that is searched."""
+
+GRID = 24
+"""Points of the grid on which the search begins, each way."""
+
+STARTS, APART, WORSE = 3, 3.0, 1.5
+"""It continues from so many points of the grid at most, so many of its spacings apart, and none
+that is worse by more than this factor than the best."""
+
+ROUGH = np.concatenate([[0.0], np.geomspace(0.01, 100.0, 60)])
+"""Frequencies over w1 at which the grid's amplitudes are looked at."""
+
+STEP = 1e-5
+"""Step of central differences, of logarithms: their error is some 1e-10."""
+
+ROUNDS = 6
+"""Times that the frequency between the two peaks is found anew."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is tuned, and for what.
+
+    Attributes
+    ----------
+    values
+        Coefficients without dimension; k2 and c are replaced.
+    excitation, channel, criterion
+        See `mm_gym.tuning.tune`.
+    stiffness
+        (lowest, highest) k2 / k1 allowed; both 0 without springs.
+    """
+
+    values: Linear
+    excitation: str
+    channel: str
+    criterion: str
+    stiffness: tuple[float, float]
+
+    @property
+    def has_springs(self) -> bool:
+        """Whether the stiffness is tuned and not only the damping."""
+        return self.stiffness[1] > 0.0
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the unknowns: the logarithms of c and, with springs, of k2."""
+        damping = np.log(2.0 * self.values.m2 * np.array(DAMPING_RATIOS))
+        unknowns = [(float(damping[0]), float(damping[1]))]
+        if self.has_springs:
+            low, high = np.log(self.stiffness)
+            unknowns.append((float(low), float(high)))
+        return unknowns
+
+    def at(self, unknowns: Array) -> Linear:
+        """Return the coefficients for some unknowns."""
+        c = float(np.exp(unknowns[0]))
+        k2 = float(np.exp(unknowns[1])) if self.has_springs else 0.0
+        return self.values._replace(c=c, k2=k2)
+
+    def transfer(self, unknowns: Array) -> Transfer:
+        """Return the transfer function for some unknowns."""
+        return transfer(self.at(unknowns), self.excitation, self.channel)
+
+    def measure(self, unknowns: Array) -> float:
+        """Return the criterion: a peak, a variance, or the largest real part of an eigenvalue."""
+        return measure(self.at(unknowns), self.excitation, self.channel, self.criterion)
+
+    def rough_measure(self, unknowns: Array) -> float:
+        """Return the criterion, and of a peak an estimate from below that takes less time."""
+        if self.criterion == "h_infinity":
+            return rough_peak(self.transfer(unknowns), ROUGH)
+        return self.measure(unknowns)
+
+
+def measure(values: Linear, excitation: str, channel: str, criterion: str) -> float:
+    """Return a criterion for coefficients without dimension."""
+    path = transfer(values, excitation, channel)
+    if criterion == "h_infinity":
+        unstable = abscissa(path.denominator) >= 0.0
+        return np.inf if unstable else largest_peak(path).amplitude
+    if criterion == "h2":
+        return variance(path)
+    free = values.k2 == 0.0  # the sphere rests anywhere
+    return abscissa(np.trim_zeros(characteristic(values), "b") if free else characteristic(values))
+
+
+def search(problem: Problem) -> Linear:
+    """Return the coefficients, without dimension, that minimise a problem's criterion.
+
+    Raises
+    ------
+    DesignError
+        If the criterion is infinite whatever the damping and the stiffness.
+    """
+    starts = _starts(problem)
+    improve = {"h_infinity": _minimax, "h2": _smooth, "stability": _slowest}[problem.criterion]
+    found = [improve(problem, start) for start in starts]
+    return problem.at(min(found, key=problem.measure))
+
+
+def _starts(problem: Problem) -> list[Array]:
+    """Return the best points of a grid."""
+    axes = [np.linspace(low, high, GRID if high > low else 1) for low, high in problem.bounds]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    sizes = np.array([problem.rough_measure(point) for point in points])
+    order = np.argsort(sizes)
+    least = sizes[order[0]]
+    if not np.isfinite(least):
+        msg = (
+            f"channel: {problem.channel!r} under {problem.excitation!r} excitation has no "
+            f"finite {problem.criterion} for any damping and stiffness; choose another channel or "
+            "criterion"
+        )
+        raise DesignError(msg)
+    spacing = np.array([max(high - low, 1.0) / GRID for low, high in problem.bounds])
+    chosen: list[Array] = []
+    for k in order:
+        if len(chosen) == STARTS or sizes[k] > least + (WORSE - 1.0) * abs(least):
+            break
+        if all(np.abs((points[k] - point) / spacing).max() >= APART for point in chosen):
+            chosen.append(points[k])
+    return chosen
+
+
+def _gradient(function: Callable[[Array], Any], unknowns: Array) -> Array:
+    """Return the gradient by central differences, one row an unknown."""
+    steps = STEP * np.eye(len(unknowns))
+    return np.array(
+        [(function(unknowns + step) - function(unknowns - step)) / (2.0 * STEP) for step in steps]
+    )
+
+
+def _smooth(problem: Problem, start: Array) -> Array:
+    """Minimise a variance."""
+
+    def size(unknowns: Array) -> float:
+        return float(np.log(problem.measure(unknowns)))
+
+    found = minimize(
+        size,
+        start,
+        jac=lambda unknowns: _gradient(size, unknowns),
+        bounds=problem.bounds,
+        method="SLSQP",
+        options={"ftol": 1e-16, "maxiter": 60},
+    )
+    return _better(problem, start, np.asarray(found.x))
+
+
+def _minimax(problem: Problem, start: Array) -> Array:
+    """Minimise the largest amplitude: t with t >= the peak on either side of a frequency.
+
+    Each peak is a smooth function, their maximum is not. Its slope is that of the amplitude at the
+    fixed frequency of the peak.
+    """
+    best = start
+    for _ in range(ROUNDS):
+        split = valley(problem.transfer(best))
+        found = _epigraph(problem, best, split)
+        better = _better(problem, best, found)
+        moved = np.abs(better - best).max()
+        best = better
+        if moved <= 1e-10:  # noqa: PLR2004 - far below what is asked of an optimum
+            break
+    return best
+
+
+def _epigraph(problem: Problem, start: Array, split: float) -> Array:
+    """Return the minimax with the peaks on both sides of a frequency over w1."""
+    sides = ((0.0, split), (split, np.inf))
+    known: dict[bytes, list[Peak]] = {}
+
+    def peaks(unknowns: Array) -> list[Peak]:
+        key = unknowns.tobytes()
+        if key not in known:
+            path = problem.transfer(unknowns)
+            points = stationary_points(path)
+            known[key] = [largest_peak(path, *side, points) for side in sides]
+        return known[key]
+
+    def heights(z: Array) -> Array:
+        return np.array([z[-1] - np.log(peak.amplitude) for peak in peaks(z[:-1])])
+
+    def slopes(z: Array) -> Array:
+        # Infinity stands for where the amplitude no longer changes.
+        at = np.array([min(peak.frequency, 1e6) for peak in peaks(z[:-1])])
+
+        def sizes(unknowns: Array) -> Array:
+            return np.log(amplitude(problem.transfer(unknowns), at))
+
+        return np.column_stack([-_gradient(sizes, z[:-1]).T, np.ones(2)])
+
+    last = np.append(np.zeros(len(start)), 1.0)
+    found = minimize(
+        lambda z: z[-1],
+        np.append(start, max(np.log(peak.amplitude) for peak in peaks(start))),
+        jac=lambda _: last,
+        bounds=[*problem.bounds, (None, None)],
+        constraints=[{"type": "ineq", "fun": heights, "jac": slopes}],
+        method="SLSQP",
+        options={"ftol": 1e-16, "maxiter": 60},
+    )
+    return np.asarray(found.x[:-1])
+
+
+def _slowest(problem: Problem, start: Array) -> Array:
+    """Minimise the largest real part, by simplex and then as a double pair of eigenvalues."""
+    found = minimize(
+        problem.measure,
+        start,
+        bounds=problem.bounds,
+        method="Nelder-Mead",
+        options={"xatol": 1e-12, "fatol": 1e-15, "maxiter": 4000, "maxfev": 4000},
+    )
+    best = _better(problem, start, np.asarray(found.x))
+    return _better(problem, best, _double_pair(problem, best)) if problem.has_springs else best
+
+
+def _double_pair(problem: Problem, start: Array) -> Array:
+    """Return where both pairs of eigenvalues coincide, if Newton's method finds it.
+
+    The characteristic polynomial is then g4 (s^2 + p s + q)^2: four equations for c, k2, p and q.
+    """
+
+    def residual(unknowns: Array) -> Array:
+        p, q = np.exp(unknowns[2:])
+        square = np.polymul([1.0, p, q], [1.0, p, q])
+        own = characteristic(problem.at(unknowns[:2]))
+        return (own / own[0] - square)[1:]
+
+    slowest = np.roots(characteristic(problem.at(start)))
+    slowest = slowest[int(np.argmax(slowest.real))]
+    guess = np.log([max(-2.0 * slowest.real, 1e-12), abs(slowest) ** 2])
+    found = root(residual, np.append(start, guess), tol=1e-14)
+    inside = all(
+        low <= x <= high for x, (low, high) in zip(found.x[:2], problem.bounds, strict=True)
+    )
+    return np.asarray(found.x[:2]) if inside else start
+
+
+def _better(problem: Problem, one: Array, other: Array) -> Array:
+    """Return the one with the smaller criterion, within the bounds."""
+    low, high = np.array(problem.bounds).T
+    other = np.clip(other, low, high)
+    if not np.isfinite(other).all():
+        return one
+    return other if problem.measure(other) <= problem.measure(one) else one
 
 
 def tune(

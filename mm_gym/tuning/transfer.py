@@ -1,4 +1,4 @@
-"""The transfer functions that are tuned, as ratios of polynomials without dimension."""
+"""Transfer functions without dimension, and the criteria that are minimised over them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.analysis.values import Linear, characteristic
+from mm_gym.analysis.linear import Linear, characteristic
 from mm_gym.errors import DesignError, suggest
 from mm_gym.step.channels import CHANNELS as ALL_CHANNELS
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Polynomial = NDArray[np.float64]
+    Array = NDArray[np.float64]
+
 
 EXCITATIONS = ("force", "ground")
 
@@ -125,3 +127,180 @@ def si_unit(excitation: str, channel: str) -> str:
     """Return the SI unit of an amplitude."""
     unit = f"{ALL_CHANNELS[channel].unit} per {'N' if excitation == 'force' else 'm/s^2'}"
     return unit.replace("s^2", "s²")
+
+
+NEWTON_STEPS = 6
+"""Newton steps from a root of the polynomial to a stationary frequency."""
+
+
+ENOUGH = 1e-9
+"""Relative step after which Newton's method stops: the next one is below round-off."""
+
+
+class Peak(NamedTuple):
+    """A frequency over w1 [-], 0 and infinity included, and the amplitude there."""
+
+    frequency: float
+    amplitude: float
+
+
+def amplitude(transfer: Transfer, frequencies: Array) -> Array:
+    """Return the amplitudes (n,) at frequencies (n,) over w1; infinite at undamped resonances."""
+    s = 1j * frequencies
+    with np.errstate(divide="ignore", invalid="ignore"):
+        numerator = np.polyval(transfer.numerator, s)
+        size = np.abs(numerator / np.polyval(transfer.denominator, s))
+    return np.where(np.isnan(size), np.inf, size)
+
+
+def stationary_points(transfer: Transfer) -> list[Peak]:
+    """Return the frequencies at which the amplitude may be stationary, 0 and infinity included.
+
+    With x = (w / w1)^2 the squared amplitude is a ratio of two polynomials P / Q; the roots of
+    P' Q - P Q' and the eigenvalues' frequencies are where Newton's method starts from.
+    """
+    over, under = _squared(transfer.numerator), _squared(transfer.denominator)
+    slope = np.polysub(np.polymul(np.polyder(over), under), np.polymul(over, np.polyder(under)))
+    roots = np.roots(np.trim_zeros(slope, "f"))
+    near = roots[(roots.real > 0.0) & (np.abs(roots.imag) <= roots.real)].real
+    poles = np.roots(transfer.denominator)
+    starts = np.concatenate([np.sqrt(near), np.abs(poles.imag[poles.imag > 0.0])])
+    inner = _polished(transfer, starts)
+    sizes = amplitude(transfer, np.append(0.0, inner))
+    found = [Peak(0.0, float(sizes[0]))]
+    found += [Peak(float(w), float(h)) for w, h in sorted(zip(inner, sizes[1:], strict=True))]
+    return [*found, Peak(np.inf, _amplitude_at_infinity(transfer))]
+
+
+def largest_peak(
+    transfer: Transfer, low: float = 0.0, high: float = np.inf, points: list[Peak] | None = None
+) -> Peak:
+    """Return the highest peak between two frequencies over w1, the ends included.
+
+    The points are what `stationary_points` returns, if it is known.
+    """
+    if points is None:
+        points = stationary_points(transfer)
+    inside = [peak for peak in points if low <= peak.frequency <= high]
+    ends = np.array([end for end in (low, high) if 0.0 < end < np.inf])
+    sizes = amplitude(transfer, ends)
+    inside += [Peak(float(w), float(h)) for w, h in zip(ends, sizes, strict=True)]
+    return max(inside, key=lambda peak: peak.amplitude)
+
+
+def rough_peak(transfer: Transfer, frequencies: Array) -> float:
+    """Return the largest amplitude at some frequencies over w1 and those of the eigenvalues."""
+    poles = np.roots(transfer.denominator)
+    if poles.real.max(initial=-np.inf) >= 0.0:
+        return np.inf
+    return float(amplitude(transfer, np.concatenate([frequencies, np.abs(poles)])).max())
+
+
+def valley(transfer: Transfer) -> float:
+    """Return the frequency over w1 of the lowest amplitude between the two highest peaks."""
+    points = stationary_points(transfer)
+    inner = [
+        here
+        for before, here, after in zip(points, points[1:], points[2:], strict=False)
+        if here.amplitude >= max(before.amplitude, after.amplitude)
+    ]
+    if len(inner) < 2:  # noqa: PLR2004 - two peaks
+        return max(points[:-1], key=lambda peak: peak.amplitude).frequency or 1.0
+    highest = sorted(inner, key=lambda peak: -peak.amplitude)[:2]
+    low, high = sorted(peak.frequency for peak in highest)
+    between = [peak for peak in points if low < peak.frequency < high]
+    if not between:
+        return 0.5 * (low + high)
+    return min(between, key=lambda peak: peak.amplitude).frequency
+
+
+def variance(transfer: Transfer) -> float:
+    """Return the variance of the output under white noise of intensity 1, or infinity.
+
+    The integral of |G(i w)|^2 / (2 pi) over all frequencies; Astrom, Introduction to Stochastic
+    Control Theory (1970), section 5.2, whose table is Routh's with one more row each.
+    """
+    a = transfer.denominator / transfer.denominator[0]
+    b = np.trim_zeros(transfer.numerator, "f") / transfer.denominator[0]
+    order = len(a) - 1
+    if len(b) > order:
+        return np.inf
+    b = np.concatenate([np.zeros(order - len(b)), b])
+    total = 0.0
+    for _ in range(order):
+        if not (a[0] > 0.0 and a[1] > 0.0):
+            return np.inf  # an eigenvalue that does not decay
+        alpha, beta = a[0] / a[1], b[0] / a[1]
+        total += beta * beta / (2.0 * alpha)
+        a, b = _reduced(a, b, alpha, beta)
+    return float(total)
+
+
+def _reduced(a: Array, b: Array, alpha: float, beta: float) -> tuple[Array, Array]:
+    """Return the table's next rows."""
+    lower, rest = a[1:].copy(), b[1:].copy()
+    lower[1::2] -= alpha * np.append(a[2:], 0.0)[1::2]
+    rest[1::2] -= beta * a[3::2]
+    return lower, rest
+
+
+def abscissa(denominator: Array) -> float:
+    """Return the largest real part of the roots."""
+    return float(np.roots(denominator).real.max(initial=-np.inf))
+
+
+def _squared(polynomial: Array) -> Array:
+    """Return |p(i w)|^2 as a polynomial in w^2."""
+    ascending = polynomial[::-1]
+    signs = (-1.0) ** np.arange(len(ascending))
+    even, odd = ascending[0::2], ascending[1::2]
+    even = (even * signs[: len(even)])[::-1]
+    odd = (odd * signs[: len(odd)])[::-1]
+    odd_square = np.append(np.polymul(odd, odd), 0.0) if len(odd) else np.zeros(1)
+    return np.polyadd(np.polymul(even, even), odd_square).astype(np.float64)
+
+
+def _polished(transfer: Transfer, starts: Array) -> Array:
+    """Return stationary frequencies by Newton's method, each where it is not worse than before."""
+    w = starts.astype(np.float64)
+    with np.errstate(all="ignore"):
+        for _ in range(NEWTON_STEPS):
+            first, second = _slopes(transfer, w)
+            step = first / second
+            step = np.where(np.abs(step) < 0.1 * w, step, 0.0)  # also where it is not finite
+            w = w - step
+            if (np.abs(step) <= ENOUGH * w).all():
+                break
+    return w
+
+
+def _slopes(transfer: Transfer, w: Array) -> tuple[Array, Array]:
+    """Return the first and second derivative of the logarithm of the amplitude."""
+    first = second = np.zeros(len(w), np.complex128)
+    s = (1j * w).astype(np.complex128)
+    for polynomial, sign in ((transfer.numerator, 1.0), (transfer.denominator, -1.0)):
+        value, slope, curvature = _with_derivatives(polynomial, s)
+        one = slope / value
+        first = first + sign * 1j * one
+        second = second - sign * (curvature / value - one * one)
+    return first.real, second.real
+
+
+def _with_derivatives(
+    polynomial: Array, s: NDArray[np.complex128]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return a polynomial and its first two derivatives, by Horner's rule."""
+    value = slope = half = np.zeros(len(s), np.complex128)
+    for coefficient in polynomial:
+        half = half * s + slope
+        slope = slope * s + value
+        value = value * s + coefficient
+    return value, slope, 2.0 * half
+
+
+def _amplitude_at_infinity(transfer: Transfer) -> float:
+    numerator = np.trim_zeros(transfer.numerator, "f")
+    missing = len(transfer.denominator) - len(numerator)
+    if missing > 0:
+        return 0.0
+    return float(abs(numerator[0] / transfer.denominator[0])) if missing == 0 else np.inf

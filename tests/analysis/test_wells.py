@@ -13,7 +13,7 @@ from mm_gym.analysis import (
     frequency_response,
     modes,
 )
-from mm_gym.analysis.wells import Spring
+from mm_gym.analysis.asymptotes import Spring
 
 BISTABLE, UNSTABLE = (
     scene.replace(**{"initial.carriage_displacement": 0.015})

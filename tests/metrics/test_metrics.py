@@ -20,7 +20,7 @@ from mm_gym import (
     simulate,
 )
 from mm_gym.analysis import frequency_response, spring_stiffness
-from mm_gym.metrics.cubic import Cubic
+from mm_gym.metrics.response import Cubic
 
 FINE = 100
 """Instants a control step at which the motion is looked at for comparison."""

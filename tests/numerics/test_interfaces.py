@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mm_gym import CompileError, Scene, SceneError, compile_scene, simulate
-from mm_gym.analysis.modes import modes
+from mm_gym.analysis.linear import modes
 from mm_gym.compiler.jit import inlined_kernel
 from mm_gym.env.vector import MovingMassVectorEnv
 from mm_gym.lanes.layout import ENDED

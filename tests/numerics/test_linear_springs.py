@@ -20,7 +20,7 @@ from mm_gym import (
 )
 from mm_gym.analysis import asymptotic_offset, bifurcation, frequency_response, modes
 from mm_gym.precision.oracle import Oracle
-from mm_gym.scene.toml_text import toml_of
+from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.lanes import Lanes
 from mm_gym.tuning import DesignError, duffing_absorber, stretch_for, tune
 from mm_gym.tuning.closed_forms import closed_form

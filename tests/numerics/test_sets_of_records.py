@@ -20,7 +20,7 @@ from mm_gym.analysis import response_spectrum
 from mm_gym.env.arguments import FLOAT32
 from mm_gym.plant.compile import compile_findings
 from mm_gym.records import Record, read_record
-from mm_gym.scene.toml_text import toml_of
+from mm_gym.scene.toml_file import toml_of
 from mm_gym.simulation.lanes import Lanes
 
 STEPS = {0: (200, 0.005), 1: (90, 0.01), 2: (60, 0.02)}

@@ -24,8 +24,8 @@ from mm_gym import (
 )
 from mm_gym.__main__ import main
 from mm_gym.precision import Setting, WorkPrecision, episode, measure
-from mm_gym.precision.margin import LEAST, UNKNOWN, margin
 from mm_gym.precision.oracle import Oracle
+from mm_gym.precision.result import LEAST, UNKNOWN, margin
 from mm_gym.scene.actuators import StretchActuator
 from mm_gym.scene.mechanics import Carriage, DryFriction, SmallOnLarge
 from mm_gym.scene.scene import Control, Initial

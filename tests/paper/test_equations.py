@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mm_gym import MovingMassVectorEnv, Scene, SceneError, compile_scene
-from mm_gym.analysis.values import characteristic, linear_values
+from mm_gym.analysis.linear import characteristic, linear_values
 from mm_gym.paper import scene
-from mm_gym.paper.printed import friction_force
+from mm_gym.paper.scenes import friction_force
 
 from . import appendix
 

@@ -9,7 +9,7 @@ from mpmath import mpf, polyroots
 
 from mm_gym import compile_scene
 from mm_gym.analysis import modes
-from mm_gym.analysis.values import linear_values
+from mm_gym.analysis.linear import linear_values
 from mm_gym.paper import scene
 
 from . import appendix

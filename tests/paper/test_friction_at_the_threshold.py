@@ -6,8 +6,8 @@ import pytest
 from mm_gym import MovingMassEnv, MovingMassVectorEnv, SceneError, simulate
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity
 from mm_gym.paper import scene
-from mm_gym.paper.friction_figures import linear_twin
-from mm_gym.paper.printed import friction_force, friction_of, normal_force, stick_slope
+from mm_gym.paper.figures import linear_twin
+from mm_gym.paper.scenes import friction_force, friction_of, normal_force, stick_slope
 
 VELOCITY = "interface.reference_velocity"
 SYSTEM = scene("fig8").replace(

@@ -13,7 +13,7 @@ from mm_gym.analysis import (
     modes,
 )
 from mm_gym.paper import scene
-from mm_gym.paper.friction_figures import FRICTION_VELOCITIES, linear_twin
+from mm_gym.paper.figures import FRICTION_VELOCITIES, linear_twin
 from mm_gym.paper.scenes import CHI, FIGURE_2, RATIOS, STATIC
 
 VELOCITY = "interface.reference_velocity"

@@ -5,11 +5,10 @@ import pytest
 from tasks import TASKS
 
 from mm_gym.plant.compile import compile_scene
-from mm_gym.rendering.chart import columns
 from mm_gym.rendering.history import History
-from mm_gym.rendering.picture import Picture
+from mm_gym.rendering.mechanism import view_of
+from mm_gym.rendering.picture import Picture, columns
 from mm_gym.rendering.subject import subject_of
-from mm_gym.rendering.view import view_of
 from mm_gym.scene import Scene
 from mm_gym.simulation.lanes import Lanes
 

@@ -3,8 +3,8 @@
 import pytest
 
 from mm_gym.plant.compile import compile_scene
-from mm_gym.rendering.numbers import FINE_STEPS, reading, round_down, round_up, unit_of
-from mm_gym.rendering.playback import frames_per_second, speed_text
+from mm_gym.rendering.look import FINE_STEPS, reading, round_down, round_up, unit_of
+from mm_gym.rendering.subject import frames_per_second, speed_text
 from mm_gym.scene import Scene
 
 

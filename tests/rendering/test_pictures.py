@@ -8,8 +8,8 @@ import pytest
 from mm_gym.lanes import layout as at
 from mm_gym.rendering import history as rows
 from mm_gym.rendering import look
-from mm_gym.rendering import view as place
-from mm_gym.rendering.impulses import recent_impulse
+from mm_gym.rendering import mechanism as place
+from mm_gym.rendering.mechanism import recent_impulse
 from mm_gym.scene import Scene
 
 NEAR = 24

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from mm_gym import Scene, SceneError, load_scene
 from mm_gym.__main__ import main
 from mm_gym.files import read_toml
-from mm_gym.scene import toml_lines
+from mm_gym.scene import toml_file
 from mm_gym.scene.part import dotted_name
-from mm_gym.scene.toml_lines import lines_of
+from mm_gym.scene.toml_file import lines_of
 
 GOOD = """
 [carriage]
@@ -226,7 +226,7 @@ def test_file_that_takes_the_parser_long_is_refused_soon(tmp_path, monkeypatch):
 
     tomllib_loads = tomllib.loads
     monkeypatch.setattr(tomllib, "loads", parse)
-    monkeypatch.setattr(toml_lines, "dotted_name", name)
+    monkeypatch.setattr(toml_file, "dotted_name", name)
     file = tmp_path / "scene.toml"
     hostile = [
         "\n".join(f"c{i} = 1" for i in range(2000)),

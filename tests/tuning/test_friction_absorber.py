@@ -10,8 +10,7 @@ from tuning.conftest import rig
 from mm_gym import load_scene
 from mm_gym.__main__ import main
 from mm_gym.tuning import DesignError, friction_absorber, lanchester_friction
-from mm_gym.tuning.first_harmonic import equivalent_damping, friction_of
-from mm_gym.tuning.friction_search import FrictionProblem
+from mm_gym.tuning.friction import FrictionProblem, equivalent_damping, friction_of
 
 GOLDEN = json.loads(
     (Path(__file__).parents[1] / "golden" / "friction_absorber.json").read_text("utf-8")

@@ -8,7 +8,7 @@ from tuning.conftest import rig
 from mm_gym import load_scene, simulate
 from mm_gym.__main__ import main
 from mm_gym.analysis import frequency_response
-from mm_gym.scene.toml_text import toml_of
+from mm_gym.scene.toml_file import toml_of
 from mm_gym.tuning import CHANNELS, DesignError, OutOfReachError, evaluate, stretch_for, tune
 
 

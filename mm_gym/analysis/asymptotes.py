@@ -1,23 +1,25 @@
-"""Final relative displacement of the sphere, for one scene or along one parameter."""
+"""Where the sphere comes to rest, and from which reference velocity on it never slips."""
 
 from __future__ import annotations
 
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from mm_gym.analysis.bifurcation_kernel import final_offsets
-from mm_gym.analysis.values import row_of
-from mm_gym.analysis.wells import Spring
+from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
+from mm_gym.analysis.linear import row_of
+from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError
 from mm_gym.lanes import layout as at
-from mm_gym.law import dry_friction
+from mm_gym.law import dry_friction, springs
+from mm_gym.law.carriage_spring import carriage_energy, carriage_force
 from mm_gym.plant.compile import compile_scene
 from mm_gym.plant.support_of import support_of
 from mm_gym.scene.mechanics import GRAVITY
+from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy.work import mechanical_energy
 from mm_gym.simulation.simulate import simulate
 
@@ -27,6 +29,81 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.scene.scene import Scene
+
+
+class Spring(NamedTuple):
+    """The carriage's spring, of force k1 (alpha + beta x1^2) x1: k1 [N/m], alpha [-], beta [1/m^2].
+
+    Energies [J] are those of (9) of docs/model.md: 0 in the middle.
+    """
+
+    k1: float
+    alpha: float
+    beta: float
+
+    @classmethod
+    def of(cls, p: NDArray[np.float64]) -> Spring:
+        """Return the spring of a lane (rows,)."""
+        return cls(float(p[at.K1]), float(p[at.ALPHA]), float(p[at.BETA]))
+
+    @property
+    def place(self) -> float:
+        """|x1| [m] where the force vanishes off the middle: wells, or a barrier; NaN if not."""
+        if self.alpha * self.beta >= 0.0:
+            return math.nan
+        return math.sqrt(-self.alpha / self.beta)
+
+    @property
+    def is_bistable(self) -> bool:
+        """Whether there are two wells, at `place`, about an unstable middle."""
+        return self.alpha < 0.0 < self.beta
+
+    @property
+    def has_well(self) -> bool:
+        """Whether any place holds the carriage: the middle, or one of two wells."""
+        return self.alpha > 0.0 or self.beta > 0.0
+
+    @property
+    def least_energy(self) -> float:
+        """Energy in the wells [J], 0 or less."""
+        return -0.25 * self.k1 * self.alpha**2 / self.beta if self.is_bistable else 0.0
+
+    def holds(self, x1: float, energy: float) -> bool:
+        """Tell whether a carriage at x1 [m] stays in a well for ever with an energy [J] at most."""
+        if self.beta >= 0.0:
+            return self.beta > 0.0 or self.alpha >= 0.0
+        barrier = -0.25 * self.k1 * self.alpha**2 / self.beta
+        return self.alpha > 0.0 and abs(x1) < self.place and energy < barrier
+
+    def largest_force(self, energy: float) -> float:
+        """Return a bound of the force [N] on a carriage in a well with an energy [J] at most.
+
+        Where the spring stiffens or is linear, the larger of what the linear and the cubic part
+        alone allow; else the force at the ends of the displacements with so much energy, and in
+        between at its extremum.
+        """
+        k1, alpha, beta = self
+        if alpha >= 0.0 and beta >= 0.0:
+            square = 2.0 * energy / (k1 * alpha) if alpha > 0.0 else math.inf
+            if beta > 0.0:
+                square = min(square, math.sqrt(4.0 * energy / (k1 * beta)))
+            return k1 * (alpha + beta * square) * math.sqrt(square)
+        # k1 (alpha u / 2 + beta u^2 / 4) = energy, u = x1^2; the root does not cancel.
+        root = math.sqrt(max(0.0, alpha * alpha + 4.0 * beta * energy / k1))
+        inner, outer = sorted(((-alpha - root) / beta, (-alpha + root) / beta))
+        least, most = (max(inner, 0.0), outer) if self.is_bistable else (0.0, inner)
+        extremum = -alpha / (3.0 * beta)
+        squares = [least, most] + ([extremum] if least < extremum < most else [])
+        return max(abs(self.force(math.sqrt(square))) for square in squares)
+
+    def force(self, x1: float) -> float:
+        """Return the force [N] that resists a displacement [m]."""
+        return float(plain(carriage_force)(*self, x1))
+
+    def energy(self, x1: float) -> float:
+        """Return the energy [J] at a displacement [m]."""
+        return float(plain(carriage_energy)(*self, x1))
+
 
 CHUNK = 64
 """Points that one thread computes at a time."""
@@ -289,3 +366,114 @@ def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool
     drive = spring.largest_force(energy) / m1 + p[at.D] / m1 * np.sqrt(twice / (m1 + m2))
     rate = p[at.C] / reduced + p[at.D] * m2 / (m1 * (m1 + m2))
     return bool(drive <= rate * vr)
+
+
+LEAST = 2.0**-20
+"""Smallest reference velocity tried, relative to the fastest slip that the energy at the start
+allows: the sphere is then as good as locked, and whether it slips no longer depends on v_r."""
+
+RESOLUTION = 2.0**-50
+"""Relative width to which the critical velocity is bracketed: some units of round-off."""
+
+MARGIN = 2.0**-46
+"""Relative amount, 1.4e-14, by which the result is rounded up. A motion that just reaches v_r slips
+or sticks by its last digits, so the velocity has to stay clear of them."""
+
+WIDEST = 2.0**-20
+"""Largest margin tried."""
+
+
+def critical_reference_velocity(scene: Scene) -> float:
+    """Return the least reference velocity [m/s] for which the scene's free motion never slips.
+
+    Below v_r friction is viscous with the damping mu1 F_N / v_r. The slip velocity of the linear
+    motion just reaches the critical v_r: max |w(t)| = v_r, eq. 21 of docs/model.md. The result does
+    not depend on the kinetic coefficient, the slip damping, or the scene's own reference velocity.
+    It is found by bisection, because it can be proved whether a motion slips at all, see
+    `sticks_throughout`.
+
+    Returns
+    -------
+    float
+        The root, rounded up by a relative 1.4e-14, so that nothing slips at the returned value
+        itself; 0 if the sphere sticks for every v_r.
+
+    Raises
+    ------
+    SceneError
+        If the interface is not dry friction, the motion in stick is not linear, or the scene has
+        excitation.
+    SimulationError
+        If the motion is too slow to be followed, or too close to locked for its last digits to
+        decide between stick and slip.
+    """
+    _check(scene)
+    row = row_of(scene, "critical_reference_velocity")
+    high = _fastest_by_energy(row)  # nothing slips faster
+    low, least = 0.5 * high, LEAST * high
+    while low > 0.0 and _sticks(row, low):
+        high, low = low, 0.5 * low
+        if low < least:
+            low = 0.0
+    if low == 0.0:
+        return 0.0
+    while high - low > RESOLUTION * high:
+        middle = 0.5 * (low + high)
+        if _sticks(row, middle):
+            high = middle
+        else:
+            low = middle
+    return _rounded_up(row, high)
+
+
+def _rounded_up(row: NDArray[np.float64], velocity: float) -> float:
+    """Return the velocity enlarged by the margin, or by more until nothing slips."""
+    margin = MARGIN
+    while margin <= WIDEST:
+        enlarged = velocity * (1.0 + margin)
+        if _sticks(row, enlarged):
+            return enlarged
+        margin *= 2.0
+    msg = (
+        f"critical_reference_velocity: near {velocity:g} m/s the sphere is nearly locked, and "
+        "round-off decides whether it slips"
+    )
+    raise SimulationError(msg)
+
+
+def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
+    """Tell whether the motion never slips with a reference velocity."""
+    lane = row.copy()
+    lane[at.VR] = velocity
+    lane[at.C] = plain(dry_friction.stick_slope)(lane[at.MU1], lane[at.FN], velocity)
+    sticks, status = cast("tuple[bool, int]", sticks_throughout(lane))
+    if status > at.ENDED:
+        msg = "critical_reference_velocity: the motion decays too slowly for its fastest rate"
+        raise SimulationError(msg)
+    return sticks
+
+
+def _fastest_by_energy(row: NDArray[np.float64]) -> float:
+    """Return the slip velocity [m/s] of a motion with all its energy in it, sqrt(2 E / m_r)."""
+    m1, m2 = cast("float", piecewise.carriage_mass(row)), row[at.M2]
+    k2 = cast("float", springs.stiffness(row[at.K0], row[at.STRETCH]))
+    z = piecewise.start(row, row[:4], 0.0, 0, 0.0, row[:0])
+    root = cast("float", piecewise.energy_root(row, k2, z))
+    return float(root * np.sqrt((m1 + m2) / m1 / m2))
+
+
+def _check(scene: Scene) -> None:
+    problem = ""
+    if scene.interface.kind != "dry_friction":
+        problem = f"interface.kind: got {scene.interface.kind!r}; allowed: 'dry_friction'"
+    elif scene.carriage.linear_coefficient < 0.0:
+        got = f"got {scene.carriage.linear_coefficient}"
+        problem = f"carriage.linear_coefficient: {got}; allowed: at least 0; the motion grows"
+    elif scene.carriage.cubic_coefficient:
+        problem = "carriage.cubic_coefficient: allowed: 0; the motion in stick must be linear"
+    elif scene.springs.kind == "finite_stretch":
+        problem = "springs.kind: got 'finite_stretch'; the motion in stick must be linear"
+    elif scene.excitation:
+        problem = "excitation: allowed: none; the critical velocity is that of a free motion"
+    if problem:
+        raise SceneError(problem)

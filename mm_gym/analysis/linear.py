@@ -1,26 +1,86 @@
-"""Eigenvalues and mode shapes, numerically and in closed form.
-
-The closed form is Cardano's and Ferrari's, with letters of the paper's appendix: I, L, H and G of
-its eq. 21, N and P of its eq. 25. No misprint enters; sections 6 and 8 of docs/model.md say which
-letters are the paper's and which of its expressions fail.
-"""
+"""The linear plant about equilibrium: its coefficients, modes and frequency response."""
 
 from __future__ import annotations
 
 import cmath
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mm_gym.analysis.values import Linear, characteristic, linear_values
+from mm_gym.compiler.jit import plain
+from mm_gym.errors import SceneError
+from mm_gym.lanes import layout as at
+from mm_gym.law import dry_friction, springs
+from mm_gym.plant.linearise import interface_slopes
+from mm_gym.plant.support_of import support_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from mm_gym.scene.scene import Scene
 
     Roots = NDArray[np.complex128]
+
+
+class Linear(NamedTuple):
+    """Coefficients about rest: masses [kg], stiffnesses [N/m], dampings [N s/m]."""
+
+    m1: float
+    m2: float
+    k1: float
+    k2: float
+    c: float
+    d: float
+
+
+def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
+    """Return the lane (rows,) that the scene starts as; raise `SceneError` for a range."""
+    support = support_of(scene)
+    drawn = [
+        name
+        for name, row in support.names.items()
+        if support.start_low[row] != support.start_high[row]
+    ]
+    if drawn:
+        msg = f"{drawn[0]}: got a range; {what} needs one value for every field"
+        raise SceneError(msg)
+    if support.is_general:
+        msg = (
+            f"{support.general_because}; allowed: interface.kind 'none', 'viscous', "
+            f"'dry_friction' and springs without cubic_coefficient, for which {what} is known"
+        )
+        raise SceneError(msg)
+    row = support.start_low.copy()
+    row[at.X2] += row[at.X1]
+    plain(dry_friction.write_regimes)(row[:, None], 0, 1)
+    return row
+
+
+def linear_values(scene: Scene) -> Linear:
+    """Return the coefficients: the middle of each range, friction with its slope in stick."""
+    support = support_of(scene)
+    p = support.middle
+    p[at.X1 : at.V2 + 1] = 0.0
+    plain(dry_friction.write_regimes)(p[:, None], 0, 1)
+    link = interface_slopes(support, p)
+    return Linear(
+        m1=float(p[at.M1]),
+        m2=float(p[at.M2]),
+        k1=float(p[at.K1] * p[at.ALPHA]),
+        k2=float(plain(springs.stiffness)(p[at.K0], p[at.STRETCH])) + link.stiffness,
+        c=float(p[at.C]) + link.damping,
+        d=float(p[at.D]),
+    )
+
+
+def characteristic(values: Linear) -> NDArray[np.float64]:
+    """Return g4 .. g0 of det(M s^2 + C s + K), eq. 13 of docs/model.md."""
+    m1, m2, k1, k2, c, d = values
+    return np.array(
+        [m1 * m2, m1 * c + m2 * (c + d), m1 * k2 + c * d + m2 * (k1 + k2), d * k2 + c * k1, k1 * k2]
+    )
+
 
 NEGLIGIBLE = 2.0**-60
 """Ratio of the carriage's inertia to its damping, at the rate of the slower motions, below which
@@ -258,3 +318,67 @@ def _shapes(values: Linear, eigenvalues: Roots) -> NDArray[np.complex128]:
         shapes[:, n] = shape / shape[largest]
         shapes[largest, n] = 1.0
     return shapes
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Complex amplitudes of x1 and x2 (the columns) under excitation exp(i w t).
+
+    Attributes
+    ----------
+    frequencies
+        (n,) [rad/s].
+    force
+        (n, 2) complex128 [m/N]: receptance, per unit force on the carriage.
+    ground
+        (n, 2) complex128 [s^2]: per unit acceleration of the ground; displacements are relative to
+        the ground.
+    """
+
+    frequencies: NDArray[np.float64]
+    force: NDArray[np.complex128]
+    ground: NDArray[np.complex128]
+
+
+def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyResponse:
+    """Return the steady response to harmonic excitation (eq. 20 of docs/model.md).
+
+    A range is replaced by its middle, a cubic spring by its tangent, and dry friction by its slope
+    in stick. With ``carriage.linear_coefficient`` < 0 the equilibrium x1 = 0 is unstable. No motion
+    then approaches the returned steady solution by itself, but a control design needs it.
+
+    Parameters
+    ----------
+    scene
+        Any scene; its own excitation is ignored.
+    frequencies
+        (n,) [rad/s], greater than 0, because a free sphere has no definite equilibrium.
+
+    Returns
+    -------
+    FrequencyResponse
+        Amplitudes of x1 and x2 per unit force [m/N] and per unit ground acceleration [s^2]; they
+        are infinite at an undamped resonance.
+
+    Raises
+    ------
+    SceneError
+        If a frequency is not a finite number greater than 0.
+    """
+    w = np.atleast_1d(np.asarray(frequencies, np.float64))
+    if w.ndim != 1 or not np.all(np.isfinite(w) & (w > 0.0)):
+        msg = "frequencies: allowed: a one-dimensional array of finite numbers greater than 0 rad/s"
+        raise SceneError(msg)
+    m1, m2, k1, k2, c, d = linear_values(scene)
+    s = 1j * w
+    coupling = k2 + c * s
+    # The sphere's row is divided by s, or digits cancel at low frequencies without springs.
+    carriage, sphere, link = k1 + m1 * s * s + d * s, m2 * s, coupling / s
+    # det / s = carriage (sphere + link) + sphere coupling
+    determinant = carriage * (sphere + link) + sphere * coupling
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.column_stack([(sphere + link) / determinant, link / determinant])
+        # The ground pushes the masses with -m1 and -m2.
+        x1 = -(m1 * (sphere + link) + m2 * link) / determinant
+        x2 = -(m2 * (carriage + coupling) / s + m1 * link) / determinant
+    return FrequencyResponse(frequencies=w, force=force, ground=np.column_stack([x1, x2]))
