@@ -137,24 +137,12 @@ class Response:
 
 
 class End(NamedTuple):
-    """The starts or the ends of n intervals in each lane.
+    """The starts or the ends of n intervals in each lane."""
 
-    Attributes
-    ----------
-    state
-        (4, lanes, n) x1, x2 [m], v1, v2 [m/s].
-    acceleration
-        (2, lanes, n) of carriage and sphere [m/s^2], absolute.
-    ground
-        (lanes, n) acceleration of the ground [m/s^2].
-    damping
-        (lanes, n) of the carriage [N s/m], in the interval.
-    """
-
-    state: Array
-    acceleration: Array
-    ground: Array
-    damping: Array
+    state: Array  # (4, lanes, n) x1, x2 [m], v1, v2 [m/s]
+    acceleration: Array  # (2, lanes, n) of carriage and sphere [m/s^2], absolute
+    ground: Array  # (lanes, n) acceleration of the ground [m/s^2]
+    damping: Array  # (lanes, n) of the carriage [N s/m], in the interval
 
 
 class Totals:

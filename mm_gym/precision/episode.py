@@ -50,21 +50,11 @@ may take: 1 s or so. The second is for what the first cannot follow in time."""
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """An episode under random commands.
+    """An episode under random commands."""
 
-    Attributes
-    ----------
-    seed
-        Seed of the scene's draws and of the commands.
-    commands
-        (n, 2) force [N] and stretch [-] commanded in each control step.
-    recording
-        The sample intervals that followed from them.
-    """
-
-    seed: int
-    commands: Values
-    recording: Recording
+    seed: int  # of the scene's draws and of the commands
+    commands: Values  # (n, 2) force [N] and stretch [-] commanded in each control step
+    recording: Recording  # the sample intervals that followed from them
 
     @property
     def scale(self) -> Values:
@@ -76,27 +66,13 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The ends of some sample intervals, by the oracle.
+    """The ends of some sample intervals, by the oracle."""
 
-    Attributes
-    ----------
-    episodes
-        The episodes, whose seeds follow one another.
-    places
-        (k, 2) index of the episode and of the sample interval in it.
-    states
-        (k, 4) states at their ends.
-    oracle
-        Method and tolerance of the oracle, in words.
-    resolution
-        Largest difference from a second, coarser integration, relative to the scale.
-    """
-
-    episodes: tuple[Episode, ...]
-    places: NDArray[np.intp]
-    states: Values
-    oracle: str
-    resolution: float
+    episodes: tuple[Episode, ...]  # their seeds follow one another
+    places: NDArray[np.intp]  # (k, 2) index of the episode and of the sample interval in it
+    states: Values  # (k, 4) states at their ends
+    oracle: str  # method and tolerance of the oracle, in words
+    resolution: float  # largest difference from a coarser integration, relative to the scale
 
 
 def episodes_of(plant: Plant, seed: int) -> tuple[Episode, ...]:

@@ -21,7 +21,8 @@ from gymnasium.error import DependencyNotInstalled
 
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
-from mm_gym.records.text import LARGEST, MOST_BYTES, check_times, evenly, refuse
+from mm_gym.records.options import LARGEST
+from mm_gym.records.text import MOST_BYTES, check_times, evenly, refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

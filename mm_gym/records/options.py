@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 from mm_gym.errors import SceneError, suggest
-from mm_gym.records.text import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -101,6 +100,9 @@ def _stated(line: str) -> Iterator[tuple[str, str | None]]:
 def _is_length(text: str) -> bool:
     return SPELLINGS[text].endswith("/s^2")
 
+
+LARGEST = 1e12
+"""Largest magnitude of a number in a file; larger numbers mark missing samples."""
 
 SHORTEST = 1e-9
 """Shortest spacing of samples [s]."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from mm_gym.errors import SceneError
 from mm_gym.files import read_bytes
-from mm_gym.records.options import SHORTEST, contradiction
+from mm_gym.records.options import LARGEST, SHORTEST, contradiction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     Block = tuple[int, str]
 
-
-LARGEST = 1e12
-"""Largest magnitude of a number in a file; larger numbers mark missing samples."""
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[EeDd][+-]?\d+)?", re.ASCII)
 """A number as Fortran writes it. It matches in one way only, so long lines need no backtracking.
@@ -267,24 +264,12 @@ MOST_HEADINGS = 1000
 
 
 class Form(NamedTuple):
-    """How the lines of samples are written.
+    """How the lines of samples are written."""
 
-    Attributes
-    ----------
-    separator
-        Of the columns: a semicolon, a comma, or None for tabs and blanks.
-    columns
-        Their number.
-    places
-        Those that are read, from 0.
-    mark
-        Decimal mark.
-    """
-
-    separator: str | None
-    columns: int
-    places: tuple[int, ...]
-    mark: str
+    separator: str | None  # of the columns: a semicolon, a comma, or None for tabs and blanks
+    columns: int  # their number
+    places: tuple[int, ...]  # those that are read, from 0
+    mark: str  # decimal mark
 
 
 def read_columns(

@@ -35,25 +35,15 @@ CAMERA_DAMPING = 0.7
 
 @dataclass(frozen=True)
 class Past:
-    """The last control steps of a lane's episode, oldest first.
+    """The last control steps of a lane's episode, oldest first."""
 
-    Attributes
-    ----------
-    rows
-        (rows, n) float64: rows of the lane, then those of this module.
-    lane
-        (all rows,) float64: the lane as it is now, with its parameters.
-    displacement, offset, disturbance, acceleration
-        Largest magnitudes since the episode began: of carriage and ground in the picture [m], of
-        the sphere's offset [m], of force [N] and ground acceleration [m/s^2] of the excitation.
-    """
-
-    rows: Array
-    lane: Array
-    displacement: float
-    offset: float
-    disturbance: float
-    acceleration: float
+    rows: Array  # (rows, n) float64: rows of the lane, then those of this module
+    lane: Array  # (all rows,) float64: the lane as it is now, with its parameters
+    # the largest magnitudes since the episode began:
+    displacement: float  # of carriage and ground in the picture [m]
+    offset: float  # of the sphere [m]
+    disturbance: float  # force of the excitation [N]
+    acceleration: float  # of the ground [m/s^2]
 
     def now(self, row: int) -> float:
         """Return a row's newest value."""

@@ -48,18 +48,10 @@ TRAVEL = POST - RADIUS - 16.0
 
 @dataclass(frozen=True)
 class View:
-    """The scale of a picture.
+    """The scale of a picture."""
 
-    Attributes
-    ----------
-    magnification
-        Of displacements on a screen of 96 dots per inch [-].
-    unit
-        Unit of the lengths that the picture states.
-    """
-
-    magnification: float
-    unit: Unit
+    magnification: float  # of displacements on a screen of 96 dots per inch [-]
+    unit: Unit  # of the lengths that the picture states
 
     @property
     def scale(self) -> float:
@@ -157,13 +149,7 @@ ARROW = 128.0
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Draws the mechanism as it is now.
-
-    Attributes
-    ----------
-    canvas, subject, past, view
-        Where to draw, what, when, and at which scale.
-    """
+    """Draws the mechanism as it is now."""
 
     canvas: Canvas
     subject: Subject

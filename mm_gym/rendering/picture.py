@@ -40,45 +40,23 @@ PERIODS = 20.0
 
 @dataclass(frozen=True)
 class Series:
-    """A line of a strip.
+    """A line of a strip."""
 
-    Attributes
-    ----------
-    values
-        (n,) float64, one for each control step.
-    name, colour
-        Its name with its unit, and its colour.
-    is_held
-        Whether a value was held over the control step that it ends.
-    limit
-        Magnitude at which an episode ends, or None.
-    """
-
-    values: NDArray[np.float64]
-    name: str
+    values: NDArray[np.float64]  # (n,) float64, one for each control step
+    name: str  # with its unit
     colour: Colour
-    is_held: bool = False
-    limit: float | None = None
+    is_held: bool = False  # whether a value was held over the control step that it ends
+    limit: float | None = None  # magnitude at which an episode ends, or None
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Lines that share an axis.
+    """Lines that share an axis."""
 
-    Attributes
-    ----------
-    low, high
-        Ends of the axis.
-    ticks
-        Values that are labelled.
-    series
-        The lines, the most important last.
-    """
-
-    low: float
-    high: float
-    ticks: tuple[float, ...]
-    series: tuple[Series, ...]
+    low: float  # end of the axis
+    high: float  # the other
+    ticks: tuple[float, ...]  # values that are labelled
+    series: tuple[Series, ...]  # the lines, the most important last
 
 
 def width_of_step(subject: Subject) -> float:

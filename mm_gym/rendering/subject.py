@@ -76,69 +76,33 @@ UNSTRETCHED = 1.0
 
 @dataclass(frozen=True)
 class Subject:
-    """The parts of a scene, as its pictures need them.
+    """The parts of a scene, as its pictures need them."""
 
-    Attributes
-    ----------
-    time_step, steps, frames
-        Control step [s], control steps of an episode, and frames per second.
-    period
-        The carriage's natural period [s].
-    speed
-        How the time on the screen relates to that of the motion.
-    has_damper, has_sphere, has_springs
-        Whether they are drawn.
-    interface
-        Its kind.
-    stretch_range
-        Stretches [-] from one end of the springs' colours to the other.
-    force_limit
-        Of the control force [N], or None.
-    is_between
-        Whether it acts between the masses.
-    is_stretched
-        Whether the stretch is actuated.
-    damped_row, damping_range
-        Row of the damping or voltage that is actuated, 0 if none is; its limits [N s/m] or [V].
-    device
-        "damping" or "voltage".
-    displacement_limit, rail_limit
-        [m], or None.
-    displacement, offset
-        How far carriage and sphere are expected to move [m]; the view begins with them.
-    disturbance
-        Largest force [N] expected of the excitation, 0 if there is none.
-    acceleration
-        Largest acceleration of the ground [m/s^2] expected, 0 if it is at rest.
-    impulse, ground_impulse
-        Largest impulse [N s] on the carriage, and jump of the ground's velocity [m/s]; 0 for none.
-    """
-
-    time_step: float
-    steps: int
-    frames: int
-    period: float
-    speed: str
-    has_damper: bool
+    time_step: float  # [s]
+    steps: int  # of an episode
+    frames: int  # per second
+    period: float  # the carriage's natural period [s]
+    speed: str  # how the time on the screen relates to that of the motion
+    has_damper: bool  # as the next two: whether it is drawn
     has_sphere: bool
     has_springs: bool
-    interface: str
-    knows_forces: bool
-    stretch_range: tuple[float, float]
-    force_limit: float | None
-    is_between: bool
-    is_stretched: bool
-    damped_row: int
-    damping_range: tuple[float, float]
-    device: str
-    displacement_limit: float | None
-    rail_limit: float | None
-    displacement: float
-    offset: float
-    disturbance: float
-    acceleration: float
-    impulse: float
-    ground_impulse: float
+    interface: str  # its kind
+    knows_forces: bool  # whether all forces on the carriage are known here
+    stretch_range: tuple[float, float]  # [-], from one end of the springs' colours to the other
+    force_limit: float | None  # of the control force [N], or None
+    is_between: bool  # whether it acts between the masses
+    is_stretched: bool  # whether the stretch is actuated
+    damped_row: int  # of the damping or voltage that is actuated, 0 if none is
+    damping_range: tuple[float, float]  # its limits [N s/m] or [V]
+    device: str  # "damping" or "voltage"
+    displacement_limit: float | None  # [m]
+    rail_limit: float | None  # [m]
+    displacement: float  # expected of the carriage [m]; the view begins with it
+    offset: float  # expected of the sphere [m]
+    disturbance: float  # largest force [N] expected of the excitation, 0 if there is none
+    acceleration: float  # largest acceleration of the ground [m/s^2] expected, 0 if it is at rest
+    impulse: float  # largest on the carriage [N s], 0 for none
+    ground_impulse: float  # largest jump of the ground's velocity [m/s], 0 for none
 
     @property
     def camera_frequency(self) -> float:

@@ -27,18 +27,10 @@ STANDS_IN = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
 
 
 class Draft(NamedTuple, Generic[P]):
-    """A part whose wrong fields were replaced by values that are allowed.
+    """A part whose wrong fields were replaced by values that are allowed."""
 
-    Attributes
-    ----------
-    part
-        The part, whose rules across fields are not checked.
-    wrong
-        Dotted names of what was wrong or missing.
-    """
-
-    part: P
-    wrong: frozenset[str]
+    part: P  # the part, whose rules across fields are not checked
+    wrong: frozenset[str]  # dotted names of what was wrong or missing
 
 
 def draft_of(model: type[P], data: Mapping[str, object]) -> Draft[P] | None:

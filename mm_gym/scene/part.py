@@ -39,36 +39,19 @@ class Rule(NamedTuple):
     """A rule across fields of a part.
 
     A rule that holds at all ends of its fields' ranges must hold in between.
-
-    Attributes
-    ----------
-    fields
-        Names of the fields that it reads.
-    finding
-        Their values -> what is wrong, as "field: text", or None.
     """
 
-    fields: tuple[str, ...]
-    finding: Callable[..., str | None]
+    fields: tuple[str, ...]  # names of the fields that it reads
+    finding: Callable[..., str | None]  # their values -> what is wrong, as "field: text", or None
 
 
 class Ratio(NamedTuple):
-    """A number to draw in place of a field whose range would depend on another field.
+    """A number to draw in place of a field whose range would depend on another field."""
 
-    Attributes
-    ----------
-    field, of
-        The field is the ratio times the other one, and so keeps all rules that read it.
-    allows
-        Tells whether a number is allowed.
-    allowed
-        The same in words.
-    """
-
-    field: str
-    of: str
-    allows: Callable[[float], bool]
-    allowed: str
+    field: str  # the ratio times the other one, so it keeps all rules that read it
+    of: str  # the other one
+    allows: Callable[[float], bool]  # tells whether a number is allowed
+    allowed: str  # the same in words
 
 
 def ordered(ends: tuple[float, float]) -> tuple[float, float]:

@@ -51,21 +51,11 @@ DIGITS = 12
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of the structure and its device.
+    """Motion of the structure and its device."""
 
-    Attributes
-    ----------
-    displacement
-        (k, n) of the degrees of freedom [m], relative to the ground.
-    stroke
-        (k,) of the device relative to the structure [m].
-    acceleration
-        (k,) absolute, of the device's degree of freedom [m/s^2].
-    """
-
-    displacement: Array
-    stroke: Array
-    acceleration: Array
+    displacement: Array  # (k, n) of the degrees of freedom [m], relative to the ground
+    stroke: Array  # (k,) of the device relative to the structure [m]
+    acceleration: Array  # (k,) absolute, of the device's degree of freedom [m/s^2]
 
 
 class FullModel:

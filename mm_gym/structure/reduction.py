@@ -385,19 +385,11 @@ def _scaled(entry: Mapping[str, object], factor: float) -> dict[str, object]:
 
 
 class BalancedError(NamedTuple):
-    """Error of a balanced mapping under white noise, relative to the exact one.
+    """Error of a balanced mapping under white noise, relative to the exact one."""
 
-    Attributes
-    ----------
-    displacement, stroke
-        Root mean square of the difference over that of the exact motion: of x1, and of x2 - x1.
-    displacement_rms, stroke_rms
-        Relative change of the root mean square itself.
-    """
-
-    displacement: float
-    stroke: float
-    displacement_rms: float
+    displacement: float  # of x1: root mean square of the difference over that of the exact motion
+    stroke: float  # the same of x2 - x1
+    displacement_rms: float  # relative change of the root mean square itself
     stroke_rms: float
 
 

@@ -69,23 +69,13 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Problem:
-    """What is tuned, and for what.
+    """What is tuned, and for what."""
 
-    Attributes
-    ----------
-    values
-        Coefficients without dimension; k2 and c are replaced.
-    excitation, channel, criterion
-        See `mm_gym.tuning.tune`.
-    stiffness
-        (lowest, highest) k2 / k1 allowed; both 0 without springs.
-    """
-
-    values: Linear
-    excitation: str
+    values: Linear  # coefficients without dimension; k2 and c are replaced
+    excitation: str  # as the next two: see `tune`
     channel: str
     criterion: str
-    stiffness: tuple[float, float]
+    stiffness: tuple[float, float]  # (lowest, highest) k2 / k1 allowed; both 0 without springs
 
     @property
     def has_springs(self) -> bool:

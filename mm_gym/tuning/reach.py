@@ -39,27 +39,14 @@ def stretch_for(scene: Scene, stiffness: float) -> float:
 
 
 class Reach(NamedTuple):
-    """What the springs of a scene reach.
+    """What the springs of a scene reach."""
 
-    Attributes
-    ----------
-    k0
-        ``springs.stiffness`` [N/m].
-    low, high
-        Least and largest k2 [N/m]. The least is approached, and not reached, unless the stretch is
-        limited. Linear springs may have any.
-    shortest, longest
-        Least and largest stretch [-], NaN of springs that have none.
-    is_limited
-        Whether `actuation.stretch` limits the stretch.
-    """
-
-    k0: float
-    low: float
-    high: float
-    shortest: float
-    longest: float
-    is_limited: bool
+    k0: float  # springs.stiffness [N/m]
+    low: float  # least k2 [N/m]; without limits of the stretch approached, and not reached
+    high: float  # largest k2 [N/m]
+    shortest: float  # least stretch [-], NaN of springs that have none
+    longest: float  # largest
+    is_limited: bool  # whether `actuation.stretch` limits the stretch
 
 
 LONGEST = 1e4
