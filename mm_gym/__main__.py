@@ -19,7 +19,7 @@ from mm_gym.errors import (
     DesignError,
     SceneError,
     SimulationError,
-    suggest,
+    check_name,
 )
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_findings, compile_scene
@@ -314,10 +314,8 @@ def _paper(options: argparse.Namespace) -> None:
     from mm_gym.paper.figures import FIGURES, draw  # noqa: PLC0415 - the slowest import
     from mm_gym.paper.table import printed, rows, write_table  # noqa: PLC0415
 
-    if options.figure is not None and options.figure not in FIGURES:
-        nearest = suggest(options.figure, FIGURES)
-        msg = f"--figure: got {options.figure!r}{nearest}; allowed: {', '.join(FIGURES)}"
-        raise SceneError(msg)
+    if options.figure is not None:
+        check_name("--figure", options.figure, FIGURES)
     names = list(FIGURES) if options.figure is None else [options.figure]
     *figures, table = _in_folder(options.out, [*(f"{name}.png" for name in names), "numbers.csv"])
     check_outputs([*figures, table])

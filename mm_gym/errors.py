@@ -41,6 +41,16 @@ class SimulationError(RuntimeError):
     """A simulation cannot be completed; the message says where and why."""
 
 
+def check_name(
+    field: str, name: str, allowed: Iterable[str], error: type[Exception] = SceneError
+) -> None:
+    """Raise an error for a field whose value is none of the allowed names, with the nearest."""
+    names = tuple(allowed)
+    if name not in names:
+        msg = f"{field}: got {name!r}{suggest(str(name), names)}; allowed: {', '.join(names)}"
+        raise error(msg)
+
+
 def suggest(name: str, allowed: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the nearest allowed name, or an empty string."""
     nearest = get_close_matches(name, list(allowed), n=1)

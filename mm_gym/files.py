@@ -450,6 +450,21 @@ def _write_through(target: Path | int, content: bytes) -> None:
         stream.write(content)
 
 
+def aligned(rows: Sequence[Sequence[str]], names: int = 1) -> list[str]:
+    """Return the lines of a table: the first columns, names, to the left, all others to the right.
+
+    The rows have the same number of cells.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if k < names else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
 def write_csv(
     path: str | PathLike[str], header: Sequence[str], columns: Sequence[ArrayLike]
 ) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from gymnasium.spaces import Box
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import check_name
 from mm_gym.lanes import layout as at
 from mm_gym.step.channels import CHANNELS
 
@@ -91,28 +91,14 @@ OWN = "reward_own"
 
 def checked_level(level: str) -> InfoLevel:
     """Return a level of information, or raise `SceneError` with the nearest."""
-    allowed: tuple[InfoLevel, ...] = get_args(InfoLevel)
-    for known in allowed:
-        if level == known:
-            return known
-    msg = f"info: got {level!r}{suggest(str(level), allowed)}; allowed: {', '.join(allowed)}"
-    raise SceneError(msg)
+    check_name("info", level, get_args(InfoLevel))
+    return cast("InfoLevel", level)
 
 
 class Terms:
-    """The reward's terms and the constraint of a plant's lanes.
+    """The reward's terms, by `names`, and the constraint of a plant's lanes.
 
-    Parameters
-    ----------
-    plant
-        The plant.
-    own
-        Whether the reward is the caller's own, which has one term.
-
-    Attributes
-    ----------
-    names
-        Of the terms.
+    A caller's own reward has one term.
     """
 
     def __init__(self, plant: Plant, *, own: bool = False) -> None:
@@ -128,18 +114,10 @@ class Terms:
     def rewards(
         self, lanes: Array, actions: NDArray[np.floating], rewards: Array
     ) -> dict[str, Array]:
-        """Return the reward's terms (lanes,) of a control step [-].
+        """Return the reward's terms (lanes,) of a step [-]; of the objective's none is positive.
 
-        Those of the objective are never positive.
-
-        Parameters
-        ----------
-        lanes
-            (rows, lanes) at the step's end.
-        actions
-            (actuators * lanes,) as the kernels take them.
-        rewards
-            (lanes,) those of the step.
+        Lanes are (rows, lanes) at the step's end, actions (actuators * lanes,) as the kernels take
+        them, rewards (lanes,) those of the step.
         """
         if self.names == (OWN,):
             return {OWN: rewards.copy()}
@@ -156,15 +134,9 @@ class Terms:
         return {name: 0.0 - value for name, value in zip(self.names, values, strict=True)}
 
     def constraint(self, state: Array) -> dict[str, Array]:
-        """Return what the limits leave (lanes,), by state (4, lanes).
+        """Return what the limits leave (lanes,), by state (4, lanes); see `MovingMassEnv`.
 
-        Returns
-        -------
-        constraint
-            The larger of |x1| / displacement_limit and |x2 - x1| / rail_half_length, less 1 [-];
-            a limit that is not set counts as infinite.
-        cost
-            1 where a limit is exceeded, 0 elsewhere.
+        A limit that is not set counts as infinite.
         """
         x1, offset = np.abs(state[0]), np.abs(state[1] - state[0])
         used = np.maximum(x1 / self._furthest, offset / self._rail)

@@ -120,7 +120,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         self._copy = copy
         self._threads = checked_count(threads, "threads")
         self._seeded = False
-        self._own = {}
+        self._own: dict[str, tuple[object, ...]] = {}  # set by `set_attr`
         self._prepare()
         self.metadata["render_fps"] = frames_per_second(self.plant)
         self.single_action_space = action_space(self.plant)
@@ -514,13 +514,8 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
 class Ends:
     """Last outputs of lanes, for `final_obs` and `final_info`, laid out as by `SyncVectorEnv`.
 
-    Parameters
-    ----------
-    lanes
-        The lanes.
-    copy
-        Whether what is returned is the caller's own. If not, it is memory that the next call
-        overwrites: to make an array for each observation takes longer than the control step.
+    Without copies they are memory that the next call overwrites: to make an array for each
+    observation takes longer than the control step.
     """
 
     def __init__(self, lanes: Lanes, *, copy: bool) -> None:

@@ -146,22 +146,10 @@ class End(NamedTuple):
 
 
 class Totals:
-    """Peaks, integrals and energies of lanes so far.
+    """Peaks, integrals and energies of lanes so far, by parameters (rows, lanes).
 
     Between the ends of an interval displacement, stroke, velocity and base force are cubics from
     values and rates at both; the acceleration, whose rate is not known, is a line.
-
-    Parameters
-    ----------
-    parameters
-        (rows, lanes) of the motions.
-    is_between
-        Whether the control force acts between the masses, and not between ground and carriage.
-
-    Raises
-    ------
-    SimulationError
-        If a carriage has no mass: its acceleration is not finite.
     """
 
     def __init__(self, parameters: Array, *, is_between: bool) -> None:

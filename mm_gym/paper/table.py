@@ -12,7 +12,7 @@ import numpy as np
 
 from mm_gym.analysis import asymptotic_offset, critical_reference_velocity, modes
 from mm_gym.analysis.linear import linear_values
-from mm_gym.files import write_text
+from mm_gym.files import aligned, write_text
 from mm_gym.paper.scenes import CAPTION, friction_of, scene, stick_slope
 
 if TYPE_CHECKING:
@@ -172,11 +172,7 @@ def write_table(path: str | PathLike[str], found: list[Row]) -> None:
 def printed(found: list[Row]) -> str:
     """Return the rows as aligned text."""
     cells = [HEADER] + [_cells(row, "{:.12g}".format, "{:.1e}".format) for row in found]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(HEADER))]
-    return "\n".join(
-        "  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip()
-        for line in cells
-    )
+    return "\n".join(aligned(cells, names=len(HEADER)))
 
 
 def _cells(

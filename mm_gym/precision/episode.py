@@ -152,13 +152,7 @@ def _to_limits(plant: Plant, commands: Values) -> Values:
 
 
 def truth_of(scene: Scene, plant: Plant, episodes: Sequence[Episode]) -> Truth:
-    """Integrate sample intervals spread over the episodes with the oracle.
-
-    Raises
-    ------
-    SimulationError
-        If none of the oracle's methods completes the sample intervals in its evaluations.
-    """
+    """Integrate sample intervals spread over the episodes with the oracle."""
     problems: list[str] = []
     for method, rtol, most in ORACLES:
         try:

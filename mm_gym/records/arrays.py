@@ -239,12 +239,7 @@ def _matrices(
 ) -> list[tuple[str, tuple[int, ...], NDArray[Any]]]:
     """Return name, shape and numbers of a variable, or of the fields of a struct, if they are real.
 
-    Parameters
-    ----------
-    data, order
-        A matrix, and its order of bytes.
-    outer
-        The names of the structs that it is in, and its own in the last of them.
+    A field's name comes after those of the structs that it is in, `outer`.
     """
     parts = _elements(data, order)
     flags, _ = struct.unpack(order + "II", next(parts)[1])

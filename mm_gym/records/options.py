@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, check_name, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -123,9 +123,8 @@ class Options:
 
     def check(self) -> None:
         """Raise `SceneError` for an option that no file could have."""
-        if self.unit is not None and self.unit not in UNITS:
-            nearest = suggest(str(self.unit), UNITS)
-            _refuse("unit", self.unit, f"{', '.join(UNITS)}", nearest)
+        if self.unit is not None:
+            check_name("unit", self.unit, UNITS)
         if self.time_step is not None and not SHORTEST <= self.time_step <= LARGEST:
             msg = f"time_step: got {self.time_step}; allowed: {SHORTEST:g} to {LARGEST:g} s"
             raise SceneError(msg)
@@ -142,14 +141,8 @@ class Options:
     ) -> tuple[int, ...]:
         """Return the columns that are read, from 0: (times, samples), or (samples,).
 
-        Parameters
-        ----------
-        columns
-            Number of columns in the file.
-        names
-            Their names, if the file states them.
-        refuse
-            Raises `SceneError` for a text, with the file and the place in it.
+        The names are those of the columns if the file states them; `refuse` raises `SceneError` for
+        a text, with the file and the place in it.
         """
         if columns > MOST_COLUMNS:
             refuse(f"got {columns} columns; allowed: at most {MOST_COLUMNS}")
@@ -194,6 +187,6 @@ class Options:
         return refuse(f"column: got {column!r}{suggest(column, names)}; allowed: {allowed}")
 
 
-def _refuse(name: str, got: object, allowed: str, nearest: str = "") -> NoReturn:
-    msg = f"{name}: got {got!r}{nearest}; allowed: {allowed}"
+def _refuse(name: str, got: object, allowed: str) -> NoReturn:
+    msg = f"{name}: got {got!r}; allowed: {allowed}"
     raise SceneError(msg)

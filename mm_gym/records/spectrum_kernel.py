@@ -32,17 +32,10 @@ NEWTON = 4
 
 @kernel
 def write_peaks(steps, values, periods, dampings, peaks):
-    """Write the largest |p| and |absolute acceleration| of each oscillator.
+    """Write the largest |p| and |absolute acceleration| (2, d, k) [m/s^2] of each oscillator.
 
-    Parameters
-    ----------
-    steps, values
-        (n - 1,) lengths of the sample intervals [s], and (n,) samples [m/s^2]. The oscillators are
-        at rest at the first sample; behind the last one the ground is.
-    periods, dampings
-        (k,) [s], and (d,) damping ratios [-].
-    peaks
-        (2, d, k) [m/s^2], written.
+    The oscillators, of periods (k,) [s] and damping ratios (d,), are at rest at the first of n
+    samples, which are steps (n - 1,) [s] apart; behind the last one the ground is.
     """
     series, factors = np.empty(TERMS), np.empty((4, 2))
     for i in range(dampings.shape[0]):

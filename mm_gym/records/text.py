@@ -147,16 +147,9 @@ def values_of(
     places: Sequence[int] | None = None,
     mark: str = ".",
 ) -> NDArray[np.float64]:
-    """Return the numbers in all cells, or refuse the first one that is not allowed.
+    """Return the numbers in the cells of lines, or refuse the first one that is not allowed.
 
-    Parameters
-    ----------
-    rows, numbers
-        The cells of each line, and the lines' numbers.
-    places
-        Columns of the cells, from 0; by default their order in the line.
-    mark
-        Decimal mark.
+    `places` are the cells' columns, from 0; by default their order in the line.
     """
     values: list[float] = []
     for number, row in zip(numbers, rows, strict=True):

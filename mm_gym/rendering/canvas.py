@@ -196,16 +196,7 @@ class Canvas:
     ) -> float:
         """Write a line of text; return its width.
 
-        Parameters
-        ----------
-        text
-            The text.
-        place
-            Of its left end (anchor 0), middle (0.5) or right end (1), at half its height.
-        size
-            Of the font.
-        colour, anchor
-            See above.
+        The place is its left end (anchor 0), middle (0.5) or right end (1), at half its height.
         """
         drawn = self._written(text, size, colour)
         width, height = drawn.get_size()

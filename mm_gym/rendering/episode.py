@@ -31,27 +31,9 @@ KINDS = (".png", ".mp4")
 
 
 def draw_episode(scene: Scene, path: str, *, seed: int = 0, steps: int | None = None) -> None:
-    """Draw an episode in which the actuators stay at action 0.
+    """Draw an episode in which the actuators stay at action 0, into a ``.png`` or a ``.mp4``.
 
-    Parameters
-    ----------
-    scene
-        The scene, with or without actuators.
-    path
-        A file: ``.png`` for the last picture, ``.mp4`` for a video of one picture a control step.
-    seed
-        Of the scene's draws.
-    steps
-        Control steps; by default an episode.
-
-    Raises
-    ------
-    SceneError
-        If the file has another ending.
-    DependencyNotInstalled
-        Without pygame-ce or, for a video, moviepy.
-    SimulationError
-        If the motion cannot be followed.
+    The first has the last picture, the other one picture a control step; by default of an episode.
     """
     if Path(path).suffix.lower() not in KINDS:
         msg = f"--out: got {path!r}; allowed: a file whose name ends in {' or '.join(KINDS)}"

@@ -29,15 +29,7 @@ if TYPE_CHECKING:
 
 
 class Window:
-    """A window on the screen; pygame has one for all.
-
-    Parameters
-    ----------
-    size
-        Width and height [px].
-    frames
-        Pictures per second.
-    """
+    """A window on the screen, at so many pictures per second; pygame has one for all."""
 
     def __init__(self, size: tuple[int, int], frames: int) -> None:
         self._pygame = load_pygame()
@@ -106,17 +98,8 @@ MOST_WIDTH, MOST_HEIGHT = 1280, 768
 
 
 class Renderer:
-    """Draws the lanes of an environment.
+    """Draws the lanes of an environment, in one of its modes.
 
-    Parameters
-    ----------
-    scene, lanes
-        The scene, and the lanes in which it is stepped.
-    mode
-        ``"human"``, ``"rgb_array"`` or ``"rgb_array_list"``.
-
-    Notes
-    -----
     pygame is imported with the first picture: programs often ask for pictures that they never look
     at, and those need no pygame.
     """
@@ -153,10 +136,7 @@ class Renderer:
     def note(self, *, watched: bool = True) -> None:
         """Take note of the present state of all lanes: call it after each reset and each step.
 
-        Parameters
-        ----------
-        watched
-            Whether it is shown, or collected, if that is the mode.
+        If it is watched, it is shown, or collected, if that is the mode.
         """
         self._history.note()
         if watched and self._mode == "human":
@@ -165,15 +145,7 @@ class Renderer:
             self._collect()
 
     def render(self) -> list[Frame] | list[list[Frame]] | None:
-        """Return each lane's picture, or the list of those since the last call, or show them.
-
-        Raises
-        ------
-        DependencyNotInstalled
-            Without pygame.
-        ResetNeeded
-            Before the first reset; lists are empty then.
-        """
+        """Return each lane's picture, or the list of those since the last call, or show them."""
         if self._history.noted == 0 and self._mode != LIST:
             msg = "there is nothing to draw yet: call reset() before render()"
             raise ResetNeeded(msg)

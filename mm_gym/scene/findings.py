@@ -126,18 +126,9 @@ def joint_findings(
     ranges: Mapping[str, tuple[float, float]],
     wrong: frozenset[str] = frozenset(),
 ) -> Iterator[str]:
-    """Yield what is wrong across a part's fields somewhere in their ranges.
+    """Yield what is wrong across a part's fields somewhere in the ranges that they are drawn from.
 
-    Parameters
-    ----------
-    name
-        Dotted name of the part.
-    part
-        The part, with a value for each field.
-    ranges
-        Field -> range of the values that are drawn in its place.
-    wrong
-        Dotted names of fields and ranges whose values are not known.
+    The part has a value for each field. What is not known is left out: dotted names in `wrong`.
     """
     given = {part.ratios[field].field for field in ranges if field in part.ratios}
     for field in given.intersection(ranges):

@@ -292,11 +292,6 @@ def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
 
     A table that is not there is made, and a name is not checked, as if a file said it. A part whose
     kind changes keeps none of its other entries.
-
-    Raises
-    ------
-    SceneError
-        If a list has no entry of a number.
     """
     for name, value in sorted(changes.items(), key=lambda change: not _is_kind(change[0])):
         *path, last = _words(name)

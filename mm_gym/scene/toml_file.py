@@ -92,19 +92,8 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
     """Return a scene's fields as in a file, those of its base included if it names one.
 
     Tables go over those of the base field by field, lists and parts of another kind as a whole.
-    What the file states is no longer drawn, unless the file draws it too.
-
-    Parameters
-    ----------
-    data
-        The fields as in the file, not validated.
-    load
-        Returns the scene of a task. Tasks have no base, so there are no cycles.
-
-    Raises
-    ------
-    SceneError
-        If the base is not a task, "base: text", or the key is misspelt.
+    What the file states is no longer drawn, unless the file draws it too. `load` returns the scene
+    of a task; tasks have no base, so there are no cycles.
     """
     for name in data:
         if name != BASE and suggest(name, [BASE]):
@@ -283,13 +272,8 @@ def check_scene(
 ) -> Scene:
     """Read a scene as `load_scene` does, and raise further findings together with its own.
 
-    Parameters
-    ----------
-    path
-        As for `load_scene`.
-    further
-        Returns findings, each as "field: text", of a scene, and of a draft of one together with the
-        dotted names of what is wrong in it.
+    `further` returns findings, each as "field: text", of a scene, and of a draft of one together
+    with the dotted names of what is wrong in it.
     """
     task = path_of(path) if isinstance(path, str) and is_id(path) else None
     file = Path(path) if task is None else task
@@ -334,15 +318,7 @@ Table = dict[str, object]
 
 
 def toml_of(scene: Scene, folder: Path) -> str:
-    """Return the text of a scene file, from which `load_scene` reads the same scene.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    folder
-        The folder of the file: records are named relative to it.
-    """
+    """Return the text of a scene file in a folder, from which `load_scene` reads the same scene."""
     data = cast("Table", scene.model_dump(mode="json"))
     tables = _differences(scene.of(with_relative_records(data, folder)))
     blocks = [_block("", {k: v for k, v in tables.items() if not _is_table(v)})]

@@ -6,10 +6,9 @@ mode 1 the slowest. Displacements are relative to the ground, positive as its ac
 """
 
 from mm_gym.errors import StructureError
-from mm_gym.structure.comparison import Comparison, Row, compare, white_noise
+from mm_gym.structure.comparison import Comparison, Row, balanced_error, compare, white_noise
 from mm_gym.structure.examples import EXAMPLES, Example, example
-from mm_gym.structure.reduction import Reduction, balanced_error
-from mm_gym.structure.structure import Structure, rayleigh_damping
+from mm_gym.structure.structure import Reduction, Structure, rayleigh_damping
 
 __all__ = [
     "EXAMPLES",

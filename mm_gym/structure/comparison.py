@@ -1,7 +1,8 @@
 """A reduction compared with the whole structure and its device: numbers, a table and a figure."""
 
-# pyright: reportUnknownMemberType=false
-# matplotlib's signatures are typed in part only
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false
+# matplotlib's signatures are typed in part only, and so is SciPy's linear algebra
 
 from __future__ import annotations
 
@@ -9,9 +10,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
 from mm_gym.errors import SceneError, StructureError
+from mm_gym.files import aligned
+from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
 from mm_gym.simulation.response import root_mean_square
 from mm_gym.simulation.simulate import checked_motion
@@ -26,7 +30,7 @@ if TYPE_CHECKING:
 
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
-    from mm_gym.structure.reduction import Reduction
+    from mm_gym.structure.structure import Reduction
 
     Array = NDArray[np.float64]
 
@@ -120,14 +124,7 @@ class Comparison:
         largest error.
         """
         cells = [HEADER, *(_cells(row) for row in self.rows if row not in self._left_out())]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        return "\n".join(
-            "  ".join(
-                cell.ljust(width) if k < 2 else cell.rjust(width)  # noqa: PLR2004 - name and unit
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in cells
-        )
+        return "\n".join(aligned(cells, names=2))
 
     def _left_out(self) -> set[Row]:
         drifts = [row for row in self.rows if row.name.startswith("drift")]
@@ -246,6 +243,45 @@ def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: in
         raise StructureError(msg)
     samples = rms * np.random.default_rng(seed).standard_normal(round(count) + 1)
     return np.column_stack([_spaced(time_step, len(samples)), samples])
+
+
+class BalancedError(NamedTuple):
+    """Error of a balanced mapping under white noise, relative to the exact one."""
+
+    displacement: float  # of x1: root mean square of the difference over that of the exact motion
+    stroke: float  # the same of x2 - x1
+    displacement_rms: float  # relative change of the root mean square itself
+    stroke_rms: float
+
+
+def balanced_error(reduction: Reduction, scene: Scene) -> BalancedError:
+    """Return the error of the mapping "balanced" under white noise of the ground.
+
+    The scene is linearised about equilibrium. The difference of the mappings is a pair of forces
+    m1 m2 / (m1 + m2) (Gamma - r_j) a between carriage and device, (S7), so it vanishes with m2.
+
+    Raises
+    ------
+    StructureError
+        If the motion has no finite variance, because the scene is not asymptotically stable.
+    """
+    a, _ = compile_scene(scene).linear()
+    shift = np.array([[1.0, 0.0], [-1.0, 1.0]])  # x1, x2 - x1
+    turn = np.kron(np.eye(2), shift)
+    a = turn @ a @ np.linalg.inv(turn)
+    gamma, own, mass = reduction.participation, reduction.ground, scene.sphere.mass
+    balance = reduction.shaking.balance(mass)
+    exact, scaled = (
+        np.array([0.0, 0.0, *(shift @ column)]) for column in ([-gamma, -own], [-balance, -balance])
+    )
+    if np.linalg.eigvals(a).real.max() >= 0.0:
+        msg = "scene: the motion has no variance under white noise; allowed: damping and springs"
+        raise StructureError(msg)
+    difference, one, other = (
+        np.sqrt(np.diag(solve_continuous_lyapunov(a, -np.outer(b, b)))[:2])
+        for b in (exact - scaled, exact, scaled)
+    )
+    return BalancedError(*map(float, (*(difference / one), *(other / one - 1.0))))
 
 
 def _check(reduction: Reduction, scene: Scene) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mm_gym.errors import StructureError, suggest
+from mm_gym.errors import StructureError, check_name
 from mm_gym.structure.structure import Structure
 from mm_gym.tuning.closed_forms import closed_form
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mm_gym.scene.scene import Scene
-    from mm_gym.structure.reduction import Reduction
+    from mm_gym.structure.structure import Reduction
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,7 @@ def example(name: str) -> Example:
     StructureError
         If there is no such example.
     """
-    if name not in EXAMPLES:
-        msg = f"example: got {name!r}{suggest(name, EXAMPLES)}; allowed: {', '.join(EXAMPLES)}"
-        raise StructureError(msg)
+    check_name("example", name, EXAMPLES, StructureError)
     return EXAMPLES[name]()
 
 
@@ -140,19 +138,7 @@ def _tower() -> Example:
 
 
 def _cantilever(floors: int, mass: float, frequency: float, damping: float) -> Structure:
-    """Return a uniform bending cantilever: floors' displacements, their rotations condensed.
-
-    Parameters
-    ----------
-    floors
-        Number of floors, equally spaced; the top one has half a floor's mass.
-    mass
-        Of the whole [kg]; that below half a storey rests on the ground.
-    frequency
-        Of the first mode [rad/s].
-    damping
-        Ratio of all modes [-].
-    """
+    """Return a uniform bending cantilever: floors' displacements, their rotations condensed."""
     height = np.arange(1, floors + 1) / floors
     low, high = np.minimum.outer(height, height), np.maximum.outer(height, height)
     flexibility = low**2 * (3.0 * high - low) / 6.0  # of a unit height and bending stiffness

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mm_gym.scene.actuators import Actuator
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.simulate import Policy
-    from mm_gym.structure.reduction import Reduction
+    from mm_gym.structure.structure import Reduction
 
     Array = NDArray[np.float64]
 
@@ -59,23 +59,10 @@ class Motion:
 
 
 class FullModel:
-    """A structure with the device of a scene.
+    """A structure with the device of a scene: its sphere, interface, springs and actuators.
 
-    Parameters
-    ----------
-    reduction
-        The reduction that the scene was made from.
-    scene
-        The scene, whose sphere, interface, springs and actuators are the device.
-    action
-        The commands to the actuators, as for `mm_gym.simulate`; a function of time and state gets
-        x1 and v1 of the device's degree of freedom.
-
-    Raises
-    ------
-    StructureError
-        If an action is given to a device that is not linear, or to an actuator that the whole
-        structure has no counterpart of.
+    Commands are as for `mm_gym.simulate`; a function of time and state gets x1 and v1 of the
+    device's degree of freedom. `StructureError` refuses them for a device that is not linear.
     """
 
     def __init__(
@@ -101,17 +88,7 @@ class FullModel:
     def motion(self, times: Array, ground: Array) -> Motion:
         """Return the motion at evenly spaced times (k,) [s] that begin at 0.
 
-        Parameters
-        ----------
-        times
-            (k,) [s].
-        ground
-            (m, 2) times [s] and accelerations [m/s^2], linear in between, zero outside.
-
-        Raises
-        ------
-        SimulationError
-            If SciPy cannot integrate a nonlinear device, or the motion is not finite.
+        The ground (m, 2) has times [s] and accelerations [m/s^2], linear in between, zero outside.
         """
         corners = ground[:, 0]
         if self.control is not None:
@@ -311,16 +288,9 @@ class Driven(NamedTuple):
 
 
 class Device:
-    """The force that a scene's interface and springs exert on the carriage, and their start.
+    """The force that a scene's interface and springs exert on the carriage.
 
-    Attributes
-    ----------
-    initial
-        (4,) x1, x2 [m], v1, v2 [m/s] at the start.
-    is_linear
-        Whether the force is linear in the state.
-    states
-        How many states of its own the interface has.
+    It has `initial` (4,) x1, x2 [m], v1, v2 [m/s] at the start, and so many `states` of its own.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -1,26 +1,41 @@
-"""Linear structures: mass, damping and stiffness matrices, and their modes."""
+"""Structures as matrices, their modes, and one mode as the carriage of a scene."""
 
 # pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
 # SciPy's linear algebra is typed in part only
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from operator import index
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.linalg import eigh
 
 from mm_gym.errors import StructureError
-from mm_gym.structure.reduction import Reduction
+from mm_gym.files import write_text
+from mm_gym.plant.compile import compile_scene
+from mm_gym.scene.scene import Scene
+from mm_gym.scene.toml_file import toml_of
+from mm_gym.simulation.simulate import record_of, simulate
+from mm_gym.structure.ground import Shaking, check_draws, check_mass
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from os import PathLike
 
     from numpy.typing import ArrayLike, NDArray
 
+    from mm_gym.scene.part import Part
+    from mm_gym.simulation.simulate import Policy
+    from mm_gym.simulation.trajectory import Trajectory
+    from mm_gym.tuning.closed_forms import Absorber
+
     Array = NDArray[np.float64]
+    Entry = Mapping[str, object] | Part
+
 
 ASYMMETRY = 1e-8
 """Difference of a matrix from its transpose, relative to its largest entry, that passes as
@@ -346,3 +361,248 @@ def _damping(value: ArrayLike, mass: Array, stiffness: Array) -> Array:
         )
         raise StructureError(msg)
     return matrix
+
+
+MOST_SHOWN = 12
+"""Values of a mode shape that are shown without leaving some out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """One mode of a structure, as a mass on a spring and a damper that carries a device.
+
+    The coordinate of the mode is the displacement x1 of the device's degree of freedom, where the
+    mode shape is 1. q = shape * x1 approximates the displacements of the structure.
+
+    Attributes
+    ----------
+    structure, device, mode
+        The structure, the device's degree of freedom and the mode, counted from 1.
+    shape
+        (n,) mode shape, 1 at the device.
+    """
+
+    structure: Structure
+    device: int
+    mode: int
+    shape: Array
+
+    @property
+    def place(self) -> str:
+        """Location of the device, in words."""
+        name = "floor" if self.structure.storeys else "degree of freedom"
+        return f"{name} {self.device}"
+
+    @property
+    def mass(self) -> float:
+        """Generalised mass m1 = shape' M shape [kg], (S3)."""
+        return float(self.shape @ self.structure.mass @ self.shape)
+
+    @property
+    def stiffness(self) -> float:
+        """Generalised stiffness k1 = shape' K shape [N/m], (S3)."""
+        return float(self.shape @ self.structure.stiffness @ self.shape)
+
+    @property
+    def damping(self) -> float:
+        """Generalised damping d = shape' C shape [N s/m], (S3)."""
+        return max(0.0, float(self.shape @ self.structure.damping @ self.shape))
+
+    @property
+    def frequency(self) -> float:
+        """Undamped natural frequency [rad/s]."""
+        return float(self.structure.frequencies[self.mode - 1])
+
+    @property
+    def damping_ratio(self) -> float:
+        """Damping ratio [-] of the mode."""
+        return self.damping / (2.0 * self.mass * self.frequency)
+
+    @property
+    def participation(self) -> float:
+        """Participation factor Gamma = shape' M r / m1 [-]; the mode shape is 1 at the device."""
+        return float(self.shape @ self.structure.mass @ self.structure.influence) / self.mass
+
+    @property
+    def ground(self) -> float:
+        """r_j [-]: fraction of the ground's acceleration that the device feels; 1 in a building."""
+        return float(self.structure.influence[self.device - 1])
+
+    @property
+    def shaking(self) -> Shaking:
+        """How the ground moves the mode and its device."""
+        return Shaking(self.participation, self.ground, self.mass)
+
+    @property
+    def effective_mass_ratio(self) -> float:
+        """Effective modal mass Gamma^2 m1 over r' M r [-]: the mode's share of the base shear."""
+        r = self.structure.influence
+        return self.participation**2 * self.mass / float(r @ self.structure.mass @ r)
+
+    @property
+    def damping_coupling(self) -> float:
+        """Largest coefficient [-] by which C couples another mode to this one, in magnitude.
+
+        It is |shape' C other| / sqrt(shape' C shape * other' C other): 0 for classical damping,
+        at most 1.
+        """
+        others = np.delete(self.structure.modes[1], self.mode - 1, axis=1)
+        own = np.einsum("ik,ij,jk->k", others, self.structure.damping, others)
+        cross = np.abs(self.shape @ self.structure.damping @ others)
+        both = np.sqrt(np.maximum(own * self.damping, 0.0))
+        return float(
+            np.max(np.divide(cross, both, out=np.zeros_like(both), where=both > 0.0), initial=0.0)
+        )
+
+    def explain(self) -> str:
+        """Return the reduction in words and numbers."""
+        hertz = self.structure.frequencies / (2.0 * np.pi)
+        values = [f"{value:.4g}" for value in self.shape]
+        if len(values) > MOST_SHOWN:
+            values[3:-3] = ["..."]
+        shape = ", ".join(values)
+        lines = [
+            f"mode {self.mode} of {self.structure.count}, device at {self.place}",
+            f"frequency {hertz[self.mode - 1]:.6g} Hz, damping ratio {self.damping_ratio:.4g}",
+            f"shape {shape}",
+            f"m1 {self.mass:.6g} kg, k1 {self.stiffness:.6g} N/m, d {self.damping:.6g} N s/m",
+        ]
+        lines.append(
+            f"participation factor {self.participation:.6g}, "
+            f"effective modal mass {self.effective_mass_ratio:.2%} of the total"
+        )
+        others = np.delete(hertz, self.mode - 1)
+        if others.size:
+            nearest = others[np.argmin(np.abs(others - hertz[self.mode - 1]))]
+            lines.append(
+                f"left out: {others.size} modes, the nearest at {nearest:.6g} Hz; "
+                f"damping couples them by {self.damping_coupling:.2g} at most"
+            )
+        return "\n".join(lines)
+
+    def excitation(
+        self, ground: Entry | Sequence[Entry], mass: float, mapping: str = "exact"
+    ) -> list[dict[str, object]]:
+        """Return the entries of a scene's excitation that represent motions of the ground.
+
+        The ground's acceleration a moves the carriage as Gamma a, and the device as r_j a. An entry
+        for the ground moves both alike, so a force -(Gamma - r_j) m1 a on the carriage is added,
+        (S5). This is exact for harmonics, sweeps, records, and impulses of one size at a given
+        time. Noise and random impulses would differ between two entries. They become one entry,
+        scaled by (Gamma m1 + r_j m2) / (m1 + m2), (S6); `balanced_error` returns the error.
+
+        Parameters
+        ----------
+        ground
+            One entry or several, each as in a scene; the target, if stated, is "ground".
+        mass
+            m2 of the device [kg].
+        mapping
+            "exact", or "balanced", which uses one scaled entry for every kind.
+
+        Raises
+        ------
+        StructureError
+            If the mapping is unknown, or an entry has an unknown kind or another target.
+        """
+        return [entry for group in self.shaking.entries(ground, mass, mapping) for entry in group]
+
+    def scene(
+        self,
+        mass: float,
+        absorber: Absorber | None = None,
+        *,
+        ground: Entry | Sequence[Entry] = (),
+        mapping: str = "exact",
+        **fields: object,
+    ) -> Scene:
+        """Return a scene: the mode is the carriage, the device is the sphere.
+
+        Parameters
+        ----------
+        mass
+            m2 of the device [kg].
+        absorber
+            An optimum of `mm_gym.tuning.closed_form`: springs and a viscous interface tuned to the
+            mode. Without it, give `interface` and `springs` among the fields.
+        ground, mapping
+            Motions of the ground, see `excitation`.
+        fields
+            Further fields of the scene, such as control, actuation and objective. Entries of
+            `excitation` are forces on the carriage, at the device's degree of freedom.
+
+        Raises
+        ------
+        SceneError
+            If the scene is not valid; `StructureError` for an argument of this function.
+        """
+        check_mass(mass)
+        tuned = self._absorber(mass, absorber)
+        twice = {"carriage", "sphere", *tuned} & set(fields)
+        if twice:
+            name = min(twice)
+            msg = f"{name}: got twice; it follows from the structure, `mass` or `absorber`"
+            raise StructureError(msg)
+        forces = cast("Sequence[object]", fields.pop("excitation", ()))
+        shaken = self.shaking.entries(ground, mass, mapping)
+        check_draws(fields.get("randomization"), shaken)
+        return Scene(
+            carriage={
+                "mass": self.mass,
+                "stiffness": self.stiffness,
+                "damping": self.damping,
+            },
+            sphere={"mass": mass},
+            excitation=[*(entry for group in shaken for entry in group), *forces],
+            **tuned,
+            **fields,
+        )
+
+    def _absorber(self, mass: float, absorber: Absorber | None) -> dict[str, object]:
+        if absorber is None:
+            return {}
+        parts: dict[str, object] = {
+            "interface": {"kind": "viscous", "damping": absorber.damping(mass, self.frequency)}
+        }
+        k2 = absorber.stiffness(mass, self.frequency)
+        if k2 > 0.0:
+            parts["springs"] = {"kind": "linear", "stiffness": k2}
+        return parts
+
+    def simulate(
+        self,
+        scene: Scene,
+        ground: ArrayLike,
+        *,
+        duration: float | None = None,
+        times: ArrayLike | None = None,
+        action: ArrayLike | Policy | None = None,
+        seed: int | None = None,
+    ) -> Trajectory:
+        """Simulate a scene with an additional ground motion, as `mm_gym.simulate` does.
+
+        The ground moves carriage and device differently, see `excitation`; with
+        `mm_gym.simulate(scene, ground=...)` it moves both alike.
+
+        Parameters
+        ----------
+        scene
+            A scene of this reduction; its own excitation is kept.
+        ground
+            (k, 2) increasing times [s] and accelerations [m/s^2], linear in between, zero outside.
+        duration, times, action, seed
+            As for `mm_gym.simulate`, also for the errors raised.
+        """
+        with record_of(ground) as record:
+            entries = [*scene.excitation, *self.excitation(record, scene.sphere.mass)]
+            plant = compile_scene(scene.replace(excitation=entries))
+        return simulate(plant, duration=duration, times=times, action=action, seed=seed)
+
+    def to_toml(self, scene: Scene, path: str | PathLike[str]) -> None:
+        """Write a scene as a TOML file, whole or not at all.
+
+        Comments at its head describe the reduction. Files of records are named relative to the
+        file's folder.
+        """
+        head = "".join(f"# {line}\n" for line in self.explain().splitlines())
+        write_text(path, f"{head}\n{toml_of(scene, Path(path).resolve().parent)}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness
-from mm_gym.errors import DesignError, suggest
+from mm_gym.errors import DesignError, check_name
 from mm_gym.tuning.reach import stretch_for
 
 if TYPE_CHECKING:
@@ -100,12 +100,7 @@ def closed_form(name: str, mass_ratio: float) -> Absorber:
     DesignError
         If no closed form has this name, or it has no optimum for this mass ratio.
     """
-    if name not in CLOSED_FORMS:
-        msg = (
-            f"closed form: got {name!r}{suggest(name, CLOSED_FORMS)}; "
-            f"allowed: {', '.join(CLOSED_FORMS)}"
-        )
-        raise DesignError(msg)
+    check_name("closed form", name, CLOSED_FORMS, DesignError)
     form = CLOSED_FORMS[name]
     if not (isfinite(mass_ratio) and 0.0 < mass_ratio < form.largest):
         msg = (

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import DesignError, SimulationError, suggest
+from mm_gym.errors import DesignError, SimulationError, check_name
 from mm_gym.lanes.layout import NO_ROW
 from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 from mm_gym.scene.mechanics import GRAVITY, DryFriction
@@ -89,16 +89,8 @@ def steady_state(
 ) -> Complex:
     """Return the complex amplitudes (4, n) of x1, x2, v1 and v2 under amplitude * exp(i w t).
 
-    Parameters
-    ----------
-    values
-        Coefficients; the damping of the interface is replaced.
-    friction
-        The interface.
-    excitation, amplitude
-        "force" [N] or "ground" [m/s^2].
-    frequencies
-        (n,) w [rad/s].
+    The harmonic is a force [N], or the acceleration of the ground [m/s^2], at frequencies (n,)
+    [rad/s]. The interface's own damping is replaced.
     """
     w = frequencies
     force = amplitude * (1.0 if excitation == "force" else values.m1)
@@ -169,16 +161,8 @@ def driven(scene: Scene, excitation: str, amplitude: float) -> Scene:
 def steady_amplitude(scene: Scene, channel: str, frequency: float, start: Array) -> float:
     """Return the largest value of a channel's steady motion about its mean, simulated.
 
-    Parameters
-    ----------
-    scene
-        What `driven` returns.
-    channel
-        One of `motion_channels`.
-    frequency
-        Of the harmonic [rad/s].
-    start
-        (4,): x1, x2, v1, v2 from which the motion begins, close to the steady one.
+    The scene is from `driven`, the frequency [rad/s] that of its harmonic. The motion begins at a
+    start (4,): x1, x2, v1, v2, close to the steady one.
     """
     x1, x2, v1, v2 = (float(value) for value in start)
     initial = dict(zip(STATES, (x1, x2 - x1, v1, v2), strict=True))
@@ -238,17 +222,7 @@ NONE = 1e-300
 
 
 class FrictionProblem:
-    """What is tuned: the normal force [N] and, with springs, k2 [N/m].
-
-    Attributes
-    ----------
-    scene
-        The rig under a harmonic, without anything else.
-    values
-        Its coefficients.
-    excitation, amplitude, channel
-        See `mm_gym.tuning.friction_absorber`.
-    """
+    """What is tuned: the normal force [N] and, with springs, k2 [N/m]; see `friction_absorber`."""
 
     def __init__(self, scene: Scene, excitation: str, amplitude: float, channel: str) -> None:
         self.values = linear_values(scene)
@@ -468,14 +442,9 @@ def _problem(
     scene: Scene, amplitude: float | None, excitation: str, channel: str
 ) -> FrictionProblem:
     """Return the problem; raise `DesignError` for what is none."""
-    for name, value, allowed in (
-        ("interface.kind", scene.interface.kind, ("dry_friction",)),
-        ("excitation", excitation, EXCITATIONS),
-        ("channel", channel, motion_channels()),
-    ):
-        if value not in allowed:
-            msg = f"{name}: got {value!r}{suggest(value, allowed)}; allowed: {', '.join(allowed)}"
-            raise DesignError(msg)
+    check_name("interface.kind", scene.interface.kind, ["dry_friction"], DesignError)
+    check_name("excitation", excitation, EXCITATIONS, DesignError)
+    check_name("channel", channel, motion_channels(), DesignError)
     require_fixed(scene, "interface.normal_force")
     require_resonance(linear_values(scene))
     if amplitude is None:

@@ -13,15 +13,16 @@ import numpy as np
 from scipy.optimize import minimize, root
 
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
-from mm_gym.errors import DesignError, suggest
+from mm_gym.errors import DesignError, check_name
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
 from mm_gym.tuning.transfer import (
+    CHANNELS,
+    EXCITATIONS,
     Transfer,
     abscissa,
     amplitude,
-    check_path,
     largest_peak,
     rough_peak,
     stationary_points,
@@ -126,13 +127,7 @@ def measure(values: Linear, excitation: str, channel: str, criterion: str) -> fl
 
 
 def search(problem: Problem) -> Linear:
-    """Return the coefficients, without dimension, that minimise a problem's criterion.
-
-    Raises
-    ------
-    DesignError
-        If the criterion is infinite whatever the damping and the stiffness.
-    """
+    """Return the coefficients, without dimension, that minimise a problem's criterion."""
     starts = _starts(problem)
     improve = {"h_infinity": _minimax, "h2": _smooth, "stability": _slowest}[problem.criterion]
     found = [improve(problem, start) for start in starts]
@@ -385,12 +380,10 @@ def require_fixed(scene: Scene, name: str) -> None:
 
 def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str) -> str:
     """Return the excitation; raise `DesignError` for what cannot be tuned."""
-    if criterion not in CRITERIA:
-        near = suggest(criterion, CRITERIA)
-        msg = f"criterion: got {criterion!r}{near}; allowed: {', '.join(CRITERIA)}"
-        raise DesignError(msg)
+    check_name("criterion", criterion, CRITERIA, DesignError)
     excitation = excitation_of(scene, excitation)
-    check_path(excitation, channel)
+    check_name("excitation", excitation, EXCITATIONS, DesignError)
+    check_name("channel", channel, CHANNELS, DesignError)
     if scene.interface.kind not in ("viscous", "none"):
         msg = (
             f"interface.kind: {scene.interface.kind!r} has no damping to tune; allowed: 'viscous', "

@@ -14,13 +14,14 @@ import numpy as np
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import stretch_for_stiffness
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
-from mm_gym.files import write_text
+from mm_gym.files import aligned, write_text
 from mm_gym.scene.mechanics import LinearSprings, NoSprings
 from mm_gym.scene.toml_file import toml_of
 from mm_gym.step.channels import CHANNELS
 from mm_gym.tuning.transfer import amplitude, si_factor, si_unit, transfer, without_dimension
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from os import PathLike
 
     from matplotlib.figure import Figure
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
     from mm_gym.tuning.closed_forms import Absorber
 
+    Array = NDArray[np.float64]
+    Row = tuple[str, ...]
 
 NAMES = {
     "h_infinity": "the largest amplitude",
@@ -37,6 +40,9 @@ NAMES = {
 }
 
 HEADER = ("", "k2 [N/m]", "c [N s/m]", "stretch", "f", "zeta", "criterion", "peak", "at [rad/s]")
+FRICTION_HEADER = (
+    *("", "k2 [N/m]", "stretch", "normal force [N]", "friction [N]", "peak", "at [rad/s]"),
+)
 POINTS = 2000
 SPAN = (0.25, 2.0)
 """Frequencies drawn, over the least and the largest natural frequency."""
@@ -67,6 +73,14 @@ class Design(NamedTuple):
     peak_frequency: float
     peak: float
 
+    def row(self, name: str, stretch: float | None) -> Row:
+        """Return its row of a table."""
+        return (
+            *(name, f"{self.stiffness:.6g}", f"{self.damping:.6g}", _stretch_text(stretch)),
+            *(f"{self.frequency_ratio:.6f}", f"{self.damping_ratio:.6f}", f"{self.value:.7g}"),
+            *(f"{self.peak:.7g}", f"{self.peak_frequency:.6g}"),
+        )
+
 
 class Reference(NamedTuple):
     """A closed form for the scene's mass ratio, on a carriage without damping."""
@@ -74,6 +88,44 @@ class Reference(NamedTuple):
     name: str
     absorber: Absorber
     source: str
+
+    def row(self, m2: float, w1: float) -> Row:
+        """Return its row of a table, for a sphere [kg] on a carriage of a frequency [rad/s]."""
+        a = self.absorber
+        k2, c = f"{a.stiffness(m2, w1):.6g}", f"{a.damping(m2, w1):.6g}"
+        ratios = f"{a.frequency_ratio:.6f}", f"{a.damping_ratio:.6f}"
+        return self.name, k2, c, "", *ratios, f"{a.value:.7g}", "", ""
+
+
+class FrictionDesign(NamedTuple):
+    """A stiffness and a normal force, with the resulting motion.
+
+    Attributes
+    ----------
+    stiffness, normal_force, friction_force
+        k2 [N/m], F_N [N] and mu2 F_N [N].
+    peak, peak_frequency
+        The largest amplitude of the simulated steady motion [m or m/s], and its frequency [rad/s].
+    curve
+        (n,) amplitudes [m or m/s] at `FrictionTuning.frequencies`.
+    """
+
+    stiffness: float
+    normal_force: float
+    friction_force: float
+    peak: float
+    peak_frequency: float
+    curve: Array
+
+    def row(self, name: str, stretch: float | None) -> Row:
+        """Return its row of a table."""
+        numbers = self.normal_force, self.friction_force, self.peak, self.peak_frequency
+        own = name, f"{self.stiffness:.6g}", _stretch_text(stretch)
+        return *own, *(f"{number:.5g}" for number in numbers)
+
+
+def _stretch_text(stretch: float | None) -> str:
+    return "" if stretch is None else f"{stretch:.6g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +163,25 @@ class Tuning:
 
     def table(self) -> str:
         """Return the scene's design, the optima and the closed forms as text."""
-        return _table(self)
+        values = linear_values(self.scene)
+        w1 = float(np.sqrt(values.k1 / values.m1))
+        rows = [HEADER, self.before.row("scene", own_stretch(self.scene, self.before.stiffness))]
+        if self.out_of_reach is not None:
+            rows.append(self.free.row("best springs", None))
+        rows.append(self.after.row("tuned", self.stretch))
+        rows += [reference.row(values.m2, w1) for reference in self.closed_forms]
+        notes = [f"{reference.name}: {reference.source}" for reference in self.closed_forms]
+        if self.closed_forms and values.d > 0.0:
+            notes.append("closed forms are for a carriage without damping; this one has some")
+        if self.out_of_reach is not None:
+            worse = abs(self.after.value / self.free.value - 1.0)
+            notes.append(f"{self.out_of_reach}. The best that they do is {worse:.2%} worse")
+        entering = "excitation of the ground"
+        if self.excitation == "force":
+            entering = "a force on the carriage"
+        path = "over w1" if self.criterion == "stability" else f"of {self.channel} under {entering}"
+        title = f"tuned: {NAMES[self.criterion]} {path}; amplitudes without dimension"
+        return "\n".join([title, "", *aligned(rows), "", *notes])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
         """Draw the frequency response before and after, and write it as a PNG if a path is given.
@@ -129,132 +199,6 @@ class Tuning:
         Files of records are named relative to the file's folder.
         """
         write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
-
-
-def _table(tuning: Tuning) -> str:
-    """Return the scene's design, the optima and the closed forms as a table, and what it means."""
-    values = linear_values(tuning.scene)
-    w1 = float(np.sqrt(values.k1 / values.m1))
-    stretch = own_stretch(tuning.scene, tuning.before.stiffness)
-    rows = [HEADER, _row("scene", tuning.before, stretch)]
-    if tuning.out_of_reach is not None:
-        rows.append(_row("best springs", tuning.free, None))
-    rows.append(_row("tuned", tuning.after, tuning.stretch))
-    for reference in tuning.closed_forms:
-        a = reference.absorber
-        k2, c = a.stiffness(values.m2, w1), a.damping(values.m2, w1)
-        numbers = (f"{k2:.6g}", f"{c:.6g}", "", f"{a.frequency_ratio:.6f}")
-        rows.append((reference.name, *numbers, f"{a.damping_ratio:.6f}", f"{a.value:.7g}", "", ""))
-    return "\n".join([*_title(tuning), "", *columns_of(rows), "", *_notes(tuning, values.d)])
-
-
-def columns_of(rows: list[tuple[str, ...]]) -> list[str]:
-    """Return the lines of a table: names to the left, numbers to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            cell.ljust(width) if k == 0 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-
-
-def _title(tuning: Tuning) -> list[str]:
-    path = f"of {tuning.channel} under excitation of the {tuning.excitation}"
-    if tuning.excitation == "force":
-        path = f"of {tuning.channel} under a force on the carriage"
-    if tuning.criterion == "stability":
-        path = "over w1"
-    return [f"tuned: {NAMES[tuning.criterion]} {path}; amplitudes without dimension"]
-
-
-def _row(name: str, design: Design, stretch: float | None) -> tuple[str, ...]:
-    return (
-        name,
-        f"{design.stiffness:.6g}",
-        f"{design.damping:.6g}",
-        "" if stretch is None else f"{stretch:.6g}",
-        f"{design.frequency_ratio:.6f}",
-        f"{design.damping_ratio:.6f}",
-        f"{design.value:.7g}",
-        f"{design.peak:.7g}",
-        f"{design.peak_frequency:.6g}",
-    )
-
-
-def _notes(tuning: Tuning, damping: float) -> list[str]:
-    notes = [f"{reference.name}: {reference.source}" for reference in tuning.closed_forms]
-    if tuning.closed_forms and damping > 0.0:
-        notes.append("closed forms are for a carriage without damping; this one has some")
-    if tuning.out_of_reach is not None:
-        worse = abs(tuning.after.value / tuning.free.value - 1.0)
-        notes.append(f"{tuning.out_of_reach}. The best that they do is {worse:.2%} worse")
-    return notes
-
-
-def own_stretch(scene: Scene, stiffness: float) -> float | None:
-    """Return the stretch of the scene's own design, given its k2: of the middle of its range."""
-    springs = scene.springs
-    if isinstance(springs, NoSprings | LinearSprings):
-        return None
-    return float(stretch_for_stiffness(stiffness, springs.stiffness))
-
-
-def _draw(tuning: Tuning) -> Figure:
-    """Return the frequency response before and after; call it within `drawing.style`."""
-    values = linear_values(tuning.scene)
-    scaled, w1 = without_dimension(values), float(np.sqrt(values.k1 / values.m1))
-    designs = [("scene", tuning.before), ("tuned", tuning.after)]
-    if tuning.out_of_reach is not None:
-        designs.append(("springs of any stiffness", tuning.free))
-    frequencies = _frequencies([design for _, design in designs], w1)
-    figure, (axes,) = panels(3.0, 1, 1)
-    factor = si_factor(values, tuning.excitation, tuning.channel)
-    for k, (name, design) in enumerate(designs):
-        own = scaled._replace(
-            k2=design.stiffness / values.k1,
-            c=design.damping / float(np.sqrt(values.k1 * values.m1)),
-        )
-        curve = amplitude(transfer(own, tuning.excitation, tuning.channel), frequencies / w1)
-        axes.semilogy(frequencies, factor * curve, STYLES[k], color=COLOURS[k], label=name)
-    name = tuning.channel.replace("_", " ")
-    unit = si_unit(tuning.excitation, tuning.channel)
-    axes.set(xlabel="frequency [rad/s]", ylabel=f"{name} [{unit}]")
-    legend_below(figure, axes, 3)
-    return figure
-
-
-def _frequencies(designs: list[Design], w1: float) -> NDArray[np.float64]:
-    """Return the frequencies [rad/s] to draw, with all peaks among them."""
-    own = [design.frequency_ratio * w1 for design in designs if design.frequency_ratio > 0.0]
-    low, high = SPAN[0] * min(w1, *own), SPAN[1] * max(w1, *own)
-    peaks = [d.peak_frequency for d in designs if low < d.peak_frequency < high]
-    return np.sort(np.append(np.linspace(low, high, POINTS), peaks))
-
-
-HEADER = ("", "k2 [N/m]", "stretch", "normal force [N]", "friction [N]", "peak", "at [rad/s]")
-
-
-class FrictionDesign(NamedTuple):
-    """A stiffness and a normal force, with the resulting motion.
-
-    Attributes
-    ----------
-    stiffness, normal_force, friction_force
-        k2 [N/m], F_N [N] and mu2 F_N [N].
-    peak, peak_frequency
-        The largest amplitude of the simulated steady motion [m or m/s], and its frequency [rad/s].
-    curve
-        (n,) amplitudes [m or m/s] at `FrictionTuning.frequencies`.
-    """
-
-    stiffness: float
-    normal_force: float
-    friction_force: float
-    peak: float
-    peak_frequency: float
-    curve: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +226,7 @@ class FrictionTuning:
     excitation: str
     channel: str
     amplitude: float
-    frequencies: NDArray[np.float64]
+    frequencies: Array
     before: FrictionDesign
     after: FrictionDesign
     stretch: float | None
@@ -291,14 +235,14 @@ class FrictionTuning:
     def table(self) -> str:
         """Return the scene's design and the best one as text."""
         own = own_stretch(self.scene, self.before.stiffness)
-        rows = [HEADER, _row("scene", self.before, own), _row("tuned", self.after, self.stretch)]
+        rows = [self.before.row("scene", own), self.after.row("tuned", self.stretch)]
         unit = "N on the carriage" if self.excitation == "force" else "m/s^2 of the ground"
         title = (
             f"tuned: the largest amplitude of {self.channel} [{CHANNELS[self.channel].unit}] under "
             f"a harmonic of {self.amplitude:g} {unit}, simulated"
         )
-        notes = [] if self.out_of_reach is None else [self.out_of_reach]
-        return "\n".join([title, "", *columns_of(rows), *([""] if notes else []), *notes])
+        notes = [] if self.out_of_reach is None else ["", self.out_of_reach]
+        return "\n".join([title, "", *aligned([FRICTION_HEADER, *rows]), *notes])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
         """Draw the amplitudes before and after, and write them as a PNG if a path is given.
@@ -308,7 +252,7 @@ class FrictionTuning:
         gymnasium.error.DependencyNotInstalled
             Without matplotlib (extra: plot).
         """
-        return drawn(_draw, self, path)
+        return drawn(_draw_friction, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
         """Write the tuned scene as a TOML file, whole or not at all.
@@ -318,24 +262,60 @@ class FrictionTuning:
         write_text(path, toml_of(self.tuned, Path(path).resolve().parent))
 
 
-def _draw(result: FrictionTuning) -> Figure:
+def own_stretch(scene: Scene, stiffness: float) -> float | None:
+    """Return the stretch of the scene's own design, given its k2: of the middle of its range."""
+    springs = scene.springs
+    if isinstance(springs, NoSprings | LinearSprings):
+        return None
+    return float(stretch_for_stiffness(stiffness, springs.stiffness))
+
+
+def _draw(tuning: Tuning) -> Figure:
+    """Return the frequency response before and after; call it within `drawing.style`."""
+    values = linear_values(tuning.scene)
+    scaled, w1 = without_dimension(values), float(np.sqrt(values.k1 / values.m1))
+    designs = [("scene", tuning.before), ("tuned", tuning.after)]
+    if tuning.out_of_reach is not None:
+        designs.append(("springs of any stiffness", tuning.free))
+    frequencies = _frequencies([design for _, design in designs], w1)
+    factor = si_factor(values, tuning.excitation, tuning.channel)
+
+    def curve(design: Design) -> Array:
+        own = scaled._replace(
+            k2=design.stiffness / values.k1,
+            c=design.damping / float(np.sqrt(values.k1 * values.m1)),
+        )
+        path = transfer(own, tuning.excitation, tuning.channel)
+        return factor * amplitude(path, frequencies / w1)
+
+    curves = [(name, curve(design)) for name, design in designs]
+    return _over_frequency(
+        frequencies, curves, tuning.channel, si_unit(tuning.excitation, tuning.channel)
+    )
+
+
+def _draw_friction(tuning: FrictionTuning) -> Figure:
     """Return the amplitudes before and after over frequency."""
+    curves = [("scene", tuning.before.curve), ("tuned", tuning.after.curve)]
+    unit = CHANNELS[tuning.channel].unit
+    return _over_frequency(tuning.frequencies, curves, tuning.channel, unit)
+
+
+def _over_frequency(
+    frequencies: Array, curves: Iterable[tuple[str, Array]], channel: str, unit: str
+) -> Figure:
+    """Return amplitudes of a channel over frequencies (n,) [rad/s], by name."""
     figure, (axes,) = panels(3.0, 1, 1)
-    for k, (name, design) in enumerate((("scene", result.before), ("tuned", result.after))):
-        axes.semilogy(result.frequencies, design.curve, STYLES[k], color=COLOURS[k], label=name)
-    name = result.channel.replace("_", " ")
-    axes.set(xlabel="frequency [rad/s]", ylabel=f"{name} [{CHANNELS[result.channel].unit}]")
-    legend_below(figure, axes, 2)
+    for k, (name, curve) in enumerate(curves):
+        axes.semilogy(frequencies, curve, STYLES[k], color=COLOURS[k], label=name)
+    axes.set(xlabel="frequency [rad/s]", ylabel=f"{channel.replace('_', ' ')} [{unit}]")
+    legend_below(figure, axes, 3)
     return figure
 
 
-def _row(name: str, design: FrictionDesign, stretch: float | None) -> tuple[str, ...]:
-    return (
-        name,
-        f"{design.stiffness:.6g}",
-        "" if stretch is None else f"{stretch:.6g}",
-        f"{design.normal_force:.5g}",
-        f"{design.friction_force:.5g}",
-        f"{design.peak:.5g}",
-        f"{design.peak_frequency:.5g}",
-    )
+def _frequencies(designs: list[Design], w1: float) -> Array:
+    """Return the frequencies [rad/s] to draw, with all peaks among them."""
+    own = [design.frequency_ratio * w1 for design in designs if design.frequency_ratio > 0.0]
+    low, high = SPAN[0] * min(w1, *own), SPAN[1] * max(w1, *own)
+    peaks = [d.peak_frequency for d in designs if low < d.peak_frequency < high]
+    return np.sort(np.append(np.linspace(low, high, POINTS), peaks))

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mm_gym.analysis.linear import Linear, characteristic
-from mm_gym.errors import DesignError, suggest
 from mm_gym.step.channels import CHANNELS as ALL_CHANNELS
 
 if TYPE_CHECKING:
@@ -39,17 +38,7 @@ def without_dimension(values: Linear) -> Linear:
 
 
 def transfer(values: Linear, excitation: str, channel: str) -> Transfer:
-    """Return the transfer function from an excitation to a channel.
-
-    Parameters
-    ----------
-    values
-        Coefficients without dimension, see `without_dimension`.
-    excitation
-        "force" or "ground".
-    channel
-        One of `CHANNELS`.
-    """
+    """Return the transfer function to one of `CHANNELS`, of coefficients `without_dimension`."""
     x1, x2, absolute1, absolute2 = _numerators(values, excitation)
     offset = _sum(x2, -x1)
     numerator = {
@@ -102,17 +91,6 @@ def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
     total[size - len(a) :] += a
     total[size - len(b) :] += b
     return total
-
-
-def check_path(excitation: str, channel: str) -> None:
-    """Raise `DesignError` for an excitation or a channel that nothing can be tuned for."""
-    for name, value, allowed in (
-        ("excitation", excitation, EXCITATIONS),
-        ("channel", channel, CHANNELS),
-    ):
-        if value not in allowed:
-            msg = f"{name}: got {value!r}{suggest(value, allowed)}; allowed: {', '.join(allowed)}"
-            raise DesignError(msg)
 
 
 def si_factor(values: Linear, excitation: str, channel: str) -> float:
