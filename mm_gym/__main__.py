@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
     from mm_gym.scene.scene import Scene
 
-FAILED = 2
-"""Exit status after an error, that of argparse too."""
+FAILED = 2  # exit status after an error, that of argparse too
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -28,8 +28,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 STYLES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D", "v")
-WIDTH = 7.0
-"""Width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print."""
+WIDTH = 7.0  # width of a figure across both columns [inch]; with it 8 pt text stays 8 pt in print
 
 LETTER, KEY, LINE = 0.056, 0.5, 0.17
 """Width of a letter, and of a key with its margins, in a legend; height of a line [inch]."""

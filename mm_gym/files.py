@@ -31,14 +31,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-MOST_BYTES = 2**16
-"""Largest text file; a scene takes one or two thousand bytes."""
+MOST_BYTES = 2**16  # largest text file; a scene takes one or two thousand bytes
 
 LONGEST_LINE = 2**11
 """Most characters of a line: the parser's time grows with the square of a dotted key's length."""
 
-DEEPEST = 64
-"""Levels of lists and tables in each other, so that code may recurse through them."""
+DEEPEST = 64  # levels of lists and tables in each other, so that code may recurse through them
 
 
 def read_bytes(path: str | PathLike[str], *, most: int) -> bytes:
@@ -268,8 +266,7 @@ def _partial(file: Path) -> str:
     return f".{file.name[:50]}."
 
 
-_RANDOM_BYTES = 8
-"""In the name of a temporary file."""
+_RANDOM_BYTES = 8  # in the name of a temporary file
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
@@ -353,8 +350,7 @@ _REFUSED = {
 _DESCRIPTORS = re.compile(r"/dev/fd|/proc/(\d+)(/task/\d+)?/fd")
 """Folders of open files. To open one anew would write from its beginning, over what it holds."""
 
-_MOST_LINKS = 40
-"""As in Linux."""
+_MOST_LINKS = 40  # as in Linux
 
 
 def _followed(path: Path) -> Path | int:
@@ -429,8 +425,7 @@ def _replace(target: Path, content: bytes) -> None:
         raise
 
 
-_BINARY = getattr(os, "O_BINARY", 0)
-"""Where the system would else rewrite the ends of lines."""
+_BINARY = getattr(os, "O_BINARY", 0)  # where the system would else rewrite the ends of lines
 
 
 def _take_after(old: os.stat_result, file: Path) -> None:

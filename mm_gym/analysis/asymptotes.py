@@ -105,8 +105,7 @@ class Spring(NamedTuple):
         return float(plain(carriage_energy)(*self, x1))
 
 
-CHUNK = 64
-"""Points that one thread computes at a time."""
+CHUNK = 64  # points that one thread computes at a time
 
 TOO_LONG = (
     "the motion is too slow to come to rest: it takes more than 1,000,000 intervals of a fraction "
@@ -379,8 +378,7 @@ MARGIN = 2.0**-46
 """Relative amount, 1.4e-14, by which the result is rounded up. A motion that just reaches v_r slips
 or sticks by its last digits, so the velocity has to stay clear of them."""
 
-WIDEST = 2.0**-20
-"""Largest margin tried."""
+WIDEST = 2.0**-20  # largest margin tried
 
 
 def critical_reference_velocity(scene: Scene) -> float:

@@ -12,11 +12,8 @@ from mm_gym.law.springs import stiffness
 from mm_gym.simulation.energy import piecewise_linear_kernel as piecewise
 from mm_gym.simulation.energy import precise_integration_kernel as precise
 
-MOST_INTERVALS = 1_000_000
-"""Intervals tried before giving up: some 0.2 s."""
-
-BLOCK_PHASE = 0.5
-"""Carriage frequency times the first level's step."""
+MOST_INTERVALS = 1_000_000  # intervals tried before giving up: some 0.2 s
+BLOCK_PHASE = 0.5  # carriage frequency times the first level's step
 
 
 @kernel

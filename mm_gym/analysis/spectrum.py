@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-PERIODS = np.geomspace(0.01, 10.0, 241)
-"""Periods by default [s], 80 a decade."""
+PERIODS = np.geomspace(0.01, 10.0, 241)  # periods by default [s], 80 a decade
 
 COLUMNS = {
     "displacement": "m",
@@ -35,8 +34,7 @@ COLUMNS = {
 }
 """Quantity -> its unit, in the order of tables and panels."""
 
-ROWS = 13
-"""Periods in a table, at most."""
+ROWS = 13  # periods in a table, at most
 
 
 @dataclass(frozen=True)

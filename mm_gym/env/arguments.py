@@ -23,14 +23,12 @@ if TYPE_CHECKING:
 FLOAT32 = np.dtype(np.float32)
 
 
-SceneLike: TypeAlias = "Scene | str | PathLike[str]"
-"""A scene, a task's id, or a file's path."""
+SceneLike: TypeAlias = "Scene | str | PathLike[str]"  # A scene, a task's id, or a file's path
 
 Seeds: TypeAlias = "int | np.integer | Sequence[int | np.integer | None] | NDArray[np.integer]"
 """A seed, or one for each lane."""
 
-Changes: TypeAlias = "Mapping[str, object]"
-"""Dotted name -> value."""
+Changes: TypeAlias = "Mapping[str, object]"  # dotted name -> value
 
 
 def scene_of(

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from mm_gym.plant.plant import Plant
     from mm_gym.rendering.renderer import Renderer
 
-SEEDS = 2**63
-"""Number of seeds to choose from where none is given."""
+SEEDS = 2**63  # number of seeds to choose from where none is given
 
 SINGLE_MODES = ["human", "rgb_array"]
 """Modes that a single environment declares: for ``"rgb_array_list"``, which it knows too,

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-ROUNDINGS = 4
-"""At least as many as a kernel makes while it scales a value."""
+ROUNDINGS = 4  # at least as many as a kernel makes while it scales a value
 
 
 def action_space(plant: Plant) -> Box:
@@ -85,8 +84,7 @@ REACTIONS = {
 }
 """Further terms, each of a scene that has its weight, and the weight's slot."""
 
-OWN = "reward_own"
-"""The only term of a caller's own reward."""
+OWN = "reward_own"  # the only term of a caller's own reward
 
 
 def checked_level(level: str) -> InfoLevel:

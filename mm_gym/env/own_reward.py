@@ -33,14 +33,9 @@ if TYPE_CHECKING:
 RewardLike: TypeAlias = "str | Callable[..., float] | OwnReward"
 """A function of channels, FILE.py:NAME of one, or what was made of one."""
 
-PROBES = 256
-"""States at which a cost is tried before the first step."""
-
-STAGE = "Failed in"
-"""How a first line of numba begins that has no reason in it."""
-
-BEYOND = 1.1
-"""Of a limit that ends an episode: the step that ends it goes further."""
+PROBES = 256  # states at which a cost is tried before the first step
+STAGE = "Failed in"  # how a first line of numba begins that has no reason in it
+BEYOND = 1.1  # of a limit that ends an episode: the step that ends it goes further
 
 
 class OwnReward:

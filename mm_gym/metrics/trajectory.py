@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-PIECES = 8
-"""Pieces that a sample interval is divided into."""
+PIECES = 8  # pieces that a sample interval is divided into
 
 
 def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:

@@ -45,8 +45,7 @@ MASSES = ("carriage", "sphere")
 TWIN = {"color": "0.55", "linewidth": 0.8}
 """Look of the linear system that a nonlinear one is compared with."""
 
-MOST_COLUMNS = 5
-"""Entries of a legend that fit next to each other."""
+MOST_COLUMNS = 5  # entries of a legend that fit next to each other
 
 
 def run(system: Scene, duration: float, time_step: float) -> Trajectory:
@@ -151,8 +150,7 @@ def legend_of_all(figure: Figure, axes: list[Axes]) -> None:
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
 
 
-LIGHT = 1e-6
-"""Carriages [kg] below this are labelled as of vanishing mass."""
+LIGHT = 1e-6  # carriages [kg] below this are labelled as of vanishing mass
 
 TEXT, PRINTED = "that the text needs", "of fig. 2's caption"
 """Where the masses of figures 2 and 3 are from."""
@@ -268,8 +266,7 @@ def figure_12() -> Figure:
     return figure
 
 
-FRICTION_VELOCITIES = np.arange(1000) * 1e-3 + 1e-6
-"""v_r of figure 10 [m/s]."""
+FRICTION_VELOCITIES = np.arange(1000) * 1e-3 + 1e-6  # v_r of figure 10 [m/s]
 
 MARKS, SPACING = ("o", "s", "^", "D", "v", "P", "X"), 40
 """Marks of figure 10's curves, and how many points are between two of them."""
@@ -449,11 +446,8 @@ def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float6
     axes.set(xlabel="reference velocity $v_r$ [m/s]", ylabel="$x_2 - x_1$ at rest [mm]")
 
 
-PLACE = 5e-3
-"""|x1| of the wells [m]: half of where the paper releases the carriage."""
-
-DURATION = 1.0
-"""[s], as in figure 6."""
+PLACE = 5e-3  # |x1| of the wells [m]: half of where the paper releases the carriage
+DURATION = 1.0  # [s], as in figure 6
 
 
 def bistable(name: str) -> Scene:

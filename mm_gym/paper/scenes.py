@@ -28,11 +28,8 @@ CHI = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 RATIOS = (0.2, 0.5, 0.8, 0.9, 1.0)
 """Ratios mu2 / mu1 of figure 10; a choice, because the text does not list them."""
 
-STATIC = 0.51
-"""mu1 of figure 10 [-]."""
-
-REFERENCE_VELOCITY = 0.2
-"""v_r of figures 8 and 9 [m/s]."""
+STATIC = 0.51  # mu1 of figure 10 [-]
+REFERENCE_VELOCITY = 0.2  # v_r of figures 8 and 9 [m/s]
 
 FIGURE_2 = {
     "fig2a": (False, 1.0, 1.0),
@@ -44,14 +41,12 @@ FIGURE_2 = {
 }
 """Whether the carriage's mass vanishes, c and d [N s/m], of each panel."""
 
-VANISHING = 1e-80
-"""m1 [kg] that stands for none in figures 2 D and F."""
+VANISHING = 1e-80  # m1 [kg] that stands for none in figures 2 D and F
 
 CAPTION = tuple(f"{name}_caption" for name in FIGURE_2)
 """Figure 2's systems with the masses of its caption."""
 
-ASSUMED = ("fig2f", "fig2f_caption")
-"""Systems whose d the paper leaves open."""
+ASSUMED = ("fig2f", "fig2f_caption")  # systems whose d the paper leaves open
 
 RELEASED = Initial(carriage_displacement=0.01, sphere_offset=0.02)
 """x1 = 0.01 m, x2 = 0.03 m, at rest."""
@@ -138,8 +133,7 @@ SCENES = {
     "fig12d": _common(Viscous(damping=1.0), CENTRED, SmallOnLarge(stiffness=50.0, stretch=1.5)),
 }
 
-NAMES = tuple(SCENES)
-"""Every system of the paper."""
+NAMES = tuple(SCENES)  # every system of the paper
 
 
 def scene(name: str) -> Scene:

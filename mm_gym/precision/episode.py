@@ -26,14 +26,9 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-EPISODES = 10
-"""Episodes that steps are sampled from; the first is timed."""
-
-MOST_STEPS = 100
-"""Control steps of an episode."""
-
-MOST_CHECKED = 300
-"""Sample intervals of all episodes that the oracle integrates."""
+EPISODES = 10  # episodes that steps are sampled from; the first is timed
+MOST_STEPS = 100  # control steps of an episode
+MOST_CHECKED = 300  # sample intervals of all episodes that the oracle integrates
 
 LONGEST_RUN = 0.02
 """Processor time [s] that `auto` may take for an episode; a longer one is cut short."""

@@ -28,20 +28,11 @@ if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.recording import Recording
 
-COSTLIEST = 0.1
-"""Time for the episode [s] above which no finer setting of a method is tried."""
-
-ROUNDS = 5
-"""Turns in which each setting is timed; the median counts."""
-
-TURN = 0.002
-"""Duration of a turn [s]; short runs are repeated in it."""
-
-STEPS_OF_LANES = 20
-"""Control steps of a run of several lanes."""
-
-COSTLIEST_OF_LANES = 1.0
-"""As `COSTLIEST`, for a run of several lanes [s]."""
+COSTLIEST = 0.1  # time for the episode [s] above which no finer setting of a method is tried
+ROUNDS = 5  # turns in which each setting is timed; the median counts
+TURN = 0.002  # duration of a turn [s]; short runs are repeated in it
+STEPS_OF_LANES = 20  # control steps of a run of several lanes
+COSTLIEST_OF_LANES = 1.0  # as `COSTLIEST`, for a run of several lanes [s]
 
 
 def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecision:

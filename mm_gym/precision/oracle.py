@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
     State = NDArray[np.float64]
 
-STICK = 0
-"""Regime of dry friction; +1 and -1 are the directions of slip w."""
+STICK = 0  # regime of dry friction; +1 and -1 are the directions of slip w
 
 
 class Solution(Protocol):

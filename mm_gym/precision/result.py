@@ -23,17 +23,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-LARGEST = 20
-"""Errors that the tail is fitted to, of few a quarter."""
+LARGEST = 20  # errors that the tail is fitted to, of few a quarter
 
 RETURN = 100.0
 """How many times rarer than the largest sampled error an error above the margin is to be."""
 
-LEAST = 2.0
-"""Least margin."""
-
-UNKNOWN = 10.0
-"""Margin where there is but one error, and no spread."""
+LEAST = 2.0  # least margin
+UNKNOWN = 10.0  # margin where there is but one error, and no spread
 
 
 def margin(errors: NDArray[np.float64]) -> float:
@@ -54,13 +50,9 @@ def margin(errors: NDArray[np.float64]) -> float:
         return float(max(LEAST, RETURN ** np.log(ordered[:-1] / ordered[-1]).mean()))
 
 
-LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
-"""Errors that a setting is recommended for."""
-RULE = 3
-"""Rule of three: with 95 % confidence what n samples do not show is rarer than 3 of n."""
-
-WIDTH = 48
-"""Characters of the longest setting."""
+LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)  # errors that a setting is recommended for
+RULE = 3  # rule of three: with 95 % confidence what n samples do not show is rarer than 3 of n
+WIDTH = 48  # characters of the longest setting
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,8 @@ if TYPE_CHECKING:
 
     from mm_gym.records.options import Options
 
-MOST_ARRAY_BYTES = 2**26
-"""Largest array: 8 million samples in double precision."""
-
-REAL = "fiu"
-"""Kinds of NumPy's types that hold real numbers."""
+MOST_ARRAY_BYTES = 2**26  # largest array: 8 million samples in double precision
+REAL = "fiu"  # kinds of NumPy's types that hold real numbers
 
 MATLAB_REAL = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 """MATLAB's classes of real numbers."""
@@ -47,8 +44,7 @@ MAT_CLASS, MAT_UNREAL, MAT_REAL, MAT_STRUCT = 0xFF, 0x0A00, range(6, 16), 2
 """Bits of an array's flags: its class, and if it is complex or logical; the classes of numbers, and
 that of structs."""
 
-MOST_DEPTH = 16
-"""Structs in structs that are looked into."""
+MOST_DEPTH = 16  # structs in structs that are looked into
 
 MAT_TYPES = dict(
     zip(
@@ -60,8 +56,7 @@ MAT_TYPES = dict(
 """Type of a data element -> that of NumPy."""
 
 HDF5_PLACES, HDF5_MARK = (0, 512), b"\x89HDF\r\n\x1a\n"
-DEFLATE, SHUFFLE = 1, 2
-"""HDF5's filters that are read."""
+DEFLATE, SHUFFLE = 1, 2  # HDF5's filters that are read
 
 
 def read_arrays(

@@ -23,8 +23,7 @@ ACCELERATION_UNITS = {
 }
 """Unit of acceleration -> its size [m/s^2]; g is the standard acceleration of ISO 80000-3."""
 
-FORCE_UNITS = {"N": 1.0, "kN": 1000.0, "lbf": 4.4482216152605}
-"""Unit of force -> its size [N]."""
+FORCE_UNITS = {"N": 1.0, "kN": 1000.0, "lbf": 4.4482216152605}  # unit of force -> its size [N]
 
 UNITS = ACCELERATION_UNITS | FORCE_UNITS
 
@@ -55,8 +54,7 @@ OTHERS = (
 )
 """(G), [GAL], IN G."""
 
-LONGEST_LINE = 2000
-"""Characters of a header's line that are looked at."""
+LONGEST_LINE = 2000  # characters of a header's line that are looked at
 
 
 def contradiction(line: str, unit: str) -> str | None:
@@ -101,14 +99,9 @@ def _is_length(text: str) -> bool:
     return SPELLINGS[text].endswith("/s^2")
 
 
-LARGEST = 1e12
-"""Largest magnitude of a number in a file; larger numbers mark missing samples."""
-
-SHORTEST = 1e-9
-"""Shortest spacing of samples [s]."""
-
-MOST_COLUMNS = 1000
-"""Columns of a file, at most."""
+LARGEST = 1e12  # largest magnitude of a number in a file; larger numbers mark missing samples
+SHORTEST = 1e-9  # shortest spacing of samples [s]
+MOST_COLUMNS = 1000  # columns of a file, at most
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-MOST_SAMPLES = 10_000_000
-"""Most samples after resampling, of 8 bytes each."""
+MOST_SAMPLES = 10_000_000  # most samples after resampling, of 8 bytes each
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-MOST_DAMPING = 10.0
-"""Largest damping ratio."""
-
-MOST_PARTS = 1e10
-"""Steps of the recurrence, at most: about a minute."""
-
-EVEN = 2.0**-40
-"""Rounding of a file's times, relative to them: what deviates less is evenly spaced."""
+MOST_DAMPING = 10.0  # largest damping ratio
+MOST_PARTS = 1e10  # steps of the recurrence, at most: about a minute
+EVEN = 2.0**-40  # rounding of a file's times, relative to them: what deviates less is evenly spaced
 
 
 def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: ArrayLike) -> Array:

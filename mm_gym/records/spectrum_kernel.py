@@ -23,8 +23,7 @@ TURN = 0.125
 """Longest part of a sample interval, times w (1 + 2 z) [rad]: a response has at most one turning
 point in it, but for those between which it hardly moves."""
 
-TERMS = 12
-"""Of a series: what they leave out is 0.125^12 / 12! = 3e-20 of the largest."""
+TERMS = 12  # of a series: what they leave out is 0.125^12 / 12! = 3e-20 of the largest
 
 NEWTON = 4
 """Steps of Newton's method to a turning point: each doubles the digits, and the first has two."""

@@ -79,13 +79,11 @@ def table(separator: str | None, columns: int, mark: str = ".") -> re.Pattern[st
     return re.compile(rf"(?:[ \t]*+(?:{row}[ \t]*+)?+\n)*+")
 
 
-MOST_BYTES = 16 * 2**20
-"""Largest file: about an hour and a half at 200 Hz."""
+MOST_BYTES = 16 * 2**20  # largest file: about an hour and a half at 200 Hz
 
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 
-LONGEST_LINE = 1 << 20
-"""Characters of a line, at most: some 70,000 samples."""
+LONGEST_LINE = 1 << 20  # characters of a line, at most: some 70,000 samples
 
 BLOCK = 1 << 16
 """Characters that are read together, in whole lines: a file takes little more memory than its
@@ -252,8 +250,7 @@ def _counts(file: Path, number: int, line: str) -> tuple[int, float]:
     return int(npts), step
 
 
-MOST_HEADINGS = 1000
-"""Lines before the first sample, at most."""
+MOST_HEADINGS = 1000  # lines before the first sample, at most
 
 
 class Form(NamedTuple):

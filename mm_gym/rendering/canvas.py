@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 from math import copysign, cos, hypot, pi, sin
 from os import environ
@@ -17,19 +18,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-FINE = 2
-"""Pixels of the fine band to one of the picture, each way."""
+FINE = 2  # pixels of the fine band to one of the picture, each way
 
 BAND = 85.0, 255.0
 """Top and bottom of the fine band, at whole pixels: the mechanism, without captions and charts."""
 
 BAND_SIZE = SIZE[0], int(PIXELS * (BAND[1] - BAND[0]))
 
-RGB = 0xFF, 0xFF00, 0xFF0000, 0
-"""Masks of red, green and blue: the order of their bytes in memory."""
-
-TEXTS_KEPT = 512
-"""Texts that are kept to be drawn again, at most."""
+RGB = 0xFF, 0xFF00, 0xFF0000, 0  # masks of red, green and blue: the order of their bytes in memory
+TEXTS_KEPT = 512  # texts that are kept to be drawn again, at most
 
 TEXT_SCALE = 3
 """Texts are written so much larger and then made smaller: their letters keep their distances."""
@@ -63,7 +60,7 @@ class Canvas:
         self._band = self._pygame.Surface(BAND_SIZE, 0, 32)
         self._fine = self._pygame.Surface((FINE * BAND_SIZE[0], FINE * BAND_SIZE[1]), 0, 32)
         self._fonts: dict[int, Any] = {}
-        self._drawn: dict[tuple[str, int, Colour], Any] = {}
+        self._rendered = lru_cache(TEXTS_KEPT)(self._render)
         self._bar = self._colour_bar()
         self._texts: list[tuple[Any, tuple[int, int]]] = []
 
@@ -121,22 +118,12 @@ class Canvas:
         """Fill a polygon."""
         self._pygame.draw.polygon(self._fine, colour, [_fine(*point) for point in points])
 
-    def box(
-        self,
-        left: float,
-        top: float,
-        right: float,
-        bottom: float,
-        colour: Colour,
-        *,
-        radius: int = 0,
-    ) -> None:
-        """Fill a rectangle, with round corners of a radius."""
-        (x, y), (end, foot) = _fine(left, top), _fine(right, bottom)
+    def box(self, corner: Point, other: Point, colour: Colour, *, radius: int = 0) -> None:
+        """Fill a rectangle from its upper left corner to the other, with round ones of a radius."""
+        (x, y), (end, foot) = _fine(*corner), _fine(*other)
         frame = round(x), round(y), round(end) - round(x), round(foot) - round(y)
-        self._pygame.draw.rect(
-            self._fine, colour, frame, border_radius=round(FINE * PIXELS * radius)
-        )
+        corners = round(FINE * PIXELS * radius)
+        self._pygame.draw.rect(self._fine, colour, frame, border_radius=corners)
 
     def disc(self, centre: Point, radius: float, colour: Colour) -> None:
         """Fill a circle."""
@@ -145,18 +132,11 @@ class Canvas:
     def line(self, points: Sequence[Point], colour: Colour, width: float) -> None:
         """Draw straight lines from point to point, with round ends and joints."""
         for (x0, y0), (x1, y1) in pairwise(points):
-            length = hypot(x1 - x0, y1 - y0)
-            if length > 0.0:
-                across = 0.5 * width * (y0 - y1) / length, 0.5 * width * (x1 - x0) / length
-                self.polygon(
-                    [
-                        (x0 + across[0], y0 + across[1]),
-                        (x1 + across[0], y1 + across[1]),
-                        (x1 - across[0], y1 - across[1]),
-                        (x0 - across[0], y0 - across[1]),
-                    ],
-                    colour,
-                )
+            if length := hypot(x1 - x0, y1 - y0):
+                dx, dy = 0.5 * width * (y0 - y1) / length, 0.5 * width * (x1 - x0) / length
+                one_side = [(x0 + dx, y0 + dy), (x1 + dx, y1 + dy)]
+                other_side = [(x1 - dx, y1 - dy), (x0 - dx, y0 - dy)]
+                self.polygon([*one_side, *other_side], colour)
         if width > 2.0:  # noqa: PLR2004 - below it, ends are not seen
             for point in points:
                 self.disc(point, 0.5 * width, colour)
@@ -178,18 +158,9 @@ class Canvas:
         head = min(2.2 * width, abs(length))
         wing, neck = head / 1.9, x + length - copysign(head, length)
         half = min(0.5 * width, wing)
-        self.polygon(
-            [
-                (x, y - half),
-                (neck, y - half),
-                (neck, y - wing),
-                (x + length, y),
-                (neck, y + wing),
-                (neck, y + half),
-                (x, y + half),
-            ],
-            colour,
-        )
+        upper = [(x, y - half), (neck, y - half), (neck, y - wing)]
+        lower = [(neck, y + wing), (neck, y + half), (x, y + half)]
+        self.polygon([*upper, (x + length, y), *lower], colour)
 
     def text(
         self, text: str, place: Point, size: int, colour: Colour = INK, anchor: float = 0.0
@@ -198,19 +169,11 @@ class Canvas:
 
         The place is its left end (anchor 0), middle (0.5) or right end (1), at half its height.
         """
-        drawn = self._written(text, size, colour)
+        drawn = self._rendered(text, size, colour)
         width, height = drawn.get_size()
         left, top = PIXELS * place[0] - anchor * width, PIXELS * place[1] - 0.5 * height
         self._texts.append((drawn, (round(left), round(top))))
         return width / PIXELS
-
-    def _written(self, text: str, size: int, colour: Colour) -> Any:  # noqa: ANN401 - as in finish
-        key = text, size, colour
-        if key not in self._drawn:
-            if len(self._drawn) >= TEXTS_KEPT:
-                self._drawn.clear()
-            self._drawn[key] = self._render(text, size, colour)
-        return self._drawn[key]
 
     def _render(self, text: str, size: int, colour: Colour) -> Any:  # noqa: ANN401 - as in finish
         """Write with the font that pygame brings along; others may call `pygame.quit`."""

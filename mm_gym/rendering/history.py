@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-KEPT = at.DAMPING + 1
-"""Rows that are kept of a lane's own: its state, and what the actuators apply."""
+KEPT = at.DAMPING + 1  # rows that are kept of a lane's own: its state, and what the actuators apply
 
 STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
 """Further rows: control steps since the episode began, force of the excitation [N], acceleration
@@ -29,8 +28,7 @@ STEP, PUSH, SHAKE, GROUND, GROUND_VELOCITY = range(KEPT, KEPT + 5)
 
 ROWS = KEPT + 5
 
-CAMERA_DAMPING = 0.7
-"""Damping ratio [-] with which the camera follows the ground."""
+CAMERA_DAMPING = 0.7  # damping ratio [-] with which the camera follows the ground
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,12 @@ Point: TypeAlias = tuple[float, float]
 PIXELS = 0.8
 """Pixels to a unit, in which all other places and lengths are given; a video has few to spare."""
 
-WIDTH, HEIGHT = 800, 480
-"""Size of a picture in units."""
+WIDTH, HEIGHT = 800, 480  # size of a picture in units
 
 SIZE = int(PIXELS * WIDTH), int(PIXELS * HEIGHT)
 """Size of a picture [px]: multiples of 16, as video coders like them."""
 
-BAR = 10, 80
-"""Width and height of the scale of the springs' colours [px]."""
+BAR = 10, 80  # width and height of the scale of the springs' colours [px]
 
 PAPER: Colour = (255, 255, 255)
 INK: Colour = (34, 38, 46)
@@ -45,8 +43,7 @@ HATCH: Colour = (190, 196, 204)
 SHADE: Colour = (142, 151, 163)
 SHINE: Colour = (250, 250, 250)
 
-SMALL, TEXT, LARGE = 16, 18, 23
-"""Sizes of the font, whose letters are two thirds of it high."""
+SMALL, TEXT, LARGE = 16, 18, 23  # sizes of the font, whose letters are two thirds of it high
 
 PLASMA = np.array(
     [(13, 8, 135), (84, 2, 163), (139, 10, 165), (185, 50, 137), (219, 92, 104), (244, 136, 73)],
@@ -54,8 +51,7 @@ PLASMA = np.array(
 )
 """Colours of the springs, from short to long: of even steps, also to colour-blind eyes."""
 
-SHADES = 20
-"""Steps of the scale: a video keeps a colour that does not change in no room."""
+SHADES = 20  # steps of the scale: a video keeps a colour that does not change in no room
 
 
 def spring_colour(fraction: float) -> Colour:
@@ -79,18 +75,14 @@ def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
     return red, green, blue
 
 
-STEPS = (1.0, 2.0, 5.0, 10.0)
-"""Round numbers within a decade."""
-
-FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-"""Round numbers closer to each other."""
+STEPS = (1.0, 2.0, 5.0, 10.0)  # round numbers within a decade
+FINE_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # round numbers closer to each other
 
 ROUND_OFF = 1e-9
 
 MINUS, TIMES, DASH = "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}", "\N{EN DASH}"
 
-LEAST_PLAIN, MOST_PLAIN = -3, 4
-"""Decades of numbers that are written without an exponent."""
+LEAST_PLAIN, MOST_PLAIN = -3, 4  # decades of numbers that are written without an exponent
 
 PREFIXES = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 

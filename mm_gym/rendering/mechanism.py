@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from mm_gym.rendering.subject import Subject
 
 
-DOTS = 96.0 / 0.0254 / PIXELS
-"""Units of a picture to a metre of a screen that has 96 dots per inch."""
+DOTS = 96.0 / 0.0254 / PIXELS  # units of a picture to a metre of a screen that has 96 dots per inch
 
 # Places and lengths of the mechanism.
 WALL, SPRING = 35.0, 165.0
@@ -37,13 +36,9 @@ GROUND, BOTTOM, TOP = 232.5, 213.75, 162.5
 POST, POST_TOP = 165.0, 98.0
 """Where the sphere's springs are held, from the carriage's middle, and how high up."""
 RADIUS, WHEEL = 33.0, 9.0
-FILM = 4.0
-"""Thickness of the interface."""
-
-ROOM = 88.0
-"""Largest displacement of the carriage, that of the ground included."""
-TRAVEL = POST - RADIUS - 16.0
-"""Largest offset of the sphere."""
+FILM = 4.0  # thickness of the interface
+ROOM = 88.0  # largest displacement of the carriage, that of the ground included
+TRAVEL = POST - RADIUS - 16.0  # largest offset of the sphere
 
 
 @dataclass(frozen=True)
@@ -76,15 +71,13 @@ def view_of(subject: Subject, past: Past) -> View:
     return View(round_down(room / DOTS, FINE_STEPS), unit_of(0.999 * displacement))
 
 
-SHOWN = 0.3
-"""Time [s] on the screen for which an impulse is shown."""
+SHOWN = 0.3  # time [s] on the screen for which an impulse is shown
 
 MOST_TURN = 0.7
 """Longest control step, times the carriage's natural frequency [rad]: the trapezoidal rule's error
 of what other forces do is then below 5 % of the velocity's change."""
 
-LEAST = 0.05
-"""Smallest impulse that is told from that error, of the largest one."""
+LEAST = 0.05  # smallest impulse that is told from that error, of the largest one
 
 
 def can_be_seen(subject: Subject) -> bool:
@@ -134,17 +127,10 @@ def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array
     return total - spring(lane[at.K1], lane[at.ALPHA], lane[at.BETA], x1)
 
 
-COILS = 7
-"""Coils of the carriage's spring."""
-
-PITCH = 20.0
-"""Distance of the coils of the sphere's springs where they are not stretched."""
-
-COIL, CARRIAGE_COIL = 9.0, 9.0
-"""Half the width of springs where they are not stretched."""
-
-ARROW = 128.0
-"""Length of the arrow of the largest force."""
+COILS = 7  # coils of the carriage's spring
+PITCH = 20.0  # distance of the coils of the sphere's springs where they are not stretched
+COIL, CARRIAGE_COIL = 9.0, 9.0  # half the width of springs where they are not stretched
+ARROW = 128.0  # length of the arrow of the largest force
 
 
 @dataclass(frozen=True)
@@ -192,8 +178,8 @@ class Mechanism:
         """Draw ground and wall, with a ruler on which the carriage's pointer shows x1."""
         canvas, ground = self.canvas, self.ground
         wall = WALL + ground
-        canvas.box(-20, GROUND, look.WIDTH + 20, GROUND + 14, look.PALE)
-        canvas.box(-20, 128, wall, GROUND + 14, look.PALE)
+        canvas.box((-20, GROUND), (look.WIDTH + 20, GROUND + 14), look.PALE)
+        canvas.box((-20, 128), (wall, GROUND + 14), look.PALE)
         for k in range(-1, 54):
             x = 16.0 * k + ground % 16.0
             canvas.line([(x + 8, GROUND + 3), (x, GROUND + 14)], look.HATCH, 1.5)
@@ -226,7 +212,7 @@ class Mechanism:
     def _draw_stop(self, x: float, bottom: float, height: float, side: float) -> None:
         """Draw where an episode ends."""
         canvas = self.canvas
-        canvas.box(x - 1.25, bottom - height, x + 1.25, bottom, look.LIMIT)
+        canvas.box((x - 1.25, bottom - height), (x + 1.25, bottom), look.LIMIT)
         canvas.polygon(
             [(x, bottom - height), (x, bottom - height + 7), (x + side * 8, bottom - height + 3.5)],
             look.LIMIT,
@@ -257,7 +243,7 @@ class Mechanism:
         wall, end = WALL + self.ground, self.carriage - HALF_BODY
         left, right = wall + 14, wall + 0.62 * SPRING
         canvas.line([(wall, y), (left, y)], look.GREY, 2.5)
-        canvas.box(left, y - 7, right, y + 7, self._fluid(look.PALE, is_carriage=True))
+        canvas.box((left, y - 7), (right, y + 7), self._fluid(look.PALE, is_carriage=True))
         canvas.line([(right, y - 7), (left, y - 7), (left, y + 7), (right, y + 7)], look.GREY, 2.0)
         middle = 0.5 * (left + right)  # its stroke is smaller, so that it stays in the cylinder
         piston = middle + 0.4 * (end - wall - SPRING)
@@ -280,17 +266,11 @@ class Mechanism:
             centre = (x, GROUND - WHEEL - 1)
             canvas.disc(centre, WHEEL, look.INK)
             canvas.disc(centre, WHEEL - 3, look.PALE)
-            spoke = (WHEEL - 3) * cos(turned), (WHEEL - 3) * sin(turned)
-            canvas.line(
-                [
-                    (centre[0] - spoke[0], centre[1] - spoke[1]),
-                    (centre[0] + spoke[0], centre[1] + spoke[1]),
-                ],
-                look.INK,
-                2.0,
-            )
-        canvas.box(left, TOP, right, BOTTOM, look.INK, radius=4)
-        canvas.box(left + 2, TOP + 2, right - 2, BOTTOM - 2, look.BODY, radius=3)
+            across, down = (WHEEL - 3) * cos(turned), (WHEEL - 3) * sin(turned)
+            ends = [(centre[0] + k * across, centre[1] + k * down) for k in (-1, 1)]
+            canvas.line(ends, look.INK, 2.0)
+        canvas.box((left, TOP), (right, BOTTOM), look.INK, radius=4)
+        canvas.box((left + 2, TOP + 2), (right - 2, BOTTOM - 2), look.BODY, radius=3)
         tip = GROUND - 3
         canvas.polygon([(middle - 6, BOTTOM), (middle + 6, BOTTOM), (middle, tip)], look.INK)
         self._draw_track()
@@ -300,7 +280,8 @@ class Mechanism:
         canvas, middle, top = self.canvas, self.carriage, TOP
         left, right = middle - POST + 14, middle + POST - 14
         if self.subject.interface == "viscous":
-            canvas.box(left, top - FILM, right, top + 1, self._fluid(look.FILM, is_carriage=False))
+            colour = self._fluid(look.FILM, is_carriage=False)
+            canvas.box((left, top - FILM), (right, top + 1), colour)
         elif self.subject.interface != "none":
             for k in range(int((right - left) / 8.0)):
                 x = left + 8.0 * k
@@ -324,7 +305,7 @@ class Mechanism:
             length = POST - side * self.offset
             mine = stretch * length / POST
             coils = POST / (PITCH * stretch)
-            colour = look.spring_colour(stretch_fraction(mine, low, high))
+            colour = look.spring_colour((mine - low) / (high - low))
             half = COIL / sqrt(max(mine, 0.5))  # the material keeps its volume
             self._draw_coils(sphere, post, y, coils=coils, half=half, colour=colour)
             canvas.line([(post, TOP), (post, POST_TOP)], look.INK, 6.0)
@@ -365,8 +346,3 @@ class Mechanism:
             start = 640.0 + self.ground, GROUND - 12
             canvas.line([(start[0], start[1] - 9), (start[0], start[1] + 12)], look.GREY, 1.5)
             canvas.arrow(start, 70.0 * part, look.DISTURBANCE)
-
-
-def stretch_fraction(stretch: float, low: float, high: float) -> float:
-    """Return where a stretch lies on the scale of colours."""
-    return (stretch - low) / (high - low)

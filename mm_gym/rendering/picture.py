@@ -28,14 +28,9 @@ if TYPE_CHECKING:
 
 LEFT, RIGHT = 55.0, 785.0
 TOP, BOTTOM = 290.0, 455.0
-WIDEST = 24
-"""Largest width of a control step [px]."""
-
-GAP = 26.0
-"""Room above a strip for its legend."""
-
-PERIODS = 20.0
-"""Natural periods that the charts show, about."""
+WIDEST = 24  # largest width of a control step [px]
+GAP = 26.0  # room above a strip for its legend
+PERIODS = 20.0  # natural periods that the charts show, about
 
 
 @dataclass(frozen=True)

@@ -90,11 +90,8 @@ def keys_to_action(actuators: Sequence[str]) -> dict[tuple[int, ...], NDArray[np
 
 LIST = "rgb_array_list"
 
-MOST_TILES = 9
-"""Lanes that a window shows at once."""
-
-MOST_WIDTH, MOST_HEIGHT = 1280, 768
-"""Largest size of a window [px]."""
+MOST_TILES = 9  # lanes that a window shows at once
+MOST_WIDTH, MOST_HEIGHT = 1280, 768  # largest size of a window [px]
 
 
 class Renderer:

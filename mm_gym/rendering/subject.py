@@ -24,8 +24,7 @@ RATES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25)
 SHORTEST_PERIOD = 0.6
 """Least time [s] on the screen of the carriage's natural period, so that an eye can follow."""
 
-FEWEST = 4.0
-"""Control steps below which a period is not seen as one."""
+FEWEST = 4.0  # control steps below which a period is not seen as one
 
 
 def natural_period(plant: Plant) -> float:
@@ -58,8 +57,7 @@ def speed_text(time_step: float, frames: int) -> str:
 MOST_LIMIT = 3.0
 """A limit widens the view at first if it is at most this many times the expected motion."""
 
-NOISE_PEAKS = 3.0
-"""Largest force that is expected of a noise, in its root mean square."""
+NOISE_PEAKS = 3.0  # largest force that is expected of a noise, in its root mean square
 
 NAMES_OF_SIZES = (
     *(("size", 1.0), ("amplitude", 1.0), ("scale_to.peak", 1.0)),
@@ -70,8 +68,7 @@ NAMES_OF_SIZES = (
 CAMERA = 0.3
 """Frequency below which the camera follows the ground, in the carriage's natural frequency."""
 
-UNSTRETCHED = 1.0
-"""Stretch with which springs are drawn that have none: no other is smaller."""
+UNSTRETCHED = 1.0  # stretch with which springs are drawn that have none: no other is smaller
 
 
 @dataclass(frozen=True)

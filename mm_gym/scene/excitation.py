@@ -240,8 +240,7 @@ class ScaleTo(Part):
     )
 
 
-MOST_FILES = 1000
-"""Records of a set, at most."""
+MOST_FILES = 1000  # records of a set, at most
 
 
 def _one_source(file: str | None, files: object) -> str | None:

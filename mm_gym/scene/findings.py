@@ -19,8 +19,7 @@ P = TypeVar("P", bound=Part)
 ROUNDS = 10
 """Most rounds of mending: a mended kind may show wrong fields that were not looked at before."""
 
-DEEPEST = 5
-"""Levels of data that are copied; a scene has fewer."""
+DEEPEST = 5  # levels of data that are copied; a scene has fewer
 
 STANDS_IN = {"kind": "harmonic", "amplitude": 1.0, "frequency": 1.0}
 """Values in place of wrong ones without a default; all others are 1."""

@@ -218,5 +218,4 @@ Interface = Annotated[
 Springs = Annotated[
     NoSprings | LinearSprings | SmallOnLarge | FiniteStretch, Field(discriminator="kind")
 ]
-WITHOUT_STRETCH = ("none", "linear")
-"""Kinds of springs that have no stretch."""
+WITHOUT_STRETCH = ("none", "linear")  # kinds of springs that have no stretch

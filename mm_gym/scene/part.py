@@ -28,11 +28,8 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 
-RANGE = "range"
-"""Type of the errors that `ordered` raises."""
-
-LARGEST = 1.7976931348623157e308
-"""The largest double."""
+RANGE = "range"  # type of the errors that `ordered` raises
+LARGEST = 1.7976931348623157e308  # the largest double
 
 
 class Rule(NamedTuple):
@@ -78,8 +75,7 @@ def is_whole(names: Iterable[str], wrong: frozenset[str]) -> bool:
     return is_known(names, wrong) and is_known(wrong, frozenset(names))
 
 
-FIELDS_ONLY = {"rules": False}
-"""Context of a validation that leaves out the rules across fields."""
+FIELDS_ONLY = {"rules": False}  # context of a validation that leaves out the rules across fields
 
 
 class Part(BaseModel):

@@ -265,8 +265,7 @@ LATER = (
 
 
 DELAY = "sensors.delay"
-ERRORS = ("noise", "bias")
-"""Fields of the sensors that have a number for each channel."""
+ERRORS = ("noise", "bias")  # fields of the sensors that have a number for each channel
 
 
 def _owner(name: str) -> tuple[str, str]:

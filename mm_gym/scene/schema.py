@@ -92,8 +92,7 @@ def _plain(node: Node, *, names: bool = False) -> Node:
 
 
 NULL: Node = {"type": "null"}
-INDEX = "*"
-"""Placeholder for the index of a list's entry in a dotted name."""
+INDEX = "*"  # placeholder for the index of a list's entry in a dotted name
 
 
 def _numbers(part: type[Part], prefix: str = "") -> Iterator[str]:

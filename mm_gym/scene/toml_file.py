@@ -153,8 +153,7 @@ Names: TypeAlias = tuple[str, ...]
 MOST_WORK = 1_000_000
 """Characters parsed again for statements of several lines; later statements get no line."""
 
-DEEPEST = 10
-"""Levels of nested names that get a line; a scene has fewer."""
+DEEPEST = 10  # levels of nested names that get a line; a scene has fewer
 
 
 def lines_of(text: str) -> dict[str, int]:
@@ -311,8 +310,7 @@ def _place(finding: str, lines: dict[str, int]) -> str:
     return f":{numbers[-1]}" if numbers else ""
 
 
-BARE = re.compile(r"[A-Za-z0-9_-]+")
-"""Keys that need no quotes."""
+BARE = re.compile(r"[A-Za-z0-9_-]+")  # keys that need no quotes
 
 Table = dict[str, object]
 

@@ -37,14 +37,12 @@ if TYPE_CHECKING:
 POINTS = 20
 """Instants to the shortest natural period, so that peaks are within 1.3 % of those in between."""
 
-MOST_INSTANTS = 1_000_000
-"""Most instants of a comparison: each is a matrix product."""
+MOST_INSTANTS = 1_000_000  # most instants of a comparison: each is a matrix product
 
 MOST_PER_SAMPLE = 16
 """Instants to a sample of the ground's motion at most: it moves little that is faster."""
 
-MOST_SHOWN = 12
-"""Storeys whose drifts a table shows one by one."""
+MOST_SHOWN = 12  # storeys whose drifts a table shows one by one
 
 HEADER = ("", "unit", "peak full", "reduced", "error", "rms full", "reduced", "error", "difference")
 

@@ -39,14 +39,9 @@ TOLERANCE = 1e-8
 """Relative tolerance of the integration of a nonlinear device: far below what a reduction leaves
 out, which is some percent."""
 
-MOST_EVALUATIONS = 3_000_000
-"""Of the rates of a nonlinear device: some minutes."""
-
-SAME_TIME = 1e-12
-"""Difference of two instants, relative to the last, that is round-off."""
-
-DIGITS = 12
-"""Steps of a linear motion that agree to as many digits share a transition matrix."""
+MOST_EVALUATIONS = 3_000_000  # of the rates of a nonlinear device: some minutes
+SAME_TIME = 1e-12  # difference of two instants, relative to the last, that is round-off
+DIGITS = 12  # steps of a linear motion that agree to as many digits share a transition matrix
 
 
 @dataclass(frozen=True)

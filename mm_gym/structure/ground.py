@@ -35,8 +35,7 @@ size at a given time."""
 
 MAPPINGS = ("exact", "balanced")
 
-SAME = 1e-12
-"""Relative difference of the ground's effect on both masses that is round-off."""
+SAME = 1e-12  # relative difference of the ground's effect on both masses that is round-off
 
 
 class Shaking(NamedTuple):

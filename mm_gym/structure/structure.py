@@ -363,8 +363,7 @@ def _damping(value: ArrayLike, mass: Array, stiffness: Array) -> Array:
     return matrix
 
 
-MOST_SHOWN = 12
-"""Values of a mode shape that are shown without leaving some out."""
+MOST_SHOWN = 12  # values of a mode shape that are shown without leaving some out
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,8 +43,7 @@ SMALLEST, LARGEST = 1e-9, 1e9
 """Amplitudes of the slip velocity between which it is sought, over v_r and over that of a rigid
 support."""
 
-HALVINGS = 44
-"""Of the logarithm of that range: to 1e-11."""
+HALVINGS = 44  # of the logarithm of that range: to 1e-11
 
 
 class Friction(NamedTuple):
@@ -126,8 +125,7 @@ SAMPLES, FINER = (24, 96, 384), 8
 """Control steps in a period, more if they must be, and points between two at which the largest
 value is looked for."""
 
-PERIODS = 200
-"""Periods after which a motion is taken to be steady."""
+PERIODS = 200  # periods after which a motion is taken to be steady
 
 STATES = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
 
@@ -189,23 +187,18 @@ def _states(scene: Scene, period: float, count: int) -> Array:
 BAND = np.sort(np.concatenate([np.geomspace(0.2, 5.0, 300), np.geomspace(0.8, 1.25, 500)]))
 """Frequencies over w1 at which the first harmonic is looked at."""
 
-COARSE = BAND[::4]
-"""Those at which it is looked at where the search begins."""
+COARSE = BAND[::4]  # those at which it is looked at where the search begins
 
 FORCES = np.geomspace(0.02, 5.0, 24)
 """Friction forces over that on the carriage from which the search begins, for each stiffness."""
 
-STIFFNESSES = 16
-"""Stiffnesses of the springs from which it begins."""
-
-HIGH = 0.8
-"""Peaks of the first harmonic that are simulated, over the highest."""
+STIFFNESSES = 16  # stiffnesses of the springs from which it begins
+HIGH = 0.8  # peaks of the first harmonic that are simulated, over the highest
 
 NEAR = (0.05, 0.017, 0.006)
 """Parts of the frequency of a peak, either way, in which it is looked for: each in the last."""
 
-POINTS = 5
-"""Frequencies that are simulated in each."""
+POINTS = 5  # frequencies that are simulated in each
 
 STEEP = 0.03
 """Relative change of the amplitude between points beyond which no parabola is put through them."""
@@ -217,8 +210,7 @@ SIMPLEX, CLOSE = 0.05, 1e-3
 """Sizes of the first and last simplex of the search on the simulated motion, of logarithms."""
 
 
-NONE = 1e-300
-"""Stiffness [N/m] that stands for no springs where its logarithm is taken."""
+NONE = 1e-300  # stiffness [N/m] that stands for no springs where its logarithm is taken
 
 
 class FrictionProblem:

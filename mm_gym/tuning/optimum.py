@@ -48,11 +48,8 @@ CRITERIA = ("h_infinity", "h2", "stability")
 FREQUENCY_RATIOS = (0.05, 20.0)
 """Range of w2 / w1 that is searched where the springs do not bound it."""
 
-DAMPING_RATIOS = (1e-6, 20.0)
-"""Range of c / (2 m2 w1) that is searched."""
-
-GRID = 24
-"""Points of the grid on which the search begins, each way."""
+DAMPING_RATIOS = (1e-6, 20.0)  # range of c / (2 m2 w1) that is searched
+GRID = 24  # points of the grid on which the search begins, each way
 
 STARTS, APART, WORSE = 3, 3.0, 1.5
 """It continues from so many points of the grid at most, so many of its spacings apart, and none
@@ -61,11 +58,8 @@ that is worse by more than this factor than the best."""
 ROUGH = np.concatenate([[0.0], np.geomspace(0.01, 100.0, 60)])
 """Frequencies over w1 at which the grid's amplitudes are looked at."""
 
-STEP = 1e-5
-"""Step of central differences, of logarithms: their error is some 1e-10."""
-
-ROUNDS = 6
-"""Times that the frequency between the two peaks is found anew."""
+STEP = 1e-5  # step of central differences, of logarithms: their error is some 1e-10
+ROUNDS = 6  # times that the frequency between the two peaks is found anew
 
 
 @dataclass(frozen=True)

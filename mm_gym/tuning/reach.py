@@ -13,8 +13,7 @@ from mm_gym.scene.mechanics import WITHOUT_STRETCH
 if TYPE_CHECKING:
     from mm_gym.scene.scene import Scene
 
-REACHED = 1e-9
-"""Relative distance from the end of the springs' range that is round-off."""
+REACHED = 1e-9  # relative distance from the end of the springs' range that is round-off
 
 
 def stretch_for(scene: Scene, stiffness: float) -> float:
@@ -49,8 +48,7 @@ class Reach(NamedTuple):
     is_limited: bool  # whether `actuation.stretch` limits the stretch
 
 
-LONGEST = 1e4
-"""Stretch [-] that stands for an infinite one: k2 is then 2 k0 but for 2e-12 of it."""
+LONGEST = 1e4  # stretch [-] that stands for an infinite one: k2 is then 2 k0 but for 2e-12 of it
 
 
 def reach_of(scene: Scene) -> Reach | None:

@@ -44,8 +44,7 @@ FRICTION_HEADER = (
     *("", "k2 [N/m]", "stretch", "normal force [N]", "friction [N]", "peak", "at [rad/s]"),
 )
 POINTS = 2000
-SPAN = (0.25, 2.0)
-"""Frequencies drawn, over the least and the largest natural frequency."""
+SPAN = (0.25, 2.0)  # frequencies drawn, over the least and the largest natural frequency
 
 
 class Design(NamedTuple):

@@ -107,12 +107,10 @@ def si_unit(excitation: str, channel: str) -> str:
     return unit.replace("s^2", "s²")
 
 
-NEWTON_STEPS = 6
-"""Newton steps from a root of the polynomial to a stationary frequency."""
+NEWTON_STEPS = 6  # Newton steps from a root of the polynomial to a stationary frequency
 
 
-ENOUGH = 1e-9
-"""Relative step after which Newton's method stops: the next one is below round-off."""
+ENOUGH = 1e-9  # relative step after which Newton's method stops: the next one is below round-off
 
 
 class Peak(NamedTuple):
