@@ -89,13 +89,7 @@ class ResponseSpectrum:
         write_csv(path, header, [column.ravel() for column in columns])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw the spectra over the period, and write a PNG if a path is given.
-
-        Raises
-        ------
-        DependencyNotInstalled
-            Without matplotlib.
-        """
+        """Draw the spectra over the period, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw, self, path)
 
 

@@ -209,18 +209,7 @@ class WorkPrecision:
         write_csv(path, header, list(zip(*rows, strict=True)))
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw cost over error, a curve per method.
-
-        Parameters
-        ----------
-        path
-            Where to write a PNG; the file is written whole.
-
-        Raises
-        ------
-        gymnasium.error.DependencyNotInstalled
-            Without matplotlib (extra: plot).
-        """
+        """Draw cost over error, a curve per method, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw, self, path)
 
 

@@ -132,13 +132,7 @@ class Comparison:
         return set(drifts) - {largest, max(drifts, key=lambda row: abs(row.peak_error))}
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw the displacement and the largest drifts, and write a PNG if a path is given.
-
-        Raises
-        ------
-        gymnasium.error.DependencyNotInstalled
-            Without matplotlib (extra: plot).
-        """
+        """Draw displacement and largest drifts, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw, self, path)
 
 

@@ -183,13 +183,7 @@ class Tuning:
         return "\n".join([title, "", *aligned(rows), "", *notes])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw the frequency response before and after, and write it as a PNG if a path is given.
-
-        Raises
-        ------
-        gymnasium.error.DependencyNotInstalled
-            Without matplotlib (extra: plot).
-        """
+        """Draw the response before and after, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
@@ -244,13 +238,7 @@ class FrictionTuning:
         return "\n".join([title, "", *aligned([FRICTION_HEADER, *rows]), *notes])
 
     def plot(self, path: str | PathLike[str] | None = None) -> Figure:
-        """Draw the amplitudes before and after, and write them as a PNG if a path is given.
-
-        Raises
-        ------
-        gymnasium.error.DependencyNotInstalled
-            Without matplotlib (extra: plot).
-        """
+        """Draw the amplitudes before and after, into a PNG if a path is given (extra: plot)."""
         return drawn(_draw_friction, self, path)
 
     def to_toml(self, path: str | PathLike[str]) -> None:
