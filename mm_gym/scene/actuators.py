@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part, Rule
+from mm_gym.scene.part import Part, Rule, below
 
 
 def _rate_is_limited(command: str, rate_limit: float | None) -> str | None:
@@ -43,12 +43,6 @@ class ForceActuator(Actuator):
     """what the actuator pushes against: the ground, or the sphere, on which -u then acts"""
 
 
-def _minimum_below_maximum(minimum: float, maximum: float) -> str | None:
-    if minimum < maximum:
-        return None
-    return f"minimum: got {minimum}; allowed: less than maximum = {maximum}"
-
-
 class StretchActuator(Actuator):
     """The pre-stretch of the springs [-]."""
 
@@ -59,7 +53,7 @@ class StretchActuator(Actuator):
 
     rules: ClassVar[tuple[Rule, ...]] = (
         *Actuator.rules,
-        Rule(("minimum", "maximum"), _minimum_below_maximum),
+        below("minimum", "maximum"),
     )
 
 
@@ -79,7 +73,7 @@ class DampingActuator(Actuator):
 
     rules: ClassVar[tuple[Rule, ...]] = (
         *Actuator.rules,
-        Rule(("minimum", "maximum"), _minimum_below_maximum),
+        below("minimum", "maximum"),
     )
 
     @property
@@ -104,7 +98,7 @@ class VoltageActuator(Actuator):
 
     rules: ClassVar[tuple[Rule, ...]] = (
         *Actuator.rules,
-        Rule(("minimum", "maximum"), _minimum_below_maximum),
+        below("minimum", "maximum"),
     )
 
     @property

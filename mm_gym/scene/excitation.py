@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError
-from mm_gym.scene.part import Part, Ratio, Rule, listed, ordered
+from mm_gym.scene.part import Part, Ratio, Rule, below, listed, ordered
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -105,12 +105,6 @@ class FilteredNoise(Sampled):
     """[1/s]"""
 
 
-def _low_below_high(low: float, high: float) -> str | None:
-    if low < high:
-        return None
-    return f"low_frequency: got {low}; allowed: less than high_frequency = {high}"
-
-
 def _is_below_one(ratio: float) -> bool:
     return 0.0 <= ratio < 1.0
 
@@ -126,9 +120,7 @@ class Noise(FilteredNoise):
     high_frequency: Positive
     """[rad/s] at which the low-pass halves the power"""
 
-    rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("low_frequency", "high_frequency"), _low_below_high),
-    )
+    rules: ClassVar[tuple[Rule, ...]] = (below("low_frequency", "high_frequency"),)
     ratios: ClassVar[dict[str, Ratio]] = {
         "low_ratio": Ratio(
             "low_frequency", "high_frequency", _is_below_one, "at least 0 and below 1"

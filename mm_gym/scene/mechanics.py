@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from mm_gym.scene.excitation import NonNegative, Positive
-from mm_gym.scene.part import Part, Ratio, Rule
+from mm_gym.scene.part import Part, Ratio, Rule, below
 
 GRAVITY = 9.81
 """Acceleration of gravity in the paper [m/s^2]; by default F_N is sphere.mass * GRAVITY."""
@@ -51,12 +51,6 @@ class Viscous(Part):
     """c [N s/m]"""
 
 
-def _kinetic_at_most_static(kinetic: float, static: float) -> str | None:
-    if kinetic <= static:
-        return None
-    return f"kinetic_coefficient: got {kinetic}; allowed: at most static_coefficient = {static}"
-
-
 def _is_at_most_one(ratio: float) -> bool:
     return 0.0 < ratio <= 1.0
 
@@ -77,7 +71,7 @@ class DryFriction(Part):
     """F_N [N]; by default sphere.mass * 9.81"""
 
     rules: ClassVar[tuple[Rule, ...]] = (
-        Rule(("kinetic_coefficient", "static_coefficient"), _kinetic_at_most_static),
+        below("kinetic_coefficient", "static_coefficient", or_equal=True),
     )
     ratios: ClassVar[dict[str, Ratio]] = {
         "kinetic_ratio": Ratio(

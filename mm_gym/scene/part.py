@@ -42,6 +42,18 @@ class Rule(NamedTuple):
     finding: Callable[..., str | None]  # their values -> what is wrong, as "field: text", or None
 
 
+def below(low: str, high: str, *, or_equal: bool = False) -> Rule:
+    """Return the rule that a field is less than another, or at most that."""
+    allowed = "at most" if or_equal else "less than"
+
+    def finding(one: float, other: float) -> str | None:
+        if one < other or (or_equal and one == other):
+            return None
+        return f"{low}: got {one}; allowed: {allowed} {high} = {other}"
+
+    return Rule((low, high), finding)
+
+
 class Ratio(NamedTuple):
     """A number to draw in place of a field whose range would depend on another field."""
 

@@ -33,7 +33,6 @@ from mm_gym.scene.mechanics import (
 )
 from mm_gym.scene.part import Document, Part, Rule, dotted_name, is_known, listed, put
 from mm_gym.scene.sensors import Sensors
-from mm_gym.step.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -163,10 +162,9 @@ def _can_be_stretched(actuator: Part | None, kind: str) -> str | None:
 
 
 def _sees_stretch(channels: tuple[str, ...], kind: str) -> str | None:
-    seen = [channel for channel in channels if CHANNELS[channel].scale == "stretch"]
-    if kind not in WITHOUT_STRETCH or not seen:
+    if kind not in WITHOUT_STRETCH or "stretch" not in channels:
         return None
-    return f"sensors.channels: {seen[0]!r} needs springs with a stretch; {_without_stretch(kind)}"
+    return f"sensors.channels: 'stretch' needs springs with a stretch; {_without_stretch(kind)}"
 
 
 def _without_stretch(kind: str) -> str:
@@ -188,33 +186,29 @@ def _has_voltage(actuator: VoltageActuator | None, kind: str) -> str | None:
     return f"actuation.voltage: interface.kind: got {kind!r}; allowed: 'magnetorheological'"
 
 
-def _sees(name: str, channels: tuple[str, ...], actuator: Part | None) -> str | None:
-    if actuator is not None or name not in channels:
+def _sees(channel: str, name: str, channels: tuple[str, ...], actuator: Part | None) -> str | None:
+    if actuator is not None or channel not in channels:
         return None
-    return f"sensors.channels: {name!r} needs an actuator; set actuation.{name}"
+    return f"sensors.channels: {channel!r} needs an actuator; set actuation.{name}"
+
+
+def _within(
+    name: str, value: NumberOrRange, actuator: str, least: float, most: float
+) -> str | None:
+    low, high = bounds(value)
+    if least <= low <= high <= most or least >= most:
+        return None
+    return f"{name}: got {value}; allowed: within {actuator}, {least} to {most}"
 
 
 def _begins_within(
-    name: str,
-    actuator: DampingActuator | VoltageActuator | None,
-    value: NumberOrRange | None,
+    name: str, actuator: DampingActuator | VoltageActuator | None, value: NumberOrRange | None
 ) -> str | None:
     """Tell whether a damping or voltage, by its dotted name, begins within its limits."""
     if actuator is None or value is None or name != actuator.held:
         return None
-    low, high = bounds(value)
-    least, most = actuator.minimum, actuator.maximum
-    if least <= low <= high <= most or least >= most:
-        return None
     where = f"actuation.{name.partition('.')[2]}"
-    return f"{name}: got {value}; allowed: within {where}, {least} to {most}"
-
-
-def _sees_force(channels: tuple[str, ...], actuator: Part | None) -> str | None:
-    seen = [channel for channel in channels if CHANNELS[channel].scale == "limit"]
-    if actuator is not None or not seen:
-        return None
-    return f"sensors.channels: {seen[0]!r} needs an actuator; set actuation.force"
+    return _within(name, value, where, actuator.minimum, actuator.maximum)
 
 
 def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -> str | None:
@@ -223,30 +217,20 @@ def _stretch_is_actuated(initial: NumberOrRange | None, actuator: Part | None) -
     return "initial.stretch: has no effect without actuation.stretch; set springs.stretch"
 
 
-def _initial_within_limits(
-    initial: NumberOrRange | None, minimum: float | None, maximum: float | None, kind: str
+def _stretch_within(
+    name: str, value: NumberOrRange | None, low: float | None, high: float | None, kind: str
 ) -> str | None:
-    if initial is None or minimum is None or maximum is None or kind in WITHOUT_STRETCH:
+    if value is None or low is None or high is None or kind in WITHOUT_STRETCH:
         return None
-    low, high = bounds(initial)
-    if (minimum <= low and high <= maximum) or minimum >= maximum:
-        return None
-    return (
-        f"initial.stretch: got {initial}; allowed: within actuation.stretch, {minimum} to {maximum}"
-    )
+    return _within(f"{name}.stretch", value, "actuation.stretch", low, high)
 
 
-def _stretch_within_limits(
-    stretch: float | None,
-    initial: NumberOrRange | None,
-    minimum: float | None,
-    maximum: float | None,
-    kind: str,
+def _springs_within(
+    stretch: float | None, initial: object, low: float | None, high: float | None, kind: str
 ) -> str | None:
     if initial is not None:  # it counts, and the springs' own stretch does not
         return None
-    text = _initial_within_limits(stretch, minimum, maximum, kind)
-    return None if text is None else text.replace("initial", "springs", 1)
+    return _stretch_within("springs", stretch, low, high, kind)
 
 
 LATER = (
@@ -339,11 +323,11 @@ class Scene(Document):
     rules: ClassVar[tuple[Rule, ...]] = (
         Rule(("actuation.stretch", "springs.kind"), _can_be_stretched),
         Rule(("sensors.channels", "springs.kind"), _sees_stretch),
-        Rule(("sensors.channels", "actuation.force"), _sees_force),
+        Rule(("sensors.channels", "actuation.force"), partial(_sees, "applied_force", "force")),
         Rule(("actuation.damping", "interface.kind"), _has_damper),
         Rule(("actuation.voltage", "interface.kind"), _has_voltage),
         *(
-            Rule(("sensors.channels", f"actuation.{name}"), partial(_sees, name))
+            Rule(("sensors.channels", f"actuation.{name}"), partial(_sees, name, name))
             for name in ("damping", "voltage")
         ),
         *(
@@ -351,8 +335,8 @@ class Scene(Document):
             for name in ("interface.damping", "carriage.damping", "interface.voltage")
         ),
         Rule(("initial.stretch", "actuation.stretch"), _stretch_is_actuated),
-        Rule(("initial.stretch", *WITHIN), _initial_within_limits),
-        Rule(("springs.stretch", "initial.stretch", *WITHIN), _stretch_within_limits),
+        Rule(("initial.stretch", *WITHIN), partial(_stretch_within, "initial")),
+        Rule(("springs.stretch", "initial.stretch", *WITHIN), _springs_within),
     )
 
     def __init__(self, /, **data: object) -> None:
