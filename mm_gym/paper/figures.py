@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
     from mm_gym.scene.scene import Scene
     from mm_gym.simulation.trajectory import Trajectory
+
+    Array = NDArray[np.float64]
 
 
 MILLI = 1e3
@@ -75,59 +78,31 @@ def remark(figure: Figure, text: str) -> None:
 def draw_displacements(axes: Axes, motion: Trajectory, width: float = 1.2) -> None:
     """Draw x1 and x2 over time."""
     axes.set(xlabel=TIME, ylabel="$x_1$, $x_2$ [mm]")
-    for mass in range(2):
-        axes.plot(
-            motion.time,
-            MILLI * motion.state[:, mass],
-            STYLES[mass],
-            color=COLOURS[mass],
-            linewidth=width,
-            label=MASSES[mass],
-        )
+    _draw_masses(axes, motion.time, MILLI * motion.state[:, :2], width)
 
 
 def draw_velocities(axes: Axes, motion: Trajectory) -> None:
     """Draw v1 and v2 over time."""
     axes.set(xlabel=TIME, ylabel="$v_1$, $v_2$ [m/s]")
+    _draw_masses(axes, motion.time, motion.state[:, 2:], 1.2)
+
+
+def _draw_masses(axes: Axes, time: Array, values: Array, width: float) -> None:
     for mass in range(2):
-        axes.plot(
-            motion.time,
-            motion.state[:, 2 + mass],
-            STYLES[mass],
-            color=COLOURS[mass],
-            label=MASSES[mass],
-        )
-
-
-def draw_rest(axes: Axes, place: float, label: str) -> None:
-    """Draw the place [m] where something comes to rest, across all times and behind its curve."""
-    axes.axhline(MILLI * place, color="0.8", linewidth=3.0, zorder=1.5, label=label)
-
-
-def _label_path(axes: Axes, mass: int) -> None:
-    """Label the axes of a phase plot and leave room around its path."""
-    axes.set(xlabel=f"$x_{mass + 1}$ [mm]", ylabel=f"$v_{mass + 1}$ [m/s]")
-    axes.margins(x=0.06, y=0.08)
+        look = {"color": COLOURS[mass], "linewidth": width, "label": MASSES[mass]}
+        axes.plot(time, values[:, mass], STYLES[mass], **look)
 
 
 def draw_path(axes: Axes, motion: Trajectory, mass: int, width: float = 1.0) -> None:
     """Draw velocity over displacement of the carriage (0) or the sphere (1), its start and end."""
-    _label_path(axes, mass)
+    axes.set(xlabel=f"$x_{mass + 1}$ [mm]", ylabel=f"$v_{mass + 1}$ [m/s]")
+    axes.margins(x=0.06, y=0.08)
     x, v = MILLI * motion.state[:, mass], motion.state[:, 2 + mass]
     axes.plot(x, v, color=COLOURS[mass], linewidth=width)
     # The end is drawn smaller, so that both are seen where they coincide.
-    ends = (("start", 0, "white", 6.0), ("end", -1, "black", 3.0))
-    for label, row, face, size in ends:
-        axes.plot(
-            x[row],
-            v[row],
-            "o",
-            color="black",
-            markerfacecolor=face,
-            markersize=size,
-            zorder=3.0,
-            label=label,
-        )
+    for label, row, face, size in (("start", 0, "white", 6.0), ("end", -1, "black", 3.0)):
+        look = {"color": "black", "markerfacecolor": face, "markersize": size, "zorder": 3.0}
+        axes.plot(x[row], v[row], "o", label=label, **look)
 
 
 def draw_row(axes: list[Axes], motion: Trajectory, letters: str, width: float = 1.0) -> None:
@@ -166,7 +141,10 @@ def _displacement_panels(
     for letter, panel, name in zip("ABCDEF", axes, names, strict=False):
         system = scene(name)
         draw_displacements(panel, run(system, duration, 1e-3))
-        draw_rest(panel, asymptotic_offset(system), "sphere at rest, $t \\to \\infty$")
+        # where the sphere comes to rest, across all times and behind its curve
+        look = {"color": "0.8", "linewidth": 3.0, "zorder": 1.5}
+        label = "sphere at rest, $t \\to \\infty$"
+        panel.axhline(MILLI * asymptotic_offset(system), label=label, **look)
         light = ", $m_1 \\to 0$" if system.carriage.mass < LIGHT else ""
         entitle(panel, letter, dampings(system, "*" if name in ASSUMED else "") + light)
         panel.label_outer()
@@ -181,24 +159,15 @@ def _masses(name: str, source: str) -> str:
     return f"masses {source}: {masses}"
 
 
-def _figure_2(names: tuple[str, ...], source: str) -> Figure:
+def figure_2(names: tuple[str, ...] = tuple(FIGURE_2), source: str = TEXT) -> Figure:
+    """Draw the linear systems A to F, by default with the masses that the text needs."""
     figure = _displacement_panels(names, 0.5, 2, 4.4)
     remark(figure, f"{_masses(names[0], source)}; * assumed, 1 or 10 in the caption")
     return figure
 
 
-def figure_2() -> Figure:
-    """Draw the linear systems A to F with the masses that the text needs."""
-    return _figure_2(tuple(FIGURE_2), TEXT)
-
-
-def figure_2_caption() -> Figure:
-    """Draw the linear systems A to F with the masses of the caption."""
-    return _figure_2(CAPTION, PRINTED)
-
-
-def _figure_3(undamped: str, damped: str, source: str) -> Figure:
-    """Draw the phase paths of a system without (A, B) and with interface damping (C, D)."""
+def figure_3(undamped: str = "fig2e", damped: str = "fig2a", source: str = TEXT) -> Figure:
+    """Draw the phase paths without (A, B) and with interface damping (C, D)."""
     figure, axes = panels(4.8, 2, 2, sharex="col", sharey="col")
     for row, name in enumerate((undamped, damped)):
         system = scene(name)
@@ -214,16 +183,6 @@ def _figure_3(undamped: str, damped: str, source: str) -> Figure:
     return figure
 
 
-def figure_3() -> Figure:
-    """Draw the phase paths of carriage and sphere: A and B of system 2E, C and D of 2A."""
-    return _figure_3("fig2e", "fig2a", TEXT)
-
-
-def figure_3_caption() -> Figure:
-    """Draw figure 3 with the masses of figure 2's caption."""
-    return _figure_3("fig2e_caption", "fig2a_caption", PRINTED)
-
-
 def figure_5() -> Figure:
     """Draw the systems with the experiment's parameters."""
     figure = _displacement_panels(("fig5a", "fig5b"), 15.0, 1, 2.9)
@@ -236,30 +195,37 @@ def figure_6() -> Figure:
 
     The linear system, beta = 0, is drawn in grey behind.
     """
-    figure, axes = panels(4.6, 2, 3, sharex="col", sharey="col")
-    for row, name in enumerate(("fig6a", "fig6d")):
+
+    def draw(name: str, row: list[Axes], letters: str) -> None:
         system = scene(name)
-        motion = run(system, 1.0, 5e-5)
         twin = run(system.replace(**{"carriage.cubic_coefficient": 0.0}), 1.0, 5e-4)
-        history, *paths = axes[3 * row : 3 * row + 3]
-        for mass, panel in enumerate(paths):
+        for mass, panel in enumerate(row[1:]):
             look = TWIN | ({"label": "linear, $\\beta = 0$"} if mass == 0 else {})
-            history.plot(twin.time, MILLI * twin.state[:, mass], **look)
+            row[0].plot(twin.time, MILLI * twin.state[:, mass], **look)
             panel.plot(MILLI * twin.state[:, mass], twin.state[:, 2 + mass], **TWIN)
-        draw_row([history, *paths], motion, "ABCDEF"[3 * row :], 0.5)
-        entitle(history, "AD"[row], dampings(system))
-    for panel in axes[:3]:
-        panel.set_xlabel("")
-    legend_of_all(figure, axes)
-    return figure
+        draw_row(row, run(system, 1.0, 5e-5), letters, 0.5)
+
+    return _in_two_rows(4.6, ("fig6a", "fig6d"), draw)
 
 
 def figure_12() -> Figure:
     """Draw the sphere on springs: displacements (A, D) and phase paths (B, C, E, F)."""
-    figure, axes = panels(4.6, 2, 3, sharex="col", sharey="col")
-    for row, name in enumerate(("fig12a", "fig12d")):
-        draw_row(axes[3 * row : 3 * row + 3], run(scene(name), 2.0, 1e-3), "ABCDEF"[3 * row :])
-        entitle(axes[3 * row], "AD"[row], dampings(scene(name)))
+    return _in_two_rows(
+        4.6,
+        ("fig12a", "fig12d"),
+        lambda name, row, letters: draw_row(row, run(scene(name), 2.0, 1e-3), letters),
+    )
+
+
+def _in_two_rows(
+    height: float, names: tuple[str, str], draw: Callable[[str, list[Axes], str], None]
+) -> Figure:
+    """Return a figure with a row of three panels for each system, which `draw` fills."""
+    figure, axes = panels(height, 2, 3, sharex="col", sharey="col")
+    for k, name in enumerate(names):
+        row = axes[3 * k : 3 * k + 3]
+        draw(name, row, "ABCDEF"[3 * k :])
+        entitle(row[0], "AD"[k], dampings(scene(name)))
     for panel in axes[:3]:
         panel.set_xlabel("")
     legend_of_all(figure, axes)
@@ -371,13 +337,8 @@ def figure_9() -> Figure:
     motion, twin = run(system, 0.5, 5e-4), run(linear_twin(system), 0.5, 5e-4)
     draw_displacements(displacements, motion, 1.8)
     draw_velocities(velocities, motion)
-    velocities.plot(
-        motion.time,
-        motion.state[:, 3] - motion.state[:, 2],
-        "-.",
-        color=COLOURS[2],
-        label="sphere relative to carriage",
-    )
+    slip = {"color": COLOURS[2], "label": "sphere relative to carriage"}
+    velocities.plot(motion.time, motion.state[:, 3] - motion.state[:, 2], "-.", **slip)
     for mass in range(2):
         look = {"color": "black", "linestyle": ":", "linewidth": 1.0}
         label = "linear system, $c = \\mu_1 F_N / v_r$" if mass == 0 else None
@@ -423,7 +384,7 @@ def figure_10() -> Figure:
     return figure
 
 
-def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float64]) -> None:
+def _diagram(axes: Axes, curves: dict[str, Scene], velocities: Array) -> None:
     for i, (label, system) in enumerate(curves.items()):
         offsets = bifurcation(system, "interface.reference_velocity", velocities)
         # A mark at every fortieth point tells the curves apart without their colours.
@@ -433,14 +394,8 @@ def _diagram(axes: Axes, curves: dict[str, Scene], velocities: NDArray[np.float6
         axes.plot(velocities, MILLI * offsets, ls="none", markevery=(first, SPACING), **look)
     critical = critical_reference_velocity(next(iter(curves.values())))
     axes.axvline(critical, color="0.4", linewidth=0.8, linestyle=":")
-    axes.text(
-        critical,
-        0.02,
-        f" $v_{{r,crit}}$ = {critical:.4f} m/s",
-        transform=axes.get_xaxis_transform(),
-        va="bottom",
-        color="0.3",
-    )
+    place = {"transform": axes.get_xaxis_transform(), "va": "bottom", "color": "0.3"}
+    axes.text(critical, 0.02, f" $v_{{r,crit}}$ = {critical:.4f} m/s", **place)
     axes.legend(handletextpad=0.2, loc="upper right")
     axes.set_xlim(0.0, 1.0)
     axes.set(xlabel="reference velocity $v_r$ [m/s]", ylabel="$x_2 - x_1$ at rest [mm]")
@@ -463,25 +418,21 @@ def figure_bistable() -> Figure:
     Without and with an interface, as figure 6. The carriage's path crosses the dashed curve of zero
     energy, the hill's, for the last time where it is caught by a well.
     """
-    figure, axes = panels(5.0, 2, 3, sharex="col", sharey="col")
-    for row, name in enumerate(("fig6a", "fig6d")):
-        system = bistable(name)
-        history, carriage, sphere = axes[3 * row : 3 * row + 3]
-        draw_row([history, carriage, sphere], run(system, DURATION, 5e-4), "ABCDEF"[3 * row :], 0.9)
-        entitle(history, "AD"[row], dampings(system))
+
+    def draw(name: str, row: list[Axes], letters: str) -> None:
+        draw_row(row, run(bistable(name), DURATION, 5e-4), letters, 0.9)
         for sign in (-1.0, 1.0):
             label = "wells of the carriage" if sign > 0.0 else None
             look = {"color": "0.3", "linewidth": 0.8, "linestyle": ":"}
-            history.axhline(sign * MILLI * PLACE, label=label, **look)
-        _draw_energy(carriage, system)
-    for panel in axes[:3]:
-        panel.set_xlabel("")
+            row[0].axhline(sign * MILLI * PLACE, label=label, **look)
+        _draw_energy(row[1], bistable(name))
+
+    figure = _in_two_rows(5.0, ("fig6a", "fig6d"), draw)
     remark(
         figure,
         "not a figure of the paper: its fig. 6 with a bistable spring, "
         f"$\\alpha = -1$, $\\beta$ = {PLACE**-2:g} m$^{{-2}}$",
     )
-    legend_of_all(figure, axes)
     return figure
 
 
@@ -503,9 +454,9 @@ def _draw_energy(axes: Axes, system: Scene) -> None:
 
 FIGURES: dict[str, Callable[[], Figure]] = {
     "fig2": figure_2,
-    "fig2_caption": figure_2_caption,
+    "fig2_caption": partial(figure_2, CAPTION, PRINTED),
     "fig3": figure_3,
-    "fig3_caption": figure_3_caption,
+    "fig3_caption": partial(figure_3, "fig2e_caption", "fig2a_caption", PRINTED),
     "fig5": figure_5,
     "fig6": figure_6,
     "fig7": figure_7,

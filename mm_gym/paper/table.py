@@ -16,20 +16,13 @@ from mm_gym.files import aligned, write_text
 from mm_gym.paper.scenes import CAPTION, friction_of, scene, stick_slope
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from os import PathLike
 
-    from mm_gym.scene.scene import Scene
 
 HEADER = (
-    "system",
-    "quantity",
-    "unit",
-    "stated",
-    "reference",
-    "provenance",
-    "computed",
-    "computed - reference",
+    *("system", "quantity", "unit", "stated"),
+    *("reference", "provenance", "computed", "computed - reference"),
 )
 
 INTEGRAL, EQUILIBRIUM = "first integral", "equilibrium"
@@ -84,6 +77,9 @@ EIGENVALUES = {
 """The slowest oscillating mode's [1/s] by ball arithmetic."""
 
 
+STIFFNESS = 159.25925925925925925925925926  # k2 [N/m] of figure 12 A, by arithmetic
+
+
 class Row(NamedTuple):
     """One quantity of a system: the stated and the computed value."""
 
@@ -98,69 +94,49 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     """Return every number."""
-    return [*_offsets(), *_friction_rows(), *_eigenvalues(), _spring_stiffness()]
+    slope = stick_slope(friction_of(scene("fig9")))
+    k2 = linear_values(scene("fig12a")).k2
+    return [
+        *_offsets(),
+        *_friction_rows(),
+        Row("fig9", "mu1 F_N / v_r", "N s/m", 1.0, 1.0000314, ARITHMETIC, slope),
+        *_eigenvalues(),
+        Row("fig12a", "k2 at stretch 1.5", "N/m", None, STIFFNESS, ARITHMETIC, k2),
+    ]
 
 
-def _offsets() -> list[Row]:
-    found: list[Row] = []
+def _offsets() -> Iterator[Row]:
     for name, value in OFFSETS.items():
         provenance = INTEGRAL if scene(name).springs.kind == "none" else EQUILIBRIUM
         offset = asymptotic_offset(scene(name))
         stated = None if name in DERIVED else value
-        found.append(Row(name, "asymptotic offset", "m", stated, value, provenance, offset))
-    return found
+        yield Row(name, "asymptotic offset", "m", stated, value, provenance, offset)
 
 
-def _friction_rows() -> list[Row]:
-    found: list[Row] = []
+def _friction_rows() -> Iterator[Row]:
     for name, velocity, chi, ratio, value in FRICTION:
         static = friction_of(scene(name)).static_coefficient
-        point = scene(name).replace(
-            **{
-                "interface.reference_velocity": velocity,
-                "interface.slip_damping": chi,
-                "interface.kinetic_coefficient": static * ratio,
-            }
-        )
+        own = {"reference_velocity": velocity, "slip_damping": chi}
+        own["kinetic_coefficient"] = static * ratio
+        point = scene(name).replace(**{f"interface.{field}": own[field] for field in own})
         title = f"asymptotic offset at v_r = {velocity:g} m/s; chi = {chi:g}; mu2/mu1 = {ratio:g}"
-        found.append(Row(name, title, "m", None, value, BALLS, asymptotic_offset(point)))
-    return [*found, *_critical_rows(scene("fig10")), _slope()]
-
-
-def _critical_rows(system: Scene) -> list[Row]:
+        yield Row(name, title, "m", None, value, BALLS, asymptotic_offset(point))
+    system = scene("fig10")
     critical = critical_reference_velocity(system)
-    at_critical = asymptotic_offset(system.replace(**{"interface.reference_velocity": critical}))
+    there = asymptotic_offset(system.replace(**{"interface.reference_velocity": critical}))
     title = "critical reference velocity (rounded up)"
-    return [
-        Row("fig10", title, "m/s", CRITICAL_STATED, CRITICAL, BALLS, critical),
-        Row("fig10", "asymptotic offset there", "m", 0.02, 0.02, INTEGRAL, at_critical),
-    ]
+    yield Row("fig10", title, "m/s", CRITICAL_STATED, CRITICAL, BALLS, critical)
+    yield Row("fig10", "asymptotic offset there", "m", 0.02, 0.02, INTEGRAL, there)
 
 
-def _slope() -> Row:
-    slope = stick_slope(friction_of(scene("fig9")))
-    return Row("fig9", "mu1 F_N / v_r", "N s/m", 1.0, 1.0000314, ARITHMETIC, slope)
-
-
-def _eigenvalues() -> list[Row]:
-    found: list[Row] = []
+def _eigenvalues() -> Iterator[Row]:
     for name, value in EIGENVALUES.items():
         eigenvalues = modes(scene(name)).eigenvalues
         oscillating = eigenvalues[eigenvalues.imag > 0.0]
         slowest = complex(oscillating[np.argmin(np.abs(oscillating))])
-        for part, wanted, got in (
-            ("real", value.real, slowest.real),
-            ("imaginary", value.imag, slowest.imag),
-        ):
-            found.append(
-                Row(name, f"{part} part of the eigenvalue", "1/s", None, wanted, BALLS, got)
-            )
-    return found
-
-
-def _spring_stiffness() -> Row:
-    wanted, got = 159.25925925925925925925925926, linear_values(scene("fig12a")).k2
-    return Row("fig12a", "k2 at stretch 1.5", "N/m", None, wanted, ARITHMETIC, got)
+        pairs = (value.real, slowest.real), (value.imag, slowest.imag)
+        for part, (wanted, got) in zip(("real", "imaginary"), pairs, strict=True):
+            yield Row(name, f"{part} part of the eigenvalue", "1/s", None, wanted, BALLS, got)
 
 
 def write_table(path: str | PathLike[str], found: list[Row]) -> None:
@@ -179,13 +155,6 @@ def _cells(
     row: Row, number: Callable[[float], str], difference: Callable[[float], str]
 ) -> tuple[str, ...]:
     stated = "" if row.stated is None else number(row.stated)
-    return (
-        row.system,
-        row.quantity,
-        row.unit,
-        stated,
-        number(row.reference),
-        row.provenance,
-        number(row.computed),
-        difference(row.computed - row.reference),
-    )
+    error = difference(row.computed - row.reference)
+    reference = number(row.reference), row.provenance
+    return row.system, row.quantity, row.unit, stated, *reference, number(row.computed), error

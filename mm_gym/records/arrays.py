@@ -22,7 +22,7 @@ from gymnasium.error import DependencyNotInstalled
 from mm_gym.errors import SceneError, suggest
 from mm_gym.files import read_bytes
 from mm_gym.records.options import LARGEST
-from mm_gym.records.text import MOST_BYTES, check_times, evenly, refuse
+from mm_gym.records.text import MOST_BYTES, refuse, series
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mm_gym.records.options import Options
+    from mm_gym.records.options import Options, Samples
 
 MOST_ARRAY_BYTES = 2**26  # largest array: 8 million samples in double precision
 REAL = "fiu"  # kinds of NumPy's types that hold real numbers
@@ -59,9 +59,7 @@ HDF5_PLACES, HDF5_MARK = (0, 512), b"\x89HDF\r\n\x1a\n"
 DEFLATE, SHUFFLE = 1, 2  # HDF5's filters that are read
 
 
-def read_arrays(
-    file: Path, options: Options
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def read_arrays(file: Path, options: Options) -> Samples:
     """Return the instants [s], the samples in the file's unit, and their least spacing [s]."""
     if options.skip:
         refuse(file, None, f"skip: got {options.skip}; it has no effect: the file is not text")
@@ -98,12 +96,7 @@ def read_arrays(
         allowed = f"a number of magnitude at most {LARGEST:g}"
         msg = f"{place(row, places[k])}: got {values[row, k]:g}; allowed: {allowed}"
         raise SceneError(msg)
-    if len(places) == 1:
-        step = options.time_step or 0.0  # `places` has asked for it
-        return evenly(len(values), step), values[:, 0].copy(), step
-    times, samples = values.T.copy()
-    check_times(times, lambda row: place(row, 0))
-    return times, samples, float(np.min(np.diff(times), initial=np.inf))
+    return series(values, options.time_step, lambda row: place(row, 0))
 
 
 def _chosen(file: Path, variable: str | None, names: Sequence[str]) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from mm_gym.errors import SceneError, check_name, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 ACCELERATION_UNITS = {
@@ -100,6 +103,9 @@ def _is_length(text: str) -> bool:
 
 
 LARGEST = 1e12  # largest magnitude of a number in a file; larger numbers mark missing samples
+Samples: TypeAlias = "tuple[NDArray[np.float64], NDArray[np.float64], float]"
+"""Instants [s], samples in a file's unit, and their least spacing [s]."""
+
 SHORTEST = 1e-9  # shortest spacing of samples [s]
 MOST_COLUMNS = 1000  # columns of a file, at most
 

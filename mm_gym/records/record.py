@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 
 MOST_SAMPLES = 10_000_000  # most samples after resampling, of 8 bytes each
 
@@ -36,14 +38,12 @@ class Record:
         Spacing of the samples [s]; the shortest one if the file states times.
     """
 
-    times: NDArray[np.float64]
-    values: NDArray[np.float64]
+    times: Array
+    values: Array
     time_step: float
 
 
-def resample(
-    record: Record, step: float, *, scale: float = 1.0, time_scale: float = 1.0
-) -> NDArray[np.float64]:
+def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: float = 1.0) -> Array:
     """Resample a record at k * step, k = 0, 1, ...
 
     The motion is the piecewise-linear interpolant of the points (time_scale * times[i],
@@ -152,9 +152,7 @@ def read_record(
     return Record(times, values, spacing)
 
 
-def _read(
-    file: Path, options: Options
-) -> tuple[str, NDArray[np.float64], NDArray[np.float64], float]:
+def _read(file: Path, options: Options) -> tuple[str, Array, Array, float]:
     """Return the unit, the instants [s], the samples in this unit, and their least spacing [s]."""
     if file.suffix.lower() in READERS:
         return _stated_unit(file, options), *read_arrays(file, options)

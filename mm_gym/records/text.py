@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mm_gym.records.options import Options
+    Array = NDArray[np.float64]
+
+    from mm_gym.records.options import Options, Samples
 
     Block = tuple[int, str]
 
@@ -48,13 +50,13 @@ def apart(cell: str) -> list[str]:
     return parts if joined and all(part[0] in "+-" for part in parts[1:]) else [cell]
 
 
-def glued_floats(text: str) -> NDArray[np.float64] | None:
+def glued_floats(text: str) -> Array | None:
     """Return the numbers in a text as `apart` splits them, or None if one has no decimal point."""
     values = floats(GLUED.sub(" ", text))
     return values if values is not None and text.count(".") == len(values) else None
 
 
-def floats(text: str) -> NDArray[np.float64] | None:
+def floats(text: str) -> Array | None:
     """Return the numbers in a text, or None if one is not allowed: the fast way."""
     if not PLAIN.fullmatch(text):  # float() takes more, such as nan and 1_000
         return None
@@ -125,8 +127,15 @@ def check_unit(file: Path, head: Iterable[tuple[int, str]], unit: str) -> None:
             refuse(file, number, text)
 
 
-def check_times(times: NDArray[np.float64], where: Callable[[int], str]) -> None:
-    """Refuse instants [s] that are negative or do not increase; `where` names the place of one."""
+def series(values: Array, step: float | None, where: Callable[[int], str]) -> Samples:
+    """Return rows (n, 1) that are a step [s] apart, or (n, 2) with their own instants [s].
+
+    Instants that are negative or do not increase are refused; `where` names the place of one.
+    """
+    if values.shape[1] == 1:
+        step = step or 0.0  # `Options.places` has asked for it
+        return evenly(len(values), step), values[:, 0].copy(), step
+    times, samples = values.T.copy()
     if times[0] < 0.0:
         msg = f"{where(0)}: time: got {times[0]:g}; allowed: at least 0 s"
         raise SceneError(msg)
@@ -136,6 +145,7 @@ def check_times(times: NDArray[np.float64], where: Callable[[int], str]) -> None
         allowed = f"at least {SHORTEST:g} s more than {times[i - 1]:.17g}, the one before it"
         msg = f"{where(i)}: time: got {times[i]:.17g}; allowed: {allowed}"
         raise SceneError(msg)
+    return times, samples, float(np.min(np.diff(times), initial=np.inf))
 
 
 def values_of(
@@ -144,7 +154,7 @@ def values_of(
     numbers: Sequence[int],
     places: Sequence[int] | None = None,
     mark: str = ".",
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the numbers in the cells of lines, or refuse the first one that is not allowed.
 
     `places` are the cells' columns, from 0; by default their order in the line.
@@ -165,7 +175,7 @@ def values_of(
     return np.array(values)
 
 
-def evenly(count: int, step: float) -> NDArray[np.float64]:
+def evenly(count: int, step: float) -> Array:
     """Return instants [s] at an even spacing from 0 on."""
     return np.multiply(step, np.arange(count), dtype=np.float64)
 
@@ -190,9 +200,7 @@ def header_of(text: str, skip: int) -> list[str]:
     return text.split("\n", skip + HEADER_LINES)[skip : skip + HEADER_LINES]
 
 
-def read_peer(
-    file: Path, text: str, unit: str, skip: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def read_peer(file: Path, text: str, unit: str, skip: int) -> Samples:
     """Return the instants [s], the samples in the file's unit, and their spacing [s]."""
     lines = text.split("\n", skip + HEADER_LINES)
     head = list(enumerate(header_of(text, skip), skip + 1))
@@ -211,7 +219,7 @@ def read_peer(
     return evenly(count, step), values, step
 
 
-def _numbers(file: Path, number: int, block: str) -> NDArray[np.float64]:
+def _numbers(file: Path, number: int, block: str) -> Array:
     """Return the numbers in any columns of a block of lines."""
     text = block.replace(",", " ")
     for read in (floats, glued_floats):  # the slow way below finds what is wrong
@@ -262,9 +270,7 @@ class Form(NamedTuple):
     mark: str  # decimal mark
 
 
-def read_columns(
-    file: Path, text: str, unit: str, options: Options
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def read_columns(file: Path, text: str, unit: str, options: Options) -> Samples:
     """Return the instants [s], the samples in the file's unit, and their least spacing [s]."""
     headings, start, number = _headings(file, text, options.skip)
     first = _line(text, start).partition("#")[0].strip()
@@ -281,9 +287,6 @@ def read_columns(
     fitting = table(separator, columns, form.mark)
     rows = [_cells(file, block, fitting, form) for block in pieces]
     values = np.concatenate(rows)
-    if len(places) == 1:
-        step = options.time_step or 0.0  # `places` has asked for it
-        return evenly(len(values), step), values[:, 0], step
 
     def where(row: int) -> str:
         ends = np.cumsum([len(part) for part in rows])
@@ -291,9 +294,7 @@ def read_columns(
         line = _texts(*pieces[k])[1][row - (int(ends[k - 1]) if k else 0)]
         return f"{file}:{line}: column 1"
 
-    times, values = values.T.copy()
-    check_times(times, where)
-    return times, values, float(np.min(np.diff(times), initial=np.inf))
+    return series(values, options.time_step, where)
 
 
 def _headings(file: Path, text: str, skip: int) -> tuple[list[Block], int, int]:
@@ -362,7 +363,7 @@ def _decimal_mark(pieces: list[Block], separator: str | None, places: tuple[int,
     return "."
 
 
-def _cells(file: Path, block: Block, fitting: re.Pattern[str], form: Form) -> NDArray[np.float64]:
+def _cells(file: Path, block: Block, fitting: re.Pattern[str], form: Form) -> Array:
     """Return the numbers (rows, 1 or 2) in a block of lines."""
     body = block[1]
     if "#" in body:
