@@ -20,6 +20,7 @@ from mm_gym.errors import (
     SceneError,
     SimulationError,
     check_name,
+    refuse,
 )
 from mm_gym.files import check_outputs
 from mm_gym.plant.compile import compile_findings, compile_scene
@@ -243,8 +244,7 @@ def _spectrum(options: argparse.Namespace) -> None:
         variable=options.variable,
     )
     if options.unit in FORCE_UNITS:
-        msg = f"--unit: got {options.unit!r}; allowed: {', '.join(ACCELERATION_UNITS)}"
-        raise SceneError(msg)
+        refuse("--unit", f"{options.unit!r}", ", ".join(ACCELERATION_UNITS))
     spectrum = response_spectrum(record, options.periods, options.damping)
     print(spectrum.table())
     if options.csv is not None:
@@ -345,8 +345,7 @@ def _checked_outputs(options: argparse.Namespace, scene: Scene, names: Sequence[
 
 def _in_folder(folder: str, names: Sequence[str]) -> list[Path]:
     if not folder:
-        msg = "--out: got ''; allowed: the path of a folder"
-        raise SceneError(msg)
+        refuse("--out", "''", "the path of a folder")
     return [Path(folder) / name for name in names]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -41,14 +41,19 @@ class SimulationError(RuntimeError):
     """A simulation cannot be completed; the message says where and why."""
 
 
+def refuse(field: str, got: str, allowed: str, error: type[Exception] = SceneError) -> NoReturn:
+    """Raise an error that says what a field has, and what it may have."""
+    msg = f"{field}: got {got}; allowed: {allowed}"
+    raise error(msg)
+
+
 def check_name(
     field: str, name: str, allowed: Iterable[str], error: type[Exception] = SceneError
 ) -> None:
-    """Raise an error for a field whose value is none of the allowed names, with the nearest."""
+    """Refuse a value that is none of the allowed names, and say the nearest."""
     names = tuple(allowed)
     if name not in names:
-        msg = f"{field}: got {name!r}{suggest(str(name), names)}; allowed: {', '.join(names)}"
-        raise error(msg)
+        refuse(field, f"{name!r}{suggest(str(name), names)}", ", ".join(names), error)
 
 
 def suggest(name: str, allowed: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ from gymnasium.error import DependencyNotInstalled
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from mm_gym.env.arguments import checked_autoreset_mode, is_integer
+from mm_gym.errors import refuse
 
 try:
     from stable_baselines3.common.monitor import Monitor, ResultsWriter
@@ -109,14 +110,11 @@ def make_vec_env(
     seed = _checked_seed(seed)
     mode = checked_autoreset_mode(kwargs.pop("autoreset_mode", AutoresetMode.SAME_STEP))
     if mode is not AutoresetMode.SAME_STEP:
-        message = f"autoreset_mode: got {mode.value}; allowed: {AutoresetMode.SAME_STEP.value}"
-        raise ValueError(message)
+        refuse("autoreset_mode", f"{mode.value}", f"{AutoresetMode.SAME_STEP.value}", ValueError)
     if not kwargs.get("copy", True):
-        message = "copy: got False; allowed: True: observations are kept over the next step"
-        raise ValueError(message)
+        refuse("copy", "False", "True: observations are kept over the next step", ValueError)
     if None not in (num_envs, n_envs) and num_envs != n_envs:
-        message = f"num_envs: got {num_envs} and n_envs = {n_envs}; allowed: one of them"
-        raise ValueError(message)
+        refuse("num_envs", f"{num_envs} and n_envs = {n_envs}", "one of them", ValueError)
     lanes = gymnasium.make_vec(
         id,
         num_envs=next(count for count in (num_envs, n_envs, 1) if count is not None),
@@ -143,8 +141,7 @@ def _checked_seed(seed: int | np.integer | None) -> int | None:
     if seed is None:
         return None
     if not is_integer(seed) or seed < 0:
-        message = f"seed: got {seed!r}; allowed: an integer of at least 0"
-        raise ValueError(message)
+        refuse("seed", f"{seed!r}", "an integer of at least 0", ValueError)
     return int(seed)
 
 
@@ -193,8 +190,7 @@ class VectorEnvAdapter(VecEnv):
     ) -> None:
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
-            message = f"autoreset_mode: got {mode}; allowed: {AutoresetMode.SAME_STEP}"
-            raise ValueError(message)
+            refuse("autoreset_mode", f"{mode}", f"{AutoresetMode.SAME_STEP}", ValueError)
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)  # pyright: ignore[reportUnknownMemberType] - SB3 and Gymnasium write a bare Space
         self._every_info = every_info

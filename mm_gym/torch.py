@@ -80,23 +80,23 @@ def step(
         raise SceneError(msg)
     if named:
         at = {**(at or {}), **{name: value.item() for name, value in named.items()}}  # pyright: ignore[reportGeneralTypeIssues, reportUnknownVariableType]
-    return _applied(_Step, (plant, at, tuple(named)), state, action, *named.values())
+    given = state.detach().double().numpy(), action.detach().double().numpy()
+    found = plant.jacobian(*given, at=at, parameters=tuple(named))
+    return _moved(found, state, action, *named.values(), names=tuple(named))
 
 
-class _Step(Function):
-    """A control step, and the way back through it."""
+class _Motion(Function):
+    """A control step whose Jacobians are known, and the way back through it."""
 
     @staticmethod
     def forward(
         ctx: Any,  # noqa: ANN401 - torch does not name it
-        which: tuple[Plant, Any, tuple[str, ...]],
+        known: tuple[Any, tuple[str, ...], float, float],
         state: Tensor,
         action: Tensor,
         *_: Tensor,
     ) -> Tensor:
-        plant, place, names = which
-        given = state.detach().double().numpy(), action.detach().double().numpy()
-        found = plant.jacobian(*given, at=place, parameters=names)
+        found, names, *ctx.hold = known
         own = _tensor(found.state)[..., : state.shape[-1]]
         by_parameters = [_tensor(found.parameters[name]) for name in names]
         ctx.save_for_backward(own, _tensor(found.action), *by_parameters)
@@ -111,11 +111,27 @@ class _Step(Function):
     ) -> tuple[Tensor | None, ...]:
         (slope,), (by_state, by_action, *by_parameters) = slopes, ctx.saved_tensors
         pulled = (torch.einsum("...i,...ij->...j", slope, by) for by in (by_state, by_action))
-        shaped = [
+        state, action = (
             value.reshape(-1, *shape).sum(0) if value.ndim > len(shape) else value
             for value, shape in zip(pulled, ctx.shapes, strict=True)
-        ]
-        return None, *shaped, *((slope * by).sum() for by in by_parameters)
+        )
+        fade, most = ctx.hold
+        if most < np.inf:
+            sizes = state.abs().sum(dim=1)
+            limit = most * sizes.median().clamp_min(torch.finfo(sizes.dtype).tiny)
+            state = state * (limit / sizes.clamp_min(limit))[:, None]
+        return None, fade * state, action, *((slope * by).sum() for by in by_parameters)
+
+
+def _moved(
+    found: Any,  # noqa: ANN401 - of either kind of Jacobian
+    *given: Tensor,
+    names: tuple[str, ...] = (),
+    fade: float = 1.0,
+    most: float = np.inf,
+) -> Tensor:
+    """Return the end of a control step that follows from state, action and parameters."""
+    return _Motion.apply((found, names, fade, most), *given)  # pyright: ignore[reportUnknownMemberType, reportReturnType, reportUnknownVariableType]
 
 
 class Episodes:
@@ -199,8 +215,8 @@ class Episodes:
             (num_envs,) double: the cost of the step, which is minus its reward.
         """
         action = action.double().clamp(-1.0, 1.0)
-        how = self._physics, self.fade, self.most
-        self._state = _applied(_Move, how, self._state, action)
+        found = self._physics.jacobian(action.detach().numpy().T)
+        self._state = _moved(found, self._state, action, fade=self.fade, most=self.most)
         observation, rewards, *_ = self.env.step(action.detach().numpy())
         slopes = _tensor(np.moveaxis(self._outputs.slopes(), -1, 0))  # (lanes, channels + 1, rows)
         motion = self._state[:, : slopes.shape[2]]
@@ -232,10 +248,6 @@ class Episodes:
         return torch.where((ages > delays)[:, None], self._received[-1], arriving)
 
 
-def _applied(function: type[Function], *given: object) -> Tensor:
-    return function.apply(*given)  # pyright: ignore[reportUnknownMemberType, reportReturnType, reportUnknownVariableType]
-
-
 def _tensor(array: NDArray[Any]) -> Tensor:
     """Return a copy, whatever writes into the array later."""
     return torch.tensor(array)
@@ -244,33 +256,3 @@ def _tensor(array: NDArray[Any]) -> Tensor:
 def _with_slopes(value: Tensor, changes: Tensor) -> Tensor:
     """Return a value that changes as `changes` do."""
     return value + (changes - changes.detach())
-
-
-class _Move(Function):
-    """The motion of `Episodes` over a control step, and the way back through it."""
-
-    @staticmethod
-    def forward(
-        ctx: Any,  # noqa: ANN401 - as above
-        how: tuple[Sensitivities, float, float],
-        _: Tensor,
-        action: Tensor,
-    ) -> Tensor:
-        physics, *ctx.hold = how
-        found = physics.jacobian(action.detach().numpy().T)
-        ctx.save_for_backward(_tensor(found.state), _tensor(found.action))
-        return _tensor(found.end)
-
-    @staticmethod
-    @once_differentiable
-    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] - as above
-        ctx: Any,  # noqa: ANN401 - as above
-        *slopes: Tensor,
-    ) -> tuple[Tensor | None, ...]:
-        (slope,), (by_state, by_action), (fade, most) = slopes, ctx.saved_tensors, ctx.hold
-        state = torch.einsum("li,lij->lj", slope, by_state)
-        if most < np.inf:
-            sizes = state.abs().sum(dim=1)
-            limit = most * sizes.median().clamp_min(torch.finfo(sizes.dtype).tiny)
-            state = state * (limit / sizes.clamp_min(limit))[:, None]
-        return None, fade * state, torch.einsum("li,lij->lj", slope, by_action)

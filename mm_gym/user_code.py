@@ -9,7 +9,7 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import read_text
 
 if TYPE_CHECKING:
@@ -49,8 +49,7 @@ def split(text: str, what: str) -> tuple[Path, str]:
     """Return the path and the name of "FILE.py:NAME"; raise `SceneError` for other texts."""
     path, _, name = text.rpartition(":")
     if not path.endswith(".py") or not name.isidentifier():
-        msg = f"{what}: got {text!r}; allowed: FILE.py:NAME"
-        raise SceneError(msg)
+        refuse(what, f"{text!r}", "FILE.py:NAME")
     return Path(path), name
 
 

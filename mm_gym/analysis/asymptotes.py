@@ -12,7 +12,7 @@ import numpy as np
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
 from mm_gym.analysis.linear import row_of
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import SceneError, SimulationError
+from mm_gym.errors import SceneError, SimulationError, refuse
 from mm_gym.lanes import layout as at
 from mm_gym.law import dry_friction, springs
 from mm_gym.law.carriage_spring import carriage_energy, carriage_force
@@ -263,12 +263,9 @@ def _refuse_driven(scene: Scene) -> None:
 
 def _refuse_without_well(p: NDArray[np.float64]) -> None:
     if not Spring.of(p).has_well:
-        msg = (
-            f"carriage.linear_coefficient: got {p[at.ALPHA]} with cubic_coefficient = "
-            f"{p[at.BETA]}, where the carriage has no stable equilibrium; allowed: one of them "
-            "greater than 0"
-        )
-        raise SceneError(msg)
+        got = f"{p[at.ALPHA]} with cubic_coefficient = {p[at.BETA]}"
+        where = "where the carriage has no stable equilibrium"
+        refuse("carriage.linear_coefficient", f"{got}, {where}", "one of them greater than 0")
 
 
 def _from_first_integral(

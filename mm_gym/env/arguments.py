@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from mm_gym.env.own_reward import rewarded
-from mm_gym.errors import ActionError, SceneError, suggest
+from mm_gym.errors import ActionError, SceneError, refuse, suggest
 from mm_gym.scene.scene import Scene
 from mm_gym.scene.toml_file import load_scene
 from mm_gym.simulation.checks import array_of, is_array
@@ -41,11 +41,8 @@ def scene_of(
     if isinstance(scene, str | PathLike):
         scene = load_scene(scene)
     if not isinstance(scene, Scene):
-        msg = (
-            f"scene: got {type(scene).__name__}; allowed: a Scene, the id of a task or the path of "
-            "a TOML file"
-        )
-        raise SceneError(msg)
+        allowed = "a Scene, the id of a task or the path of a TOML file"
+        refuse("scene", f"{type(scene).__name__}", allowed)
     if changes is not None:
         scene = scene.replace(**_checked_changes(changes))
     if not scene.actuation.names:
@@ -62,8 +59,7 @@ def _checked_changes(changes: object) -> dict[str, object]:
         values = dict(cast("Mapping[str, object]", changes))
         if all(isinstance(name, str) for name in values):
             return values
-    msg = f"changes: got {changes!r}; allowed: a dictionary of values by dotted name"
-    raise SceneError(msg)
+    return refuse("changes", f"{changes!r}", "a dictionary of values by dotted name")
 
 
 def is_integer(value: object) -> TypeGuard[int | np.integer]:
@@ -74,8 +70,7 @@ def is_integer(value: object) -> TypeGuard[int | np.integer]:
 def checked_count(number: int | np.integer, name: str) -> int:
     """Return an integer of at least 1 as Python's, or raise `SceneError`."""
     if not is_integer(number) or number < 1:
-        msg = f"{name}: got {number!r}; allowed: an integer of at least 1"
-        raise SceneError(msg)
+        refuse(name, f"{number!r}", "an integer of at least 1")
     return int(number)
 
 
@@ -94,8 +89,7 @@ def checked_options(options: object) -> dict[str, ArrayLike]:
     if options is None:
         return {}
     if not isinstance(options, Mapping):
-        msg = f"options: got {options!r}; allowed: a dictionary of fields by dotted name"
-        raise SceneError(msg)
+        refuse("options", f"{options!r}", "a dictionary of fields by dotted name")
     return dict(cast("Mapping[str, ArrayLike]", options))
 
 
@@ -106,11 +100,7 @@ def checked_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     # A copy: the kernels would be compiled again for a read-only or strided array.
     array = array_of(mask, "reset_mask").copy()
     if array.shape != (count,) or array.dtype != np.bool_:
-        msg = (
-            f"reset_mask: got {array.dtype} of shape {array.shape}; "
-            f"allowed: bool of shape ({count},)"
-        )
-        raise SceneError(msg)
+        refuse("reset_mask", f"{array.dtype} of shape {array.shape}", f"bool of shape ({count},)")
     return array
 
 
@@ -126,11 +116,8 @@ def checked_seeds(seeds: Seeds, count: int) -> list[int | None]:
         own = [python_integer(seed) for seed in cast("Sequence[int | None]", given)]
         if all(seed is None or (type(seed) is int and seed >= 0) for seed in own):
             return own
-    msg = (
-        f"seed: got {seeds!r}; allowed: an integer of at least 0, or a sequence or array of "
-        f"{count} of them"
-    )
-    raise SceneError(msg)
+    allowed = f"an integer of at least 0, or a sequence or array of {count} of them"
+    return refuse("seed", f"{seeds!r}", allowed)
 
 
 def checked_actions(
@@ -150,14 +137,11 @@ def checked_actions(
         msg = f"action: not an array: {error}"
         raise ActionError(msg) from None
     if isinstance(actions, np.ma.MaskedArray):
-        msg = "action: got a masked array; allowed: a number for every lane"
-        raise ActionError(msg)
+        refuse("action", "a masked array", "a number for every lane", ActionError)
     if array.dtype.kind not in "fiu":
-        msg = f"action: got type {array.dtype}; allowed: numbers"
-        raise ActionError(msg)
+        refuse("action", f"type {array.dtype}", "numbers", ActionError)
     if array.shape != shape:
-        msg = f"action: got shape {array.shape}; allowed: {shape}"
-        raise ActionError(msg)
+        refuse("action", f"shape {array.shape}", f"{shape}", ActionError)
     # The kernels would be compiled again for a read-only or strided array.
     return np.require(
         array, np.float32 if array.dtype == np.float32 else np.float64, ["C", "W", "A"]
@@ -168,8 +152,7 @@ def flag_of(state: Mapping[str, object], name: str) -> bool:
     """Return a flag of what `get_state` returned, or raise `SceneError`."""
     flag = state.get(name)
     if type(flag) is not bool:
-        msg = f"state.{name}: got {flag!r}; allowed: true or false, from get_state"
-        raise SceneError(msg)
+        refuse(f"state.{name}", f"{flag!r}", "true or false, from get_state")
     return flag
 
 

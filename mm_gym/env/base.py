@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.envs import registration
 
 from mm_gym.env.outputs import Terms
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.part import plain
 from mm_gym.scene.scene import Scene
@@ -113,8 +113,7 @@ class Environment(ABC):
     @np_random.setter
     def np_random(self, value: np.random.Generator) -> None:
         if not isinstance(value, np.random.Generator):  # pyright: ignore[reportUnnecessaryIsInstance] - callers may not check types
-            msg = f"np_random: got {value!r}; allowed: a numpy.random.Generator"
-            raise SceneError(msg)
+            refuse("np_random", f"{value!r}", "a numpy.random.Generator")
         self._np_random, self._np_random_seed = value, -1  # as Gymnasium
         self._draws_seed = True
 

@@ -12,7 +12,7 @@ from numba import types
 from pydantic import PrivateAttr
 
 from mm_gym.compiler.jit import COMPILED
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.memory import rows_of
 from mm_gym.plant.task import scales
@@ -69,8 +69,7 @@ class OwnReward:
         self.given = reward
         function = load(reward, "reward") if isinstance(reward, str) else reward
         if not callable(function):
-            msg = f"reward: got {reward!r}; allowed: a function of channels, or FILE.py:NAME of one"
-            raise SceneError(msg)
+            refuse("reward", f"{reward!r}", "a function of channels, or FILE.py:NAME of one")
         self.name = (
             reward if isinstance(reward, str) else getattr(function, "__name__", str(reward))
         )
@@ -86,11 +85,11 @@ class OwnReward:
             raise SceneError(msg) from None
         for name in names or ("",):
             if name not in CHANNELS:
-                msg = (
-                    f"reward: {self.name}: got the argument {name!r}{suggest(name, CHANNELS)}; "
-                    f"allowed: {', '.join(CHANNELS)}"
+                refuse(
+                    f"reward: {self.name}",
+                    f"the argument {name!r}{suggest(name, CHANNELS)}",
+                    ", ".join(CHANNELS),
                 )
-                raise SceneError(msg)
         return names
 
     def _compiled(self, function: Any) -> Any:  # noqa: ANN401 - numba's dispatcher

@@ -24,7 +24,7 @@ from mm_gym.env.arguments import (
 )
 from mm_gym.env.base import RENDER_MODES, Environment
 from mm_gym.env.outputs import action_space, checked_level, observation_space
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.lanes import layout as at
 from mm_gym.rendering.subject import frames_per_second
 from mm_gym.simulation.checks import is_array
@@ -470,8 +470,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             values = (values,) * self.num_envs
         given = tuple(cast("tuple[object, ...]", values))
         if len(given) != self.num_envs:
-            msg = f"{name}: got {len(given)} values; allowed: one, or {self.num_envs} of them"
-            raise ValueError(msg)
+            refuse(name, f"{len(given)} values", f"one, or {self.num_envs} of them", ValueError)
         if hasattr(self, name):
             msg = (
                 f"{name}: the environment's own, which follows from its scene; allowed: a new name"
@@ -496,11 +495,9 @@ def _shortened(scene: Scene, max_episode_steps: int | None) -> Scene:
         return scene
     steps = checked_count(max_episode_steps, "max_episode_steps")
     if steps > scene.control.steps:
-        msg = (
-            f"max_episode_steps: got {steps}; allowed: 1 to {scene.control.steps}, the scene's "
-            f"control.steps; for longer episodes pass changes={{'control.steps': {steps}}}"
-        )
-        raise SceneError(msg)
+        longer = f"for longer episodes pass changes={{'control.steps': {steps}}}"
+        allowed = f"1 to {scene.control.steps}, the scene's control.steps; {longer}"
+        refuse("max_episode_steps", f"{steps}", allowed)
     return scene.replace(**{"control.steps": steps})
 
 

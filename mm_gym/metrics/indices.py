@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.errors import SimulationError
+from mm_gym.errors import SimulationError, refuse
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -96,11 +96,11 @@ def indices(
     """
     lanes, others = len(response.duration), len(reference.duration)
     if others not in {1, lanes}:
-        msg = f"reference: got {others} motions; allowed: {lanes}, as in the response, or 1"
-        raise SimulationError(msg)
+        allowed = f"{lanes}, as in the response, or 1"
+        refuse("reference", f"{others} motions", allowed, SimulationError)
     if not reference.peak_displacement.all():
-        msg = "reference: got a carriage that does not move; allowed: motions with x1 not 0"
-        raise SimulationError(msg)
+        allowed = "motions with x1 not 0"
+        refuse("reference", "a carriage that does not move", allowed, SimulationError)
     r, ref = response, reference
     scale = ref.peak_displacement * r.weight
     moves = ref.peak_stroke > 0.0

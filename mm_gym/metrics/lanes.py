@@ -8,7 +8,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import plain
 from mm_gym.env.vector import MovingMassVectorEnv
-from mm_gym.errors import SimulationError
+from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout as at
 from mm_gym.law import springs
 from mm_gym.metrics.response import End, Totals
@@ -62,11 +62,8 @@ class LaneResponse:
         after = _values_of(env)
         counts = np.ones(env.num_envs, np.bool_) if counts is None else np.asarray(counts)
         if counts.shape != (env.num_envs,) or counts.dtype != np.bool_:
-            msg = (
-                f"counts: got {counts.dtype} of shape {counts.shape}; "
-                f"allowed: booleans of shape ({env.num_envs},)"
-            )
-            raise SimulationError(msg)
+            allowed = f"booleans of shape ({env.num_envs},)"
+            refuse("counts", f"{counts.dtype} of shape {counts.shape}", allowed, SimulationError)
         old = _spring_energy(before)
         held = [at.FORCE, at.STRETCH, at.DAMPING, *env.plant.support.held_rows]
         before[held] = after[held]

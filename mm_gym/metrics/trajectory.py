@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.errors import SimulationError
+from mm_gym.errors import SimulationError, refuse
 from mm_gym.lanes import layout as at
 from mm_gym.metrics.response import End, Totals
 from mm_gym.simulation.energy.work import CHANGE, energy_jumps, spring_energy
@@ -53,13 +53,12 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
         no mass.
     """
     if pieces < 1:
-        msg = f"pieces: got {pieces}; allowed: at least 1"
-        raise SimulationError(msg)
+        refuse("pieces", f"{pieces}", "at least 1", SimulationError)
     recording, interval = trajectory.recording, trajectory.recording.plant.support.sample_interval
     end = float(trajectory.time[-1])
     if end <= float(trajectory.time[0]):
-        msg = f"trajectory: got one instant, t = {end:g} s; allowed: a motion that takes time"
-        raise SimulationError(msg)
+        allowed = "a motion that takes time"
+        refuse("trajectory", f"one instant, t = {end:g} s", allowed, SimulationError)
     rows = np.arange(int(np.ceil(end / interval * (1.0 - 1e-12))))
     lengths = np.minimum(interval, end - rows * interval)
     is_between = recording.plant.support.is_between

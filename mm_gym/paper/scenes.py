@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.scene.mechanics import (
     Carriage,
     DryFriction,
@@ -149,8 +149,7 @@ def scene(name: str) -> Scene:
 def friction_of(system: Scene) -> DryFriction:
     """Return a scene's dry friction; raise `SceneError` if it has none."""
     if system.interface.kind != "dry_friction":
-        msg = f"interface.kind: got {system.interface.kind!r}; allowed: 'dry_friction'"
-        raise SceneError(msg)
+        refuse("interface.kind", f"{system.interface.kind!r}", "'dry_friction'")
     return system.interface
 
 

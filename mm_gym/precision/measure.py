@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym import methods
-from mm_gym.errors import CompileError, SceneError, SimulationError
+from mm_gym.errors import CompileError, SimulationError, refuse
 from mm_gym.lanes import layout as at
 from mm_gym.methods.support import PHYSICAL
 from mm_gym.plant.compile import compile_scene
@@ -79,8 +79,7 @@ def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecis
     'exact'
     """
     if not (isinstance(lanes, int) and lanes >= 1):
-        msg = f"lanes: got {lanes!r}; allowed: whole numbers of at least 1"
-        raise SceneError(msg)
+        refuse("lanes", f"{lanes!r}", "whole numbers of at least 1")
     scene = scene.replace(solver={})
     plant = compile_scene(scene)
     episodes = episodes_of(plant, seed)

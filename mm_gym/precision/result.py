@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mm_gym.drawing import COLOURS, MARKERS, STYLES, drawn, legend_below, panels
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.files import write_csv
 from mm_gym.scene.scene import Solver
 
@@ -145,8 +145,7 @@ class WorkPrecision:
             If the error is not a number greater than 0.
         """
         if not (isinstance(error, float | int) and error > 0.0 and math.isfinite(error)):
-            msg = f"error: got {error!r}; allowed: a finite number greater than 0"
-            raise SceneError(msg)
+            refuse("error", f"{error!r}", "a finite number greater than 0")
         met = [one for one in self.settings if max(one.bound, self.resolution) <= error]
         return min(met, key=lambda one: one.seconds, default=None)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.files import write_bytes
 from mm_gym.lanes import layout as at
 from mm_gym.plant.compile import compile_scene
@@ -36,8 +36,7 @@ def draw_episode(scene: Scene, path: str, *, seed: int = 0, steps: int | None = 
     The first has the last picture, the other one picture a control step; by default of an episode.
     """
     if Path(path).suffix.lower() not in KINDS:
-        msg = f"--out: got {path!r}; allowed: a file whose name ends in {' or '.join(KINDS)}"
-        raise SceneError(msg)
+        refuse("--out", f"{path!r}", f"a file whose name ends in {' or '.join(KINDS)}")
     plant = compile_scene(scene)
     lanes = Lanes(plant, 1)
     lanes.seed(seed)

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticKnownError
 
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.scene.part import Part, Ratio, Rule, below, listed, ordered
 
 Positive = Annotated[float, Field(gt=0)]
@@ -332,8 +332,7 @@ class Recorded(Sampled):
         found = tuple(islice(glob.iglob(self.files), MOST_FILES + 1))  # noqa: PTH207 - Path has no absolute patterns
         if not 1 <= len(found) <= MOST_FILES:
             got = f"{len(found)} files" if not found else f"more than {MOST_FILES} files"
-            msg = f"{self.files}: got {got}; allowed: 1 to {MOST_FILES} that match the pattern"
-            raise SceneError(msg)
+            refuse(self.files, f"{got}", f"1 to {MOST_FILES} that match the pattern")
         return tuple(sorted(found))
 
 

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.findings import draft_of
 from mm_gym.scene.part import KIND, Part, dotted_name, put
@@ -118,8 +118,7 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
 
 def _task(name: object) -> str:
     if not isinstance(name, str):
-        msg = f"base: got {name!r}; allowed: the name of a task, in quotes"
-        raise SceneError(msg)
+        refuse("base", f"{name!r}", "the name of a task, in quotes")
     try:
         return task_called(name)
     except SceneError as error:

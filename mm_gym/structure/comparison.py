@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
-from mm_gym.errors import SceneError, StructureError
+from mm_gym.errors import StructureError, refuse
 from mm_gym.files import aligned
 from mm_gym.plant.compile import compile_scene
 from mm_gym.records import Record
@@ -111,8 +111,7 @@ class Comparison:
         """Return a row by its name."""
         found = {row.name: row for row in self.rows}
         if name not in found:
-            msg = f"comparison: got {name!r}; allowed: {', '.join(map(repr, found))}"
-            raise StructureError(msg)
+            refuse("comparison", f"{name!r}", ", ".join(map(repr, found)), StructureError)
         return found[name]
 
     def table(self) -> str:
@@ -228,11 +227,8 @@ def white_noise(duration: float, time_step: float, *, rms: float = 1.0, seed: in
     """
     count = duration / time_step if time_step > 0.0 else np.nan
     if not 1.0 <= count <= MOST_INSTANTS:
-        msg = (
-            f"white noise: got {duration} s in steps of {time_step} s; "
-            f"allowed: 1 to {MOST_INSTANTS} steps"
-        )
-        raise StructureError(msg)
+        allowed = f"1 to {MOST_INSTANTS} steps"
+        refuse("white noise", f"{duration} s in steps of {time_step} s", allowed, StructureError)
     samples = rms * np.random.default_rng(seed).standard_normal(round(count) + 1)
     return np.column_stack([_spaced(time_step, len(samples)), samples])
 
@@ -282,8 +278,8 @@ def _check(reduction: Reduction, scene: Scene) -> None:
     for name, value in zip(names, own, strict=True):
         got = getattr(scene.carriage, name)
         if got != value:
-            msg = f"carriage.{name}: got {got:g}; allowed: {value:g}, that of the reduction"
-            raise StructureError(msg)
+            allowed = f"{value:g}, that of the reduction"
+            refuse(f"carriage.{name}", f"{got:g}", allowed, StructureError)
     ranges = [f"initial.{name}" for name, value in scene.initial if isinstance(value, tuple)]
     ranges += [f"randomization.{name}" for name in scene.randomization]
     if ranges:
@@ -295,19 +291,15 @@ def _instants(reduction: Reduction, ground: Array, duration: float | None) -> Ar
     """Return evenly spaced instants [s], some for every sample of the ground's motion."""
     spacing = float(np.diff(ground[:, 0]).min())
     if not spacing > 0.0:
-        msg = "ground: got times that do not increase; allowed: increasing times [s]"
-        raise SceneError(msg)
+        refuse("ground", "times that do not increase", "increasing times [s]")
     end = float(ground[-1, 0]) if duration is None else duration
     fastest = float(reduction.structure.frequencies[-1])
     per_sample = np.ceil(spacing * fastest / (2.0 * np.pi) * POINTS)
     step = spacing / float(np.clip(per_sample, 1, MOST_PER_SAMPLE))
     count = end / step
     if not 1.0 - 1e-9 <= count <= MOST_INSTANTS:
-        msg = (
-            f"duration: got {end:g} s, which is {count:g} instants; "
-            f"allowed: 1 to {MOST_INSTANTS}, {step:g} s apart"
-        )
-        raise StructureError(msg)
+        allowed = f"1 to {MOST_INSTANTS}, {step:g} s apart"
+        refuse("duration", f"{end:g} s, which is {count:g} instants", allowed, StructureError)
     return _spaced(step, int(count * (1.0 + 1e-12)) + 1)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from mm_gym.errors import StructureError, suggest
+from mm_gym.errors import StructureError, refuse, suggest
 from mm_gym.scene.part import Part
 
 if TYPE_CHECKING:
@@ -51,8 +51,7 @@ class Shaking(NamedTuple):
         """Return the one or two entries that stand for each motion of the ground."""
         if mapping not in MAPPINGS:
             nearest = suggest(str(mapping), MAPPINGS)
-            msg = f"mapping: got {mapping!r}{nearest}; allowed: 'exact' or 'balanced'"
-            raise StructureError(msg)
+            refuse("mapping", f"{mapping!r}{nearest}", "'exact' or 'balanced'", StructureError)
         check_mass(mass)
         entries = [ground] if isinstance(ground, Part | Mapping) else ground
         return [
@@ -66,11 +65,9 @@ class Shaking(NamedTuple):
         kind = entry.get("kind")
         if not isinstance(kind, str) or kind not in SIZES:
             nearest = suggest(kind, SIZES) if isinstance(kind, str) else ""
-            msg = f"{name}.kind: got {kind!r}{nearest}; allowed: {', '.join(SIZES)}"
-            raise StructureError(msg)
+            refuse(f"{name}.kind", f"{kind!r}{nearest}", ", ".join(SIZES), StructureError)
         if entry.setdefault("target", "ground") != "ground":
-            msg = f"{name}.target: got {entry['target']!r}; allowed: 'ground'"
-            raise StructureError(msg)
+            refuse(f"{name}.target", f"{entry['target']!r}", "'ground'", StructureError)
         gamma, own = self.participation, self.ground
         if abs(gamma - own) <= SAME * abs(gamma):  # one storey: the ground moves both alike
             return [_scaled(entry, own)]
@@ -91,8 +88,8 @@ class Shaking(NamedTuple):
 def check_mass(mass: float) -> None:
     """Refuse what is no mass of a device [kg]."""
     if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0.0 < mass < np.inf:
-        msg = f"mass: got {mass!r}; allowed: a number greater than 0, the mass of the device [kg]"
-        raise StructureError(msg)
+        allowed = "a number greater than 0, the mass of the device [kg]"
+        refuse("mass", f"{mass!r}", allowed, StructureError)
 
 
 def check_draws(drawn: object, shaken: list[list[dict[str, object]]]) -> None:

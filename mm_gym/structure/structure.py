@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from operator import index
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
 from scipy.linalg import eigh
 
-from mm_gym.errors import StructureError
+from mm_gym.errors import StructureError, refuse
 from mm_gym.files import write_text
 from mm_gym.plant.compile import compile_scene
 from mm_gym.scene.scene import Scene
@@ -119,8 +119,7 @@ class Structure:
         """
         m, k = _positive("masses", masses), _positive("stiffnesses", stiffnesses)
         if len(m) != len(k):
-            msg = f"structure.stiffnesses: got {len(k)}; allowed: {len(m)}, as many as masses"
-            raise StructureError(msg)
+            _refuse("stiffnesses", f"{len(k)}", f"{len(m)}, as many as masses")
         drifts = drift_matrix(len(m))
         return cls(np.diag(m), drifts.T @ np.diag(k) @ drifts, damping, storeys=True)
 
@@ -169,22 +168,22 @@ class Structure:
         squares = frequencies**2
         others = np.delete(squares, number)
         if np.any(np.abs(others - squares[number]) <= EQUAL * squares[number]):
-            msg = (
-                f"structure.mode: got {mode}; another mode has the same frequency, "
-                f"{frequencies[number]:g} rad/s, so their mode shapes are not unique; "
-                "allowed: a mode whose frequency no other mode has"
+            _refuse(
+                "mode",
+                f"{mode}; another mode has the same frequency, {frequencies[number]:g} rad/s, so "
+                "their mode shapes are not unique",
+                "a mode whose frequency no other mode has",
             )
-            raise StructureError(msg)
         shape = shapes[:, number]
         share = abs(shape[place]) / np.abs(shape).max()
         if share < NODE:
             best = int(np.argmax(np.abs(shape))) + 1
-            msg = (
-                f"structure.device: got {device}, a node of mode {mode}, whose shape there is "
-                f"{share:.1e} of its largest value; allowed: at least {NODE:g} of it; "
-                f"it is largest at {best}"
+            _refuse(
+                "device",
+                f"{device}, a node of mode {mode}, whose shape there is {share:.1e} of its "
+                "largest value",
+                f"at least {NODE:g} of it; it is largest at {best}",
             )
-            raise StructureError(msg)
         return Reduction(self, place + 1, number + 1, shape / shape[place])
 
     def _counted(self, name: str, value: int) -> int:
@@ -194,8 +193,7 @@ class Structure:
         except TypeError:
             number = 0
         if isinstance(value, bool) or not 1 <= number <= self.count:
-            msg = f"structure.{name}: got {value!r}; allowed: 1 to {self.count}"
-            raise StructureError(msg)
+            _refuse(name, f"{value!r}", f"1 to {self.count}")
         return number - 1
 
 
@@ -239,16 +237,18 @@ def rayleigh_damping(
     """
     bare = Structure(mass, stiffness, 0.0)
     if len(modes) != 2 or modes[0] == modes[1]:  # noqa: PLR2004 - a and b
-        msg = f"structure.modes: got {modes!r}; allowed: two different modes"
-        raise StructureError(msg)
+        _refuse("modes", f"{modes!r}", "two different modes")
     wanted = np.atleast_1d(np.asarray(ratios, np.float64))
     if wanted.shape != (2,):
-        msg = f"structure.ratios: got {ratios!r}; allowed: two damping ratios, one a mode"
-        raise StructureError(msg)
+        _refuse("ratios", f"{ratios!r}", "two damping ratios, one a mode")
     places = [bare._counted("modes", mode) for mode in modes]  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
     w = bare.frequencies[places]
     a, b = np.linalg.solve(np.column_stack([0.5 / w, 0.5 * w]), _ratios(wanted))
     return a * bare.mass + b * bare.stiffness
+
+
+def _refuse(name: str, got: str, allowed: str) -> NoReturn:
+    refuse(f"structure.{name}", got, allowed, StructureError)
 
 
 def _numbers(name: str, value: ArrayLike) -> Array:
@@ -257,27 +257,20 @@ def _numbers(name: str, value: ArrayLike) -> Array:
     except ValueError:  # rows of different lengths
         array = np.asarray("")
     if array.dtype.kind not in "fiu":
-        msg = f"structure.{name}: got {value!r}; allowed: real numbers"
-        raise StructureError(msg)
+        _refuse(name, f"{value!r}", "real numbers")
     numbers = array.astype(np.float64)
     if not np.isfinite(numbers).all():
-        msg = f"structure.{name}: got NaN or infinity; allowed: finite numbers"
-        raise StructureError(msg)
+        _refuse(name, "NaN or infinity", "finite numbers")
     return numbers
 
 
 def _positive(name: str, value: ArrayLike) -> Array:
     numbers = _numbers(name, value)
     if numbers.ndim != 1 or len(numbers) == 0:
-        msg = f"structure.{name}: got shape {numbers.shape}; allowed: (n,), one a storey"
-        raise StructureError(msg)
+        _refuse(name, f"shape {numbers.shape}", "(n,), one a storey")
     if numbers.min() <= 0.0:
         place = int(np.argmin(numbers))
-        msg = (
-            f"structure.{name}: got {numbers[place]:g} in storey {place + 1}; "
-            "allowed: greater than 0"
-        )
-        raise StructureError(msg)
+        _refuse(name, f"{numbers[place]:g} in storey {place + 1}", "greater than 0")
     return numbers
 
 
@@ -288,16 +281,16 @@ def _symmetric(name: str, value: ArrayLike, count: int | None) -> Array:
     allowed = "(n, n)" if count is None else f"({count}, {count})"
     square = len(shape) == 2 and shape[0] == shape[1] > 0  # noqa: PLR2004
     if not square or (count is not None and shape[0] != count):
-        msg = f"structure.{name}: got shape {shape}; allowed: {allowed}"
-        raise StructureError(msg)
+        _refuse(name, f"shape {shape}", allowed)
     difference = np.abs(matrix - matrix.T)
     if difference.max() > ASYMMETRY * np.abs(matrix).max():
         i, j = np.unravel_index(int(np.argmax(difference)), shape)
-        msg = (
-            f"structure.{name}: got {matrix[i, j]:g} in row {i + 1}, column {j + 1}, and "
-            f"{matrix[j, i]:g} across the diagonal; allowed: a symmetric matrix"
+        _refuse(
+            name,
+            f"{matrix[i, j]:g} in row {i + 1}, column {j + 1}, and {matrix[j, i]:g} across the "
+            "diagonal",
+            "a symmetric matrix",
         )
-        raise StructureError(msg)
     return 0.5 * (matrix + matrix.T)
 
 
@@ -309,11 +302,7 @@ def _definite(name: str, value: ArrayLike, count: int | None) -> Array:
             "mass": "condense degrees of freedom without mass",
             "stiffness": "a structure must not move without deforming",
         }[name]
-        msg = (
-            f"structure.{name}: got the eigenvalue {least:g}; allowed: a positive definite matrix; "
-            f"{hint}"
-        )
-        raise StructureError(msg)
+        _refuse(name, f"the eigenvalue {least:g}", f"a positive definite matrix; {hint}")
     return matrix
 
 
@@ -322,19 +311,16 @@ def _influence(value: ArrayLike | None, count: int) -> Array:
         return np.ones(count)
     numbers = _numbers("influence", value)
     if numbers.shape != (count,):
-        msg = f"structure.influence: got shape {numbers.shape}; allowed: ({count},)"
-        raise StructureError(msg)
+        _refuse("influence", f"shape {numbers.shape}", f"({count},)")
     if not numbers.any():
-        msg = "structure.influence: got only zeros; allowed: at least one number that is not 0"
-        raise StructureError(msg)
+        _refuse("influence", "only zeros", "at least one number that is not 0")
     return numbers
 
 
 def _ratios(value: Array) -> Array:
     if value.min() < 0.0 or value.max() >= 1.0:
         wrong = value.min() if value.min() < 0.0 else value.max()
-        msg = f"structure.damping: got a damping ratio of {wrong:g}; allowed: 0 to below 1"
-        raise StructureError(msg)
+        _refuse("damping", f"a damping ratio of {wrong:g}", "0 to below 1")
     return value
 
 
@@ -344,22 +330,16 @@ def _damping(value: ArrayLike, mass: Array, stiffness: Array) -> Array:
     count = len(mass)
     if numbers.ndim < 2:  # noqa: PLR2004 - a matrix
         if numbers.ndim == 1 and len(numbers) != count:
-            msg = (
-                f"structure.damping: got {len(numbers)} damping ratios; allowed: one number, "
-                f"{count} of them, or a matrix ({count}, {count})"
-            )
-            raise StructureError(msg)
+            allowed = f"one number, {count} of them, or a matrix ({count}, {count})"
+            _refuse("damping", f"{len(numbers)} damping ratios", allowed)
         frequencies, shapes = modes_of(mass, stiffness)
         weighted = mass @ shapes
         return weighted @ np.diag(2.0 * _ratios(numbers.ravel()) * frequencies) @ weighted.T
     matrix = _symmetric("damping", numbers, count)
     eigenvalues = eigh(matrix, eigvals_only=True)
     if eigenvalues[0] < -ROUND_OFF * max(eigenvalues[-1], 0.0):
-        msg = (
-            f"structure.damping: got the eigenvalue {eigenvalues[0]:g}, which would feed energy; "
-            "allowed: a positive semidefinite matrix"
-        )
-        raise StructureError(msg)
+        allowed = "a positive semidefinite matrix"
+        _refuse("damping", f"the eigenvalue {eigenvalues[0]:g}, which would feed energy", allowed)
     return matrix
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import spring_stiffness, stretch_for_stiffness
 from mm_gym.compiler.jit import plain
-from mm_gym.errors import DesignError, SimulationError, check_name
+from mm_gym.errors import DesignError, SimulationError, check_name, refuse
 from mm_gym.lanes.layout import NO_ROW
 from mm_gym.law.dry_friction import kinetic_force, slip_intercept, stick_slope
 from mm_gym.scene.mechanics import GRAVITY, DryFriction
@@ -450,6 +450,5 @@ def _problem(
             raise DesignError(msg)
         amplitude = max(sizes)
     if not (isfinite(amplitude) and amplitude > 0.0):
-        msg = f"amplitude: got {amplitude!r}; allowed: greater than 0"
-        raise DesignError(msg)
+        refuse("amplitude", f"{amplitude!r}", "greater than 0", DesignError)
     return FrictionProblem(scene, excitation, float(amplitude), channel)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize, root
 
 from mm_gym.analysis.linear import Linear, characteristic, linear_values
-from mm_gym.errors import DesignError, check_name
+from mm_gym.errors import DesignError, check_name, refuse
 from mm_gym.tuning.closed_forms import CLOSED_FORMS, closed_form
 from mm_gym.tuning.reach import obstacle, reach_of, springs_with, tuned_field
 from mm_gym.tuning.result import Design, Reference, Tuning
@@ -403,8 +403,7 @@ def require_resonance(values: Linear) -> None:
         ("carriage.linear_coefficient", values.k1),
     ):
         if value <= 0.0:
-            msg = f"{name}: got {value:g}; allowed: greater than 0, for a resonance to tune to"
-            raise DesignError(msg)
+            refuse(name, f"{value:g}", "greater than 0, for a resonance to tune to", DesignError)
 
 
 def _design(values: Linear, found: Linear, excitation: str, channel: str, criterion: str) -> Design:
