@@ -99,9 +99,7 @@ def record(plant: Plant, seed: int, *, at_limits: bool = False) -> Episode:
     lanes.seed(seed)
     lanes.restart()
     count, many = min(plant.steps, MOST_STEPS), plant.support.intervals_per_step
-    commands = _commands(plant, lanes, rng, count)
-    if at_limits:
-        commands = _to_limits(plant, commands)
+    commands = _commands(plant, lanes, rng, count, at_limits=at_limits)
     recording = blank(plant, lanes.values[:, 0].copy(), count)
     began = time.thread_time()
     for n in range(count):
@@ -127,22 +125,18 @@ def _limits(plant: Plant) -> dict[int, tuple[float, float]]:
     return limits
 
 
-def _commands(plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int) -> Values:
-    """Return uniformly random commands within the actuators' limits."""
+def _commands(
+    plant: Plant, lanes: Lanes, rng: np.random.Generator, count: int, *, at_limits: bool
+) -> Values:
+    """Return uniformly random commands within the actuators' limits, or the nearer limits."""
     rows = held_rows(plant)
     commands = np.empty((count, len(rows)))
     commands[:] = lanes.values[rows, 0]
     commands[:, 0] = 0.0
     for column, (low, high) in _limits(plant).items():
-        commands[:, column] = rng.uniform(low, high, count)
-    return commands
-
-
-def _to_limits(plant: Plant, commands: Values) -> Values:
-    """Return commands with the nearer limit in place of each."""
-    commands = commands.copy()
-    for column, (low, high) in _limits(plant).items():
-        commands[:, column] = np.where(commands[:, column] < 0.5 * (low + high), low, high)
+        drawn = rng.uniform(low, high, count)
+        nearer = np.where(drawn < 0.5 * (low + high), low, high)
+        commands[:, column] = nearer if at_limits else drawn
     return commands
 
 

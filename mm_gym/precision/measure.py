@@ -35,6 +35,9 @@ STEPS_OF_LANES = 20  # control steps of a run of several lanes
 COSTLIEST_OF_LANES = 1.0  # as `COSTLIEST`, for a run of several lanes [s]
 
 
+NO_OPTION = "", (np.nan,)  # of a method without one
+
+
 def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecision:
     """Measure error and cost of each method on a scene.
 
@@ -114,11 +117,12 @@ def _family(
     the one before a tolerance that the method refuses. A run that diverges ends early, so it has no
     cost.
     """
-    option, values = _settings(method)
+    option, values = next(m.option for m in methods.METHODS if m.name == method) or NO_OPTION
     costliest = COSTLIEST if lanes == 1 else COSTLIEST_OF_LANES
     found: list[tuple[Setting, Callable[[], float]]] = []
     for value in values:
-        solver = {"method": method} | ({option: _whole(value)} if option else {})
+        whole = int(value) if value.is_integer() else value
+        solver = {"method": method} | ({option: whole} if option else {})
         try:
             plant = compile_scene(scene.replace(solver=solver))
         except CompileError:
@@ -133,12 +137,6 @@ def _family(
         if np.isfinite(seconds) and stopwatch() > costliest:  # the first run may have compiled
             break
     return found
-
-
-def _settings(name: str) -> tuple[str, tuple[float, ...]]:
-    """Return the option of a method and its values; without an option "" and one NaN."""
-    option = next(method.option for method in methods.METHODS if method.name == name)
-    return ("", (np.nan,)) if option is None else option
 
 
 def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
@@ -181,50 +179,29 @@ def _end(recording: Recording, n: int) -> NDArray[np.float64]:
     return lane[:4, 0]
 
 
-def _whole(value: float) -> float:
-    """Return a whole number as an integer, and any other number unchanged."""
-    return int(value) if value == int(value) else value
+def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float]:
+    """Return a function that times a run of the episode, or of several lanes under random actions.
 
-
-def _lane(plant: Plant, episode: Episode) -> Lanes:
-    lanes = Lanes(plant, 1)
+    It returns seconds; a run that diverges takes infinity.
+    """
+    lanes = Lanes(plant, count)
     lanes.seed(episode.seed)
     lanes.restart()
-    return lanes
-
-
-def _stopwatch(plant: Plant, episode: Episode, count: int) -> Callable[[], float]:
-    """Return a function that times a run of the episode [s]; a run that diverges takes infinity."""
-    if count > 1:
-        return _stopwatch_of_lanes(plant, episode.seed, count)
-    lanes = _lane(plant, episode)
     start = lanes.snapshot()
     recording = blank(plant, lanes.values[:, 0].copy(), len(episode.commands))
+    shape = STEPS_OF_LANES, len(plant.actuators) * count
+    actions = np.random.default_rng(episode.seed).uniform(-1.0, 1.0, shape).astype(np.float32)
 
     def stopwatch() -> float:
         lanes.restore(start)
-        began = time.perf_counter()
+        began, statuses = time.perf_counter(), [at.OK]
         try:
-            run(lanes, episode.commands, recording)
+            if count == 1:
+                run(lanes, episode.commands, recording)
+            else:
+                statuses = [lanes.advance(row) for row in actions]
         except SimulationError:
             return np.inf
-        return time.perf_counter() - began
-
-    return stopwatch
-
-
-def _stopwatch_of_lanes(plant: Plant, seed: int, count: int) -> Callable[[], float]:
-    """Return the same for a run of several lanes under random actions."""
-    lanes, shape = Lanes(plant, count), (STEPS_OF_LANES, len(plant.actuators) * count)
-    lanes.seed(seed)
-    lanes.restart()
-    start = lanes.snapshot()
-    actions = np.random.default_rng(seed).uniform(-1.0, 1.0, shape).astype(np.float32)
-
-    def stopwatch() -> float:
-        lanes.restore(start)
-        began = time.perf_counter()
-        statuses = [lanes.advance(row) for row in actions]
         return time.perf_counter() - began if max(statuses) <= at.ENDED else np.inf
 
     return stopwatch

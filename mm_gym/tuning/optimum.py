@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize, root
@@ -62,14 +62,36 @@ STEP = 1e-5  # step of central differences, of logarithms: their error is some 1
 ROUNDS = 6  # times that the frequency between the two peaks is found anew
 
 
+class Goal(NamedTuple):
+    """What is minimised, see `tune`; of coefficients without dimension."""
+
+    excitation: str
+    channel: str
+    criterion: str
+
+    def transfer(self, values: Linear) -> Transfer:
+        """Return the transfer function."""
+        return transfer(values, self.excitation, self.channel)
+
+    def measure(self, values: Linear) -> float:
+        """Return the criterion: a peak, a variance, or the largest real part of an eigenvalue."""
+        path = self.transfer(values)
+        if self.criterion == "h_infinity":
+            unstable = abscissa(path.denominator) >= 0.0
+            return np.inf if unstable else largest_peak(path).amplitude
+        if self.criterion == "h2":
+            return variance(path)
+        own = characteristic(values)
+        free = values.k2 == 0.0  # the sphere rests anywhere
+        return abscissa(np.trim_zeros(own, "b") if free else own)
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is tuned, and for what."""
 
     values: Linear  # coefficients without dimension; k2 and c are replaced
-    excitation: str  # as the next two: see `tune`
-    channel: str
-    criterion: str
+    goal: Goal
     stiffness: tuple[float, float]  # (lowest, highest) k2 / k1 allowed; both 0 without springs
 
     @property
@@ -80,12 +102,9 @@ class Problem:
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """Bounds of the unknowns: the logarithms of c and, with springs, of k2."""
-        damping = np.log(2.0 * self.values.m2 * np.array(DAMPING_RATIOS))
-        unknowns = [(float(damping[0]), float(damping[1]))]
-        if self.has_springs:
-            low, high = np.log(self.stiffness)
-            unknowns.append((float(low), float(high)))
-        return unknowns
+        damping = 2.0 * self.values.m2 * np.array(DAMPING_RATIOS)
+        limits = [damping, self.stiffness] if self.has_springs else [damping]
+        return [(float(np.log(low)), float(np.log(high))) for low, high in limits]
 
     def at(self, unknowns: Array) -> Linear:
         """Return the coefficients for some unknowns."""
@@ -95,35 +114,17 @@ class Problem:
 
     def transfer(self, unknowns: Array) -> Transfer:
         """Return the transfer function for some unknowns."""
-        return transfer(self.at(unknowns), self.excitation, self.channel)
+        return self.goal.transfer(self.at(unknowns))
 
     def measure(self, unknowns: Array) -> float:
-        """Return the criterion: a peak, a variance, or the largest real part of an eigenvalue."""
-        return measure(self.at(unknowns), self.excitation, self.channel, self.criterion)
-
-    def rough_measure(self, unknowns: Array) -> float:
-        """Return the criterion, and of a peak an estimate from below that takes less time."""
-        if self.criterion == "h_infinity":
-            return rough_peak(self.transfer(unknowns), ROUGH)
-        return self.measure(unknowns)
-
-
-def measure(values: Linear, excitation: str, channel: str, criterion: str) -> float:
-    """Return a criterion for coefficients without dimension."""
-    path = transfer(values, excitation, channel)
-    if criterion == "h_infinity":
-        unstable = abscissa(path.denominator) >= 0.0
-        return np.inf if unstable else largest_peak(path).amplitude
-    if criterion == "h2":
-        return variance(path)
-    free = values.k2 == 0.0  # the sphere rests anywhere
-    return abscissa(np.trim_zeros(characteristic(values), "b") if free else characteristic(values))
+        """Return the criterion for some unknowns."""
+        return self.goal.measure(self.at(unknowns))
 
 
 def search(problem: Problem) -> Linear:
     """Return the coefficients, without dimension, that minimise a problem's criterion."""
     starts = _starts(problem)
-    improve = {"h_infinity": _minimax, "h2": _smooth, "stability": _slowest}[problem.criterion]
+    improve = {"h_infinity": _minimax, "h2": _smooth, "stability": _slowest}[problem.goal.criterion]
     found = [improve(problem, start) for start in starts]
     return problem.at(min(found, key=problem.measure))
 
@@ -132,14 +133,17 @@ def _starts(problem: Problem) -> list[Array]:
     """Return the best points of a grid."""
     axes = [np.linspace(low, high, GRID if high > low else 1) for low, high in problem.bounds]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    sizes = np.array([problem.rough_measure(point) for point in points])
+    if problem.goal.criterion == "h_infinity":  # an estimate from below takes less time
+        sizes = np.array([rough_peak(problem.transfer(point), ROUGH) for point in points])
+    else:
+        sizes = np.array([problem.measure(point) for point in points])
     order = np.argsort(sizes)
     least = sizes[order[0]]
     if not np.isfinite(least):
+        excitation, channel, criterion = problem.goal
         msg = (
-            f"channel: {problem.channel!r} under {problem.excitation!r} excitation has no "
-            f"finite {problem.criterion} for any damping and stiffness; choose another channel or "
-            "criterion"
+            f"channel: {channel!r} under {excitation!r} excitation has no finite {criterion} for "
+            "any damping and stiffness; choose another channel or criterion"
         )
         raise DesignError(msg)
     spacing = np.array([max(high - low, 1.0) / GRID for low, high in problem.bounds])
@@ -314,39 +318,33 @@ def tune(
         If a name is unknown, the carriage has no mass, the interface is dry friction, a tuned
         parameter is drawn, or the criterion is infinite for every damping and stiffness.
     """
-    excitation = _checked(scene, excitation, channel, criterion)
+    goal = _goal(scene, excitation, channel, criterion)
     require_fixed(scene, "interface.damping")
-    values = linear_values(scene)
+    values, reach = linear_values(scene), reach_of(scene)
     scaled = without_dimension(values)
-    reach = reach_of(scene)
-    anything = scaled.m2 * np.square(FREQUENCY_RATIOS)
-    limits = (0.0, 0.0) if reach is None else (float(anything[0]), float(anything[1]))
 
-    def optimum(stiffness: tuple[float, float]) -> Design:
-        problem = Problem(scaled, excitation, channel, criterion, stiffness)
-        return _design(values, search(problem), excitation, channel, criterion)
+    def optimum(low: float, high: float) -> Design:
+        return _design(values, search(Problem(scaled, goal, (low, high))), goal)
 
-    free = after = optimum(limits)
     reason = None
-    if reach is not None:
+    if reach is None:
+        free = after = optimum(0.0, 0.0)
+    else:
+        free = after = optimum(*(scaled.m2 * np.square(FREQUENCY_RATIOS)).tolist())
         reason = obstacle(reach, free.stiffness)
         if reason is not None:
-            after = optimum((reach.low / values.k1, reach.high / values.k1))
+            after = optimum(reach.low / values.k1, reach.high / values.k1)
     changes, stretch = springs_with(scene, after.stiffness)
     viscous = {"kind": "viscous", "damping": after.damping}
     return Tuning(
         scene=scene,
         tuned=scene.replace(interface=viscous, **changes),
-        excitation=excitation,
-        channel=channel,
-        criterion=criterion,
-        before=_design(values, scaled, excitation, channel, criterion),
+        **goal._asdict(),
+        before=_design(values, scaled, goal),
         free=free,
         after=after,
         stretch=stretch,
-        closed_forms=_references(
-            scaled.m2, (excitation, channel), criterion, has_springs=reach is not None
-        ),
+        closed_forms=_references(scaled.m2, goal, has_springs=reach is not None),
         out_of_reach=reason,
     )
 
@@ -359,9 +357,9 @@ def evaluate(
     criterion: str = "h_infinity",
 ) -> Design:
     """Return a scene's own design and its values; arguments and errors are those of `tune`."""
-    excitation = _checked(scene, excitation, channel, criterion)
+    goal = _goal(scene, excitation, channel, criterion)
     values = linear_values(scene)
-    return _design(values, without_dimension(values), excitation, channel, criterion)
+    return _design(values, without_dimension(values), goal)
 
 
 def require_fixed(scene: Scene, name: str) -> None:
@@ -372,8 +370,8 @@ def require_fixed(scene: Scene, name: str) -> None:
             raise DesignError(msg)
 
 
-def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str) -> str:
-    """Return the excitation; raise `DesignError` for what cannot be tuned."""
+def _goal(scene: Scene, excitation: str | None, channel: str, criterion: str) -> Goal:
+    """Return what is minimised; raise `DesignError` for what cannot be tuned."""
     check_name("criterion", criterion, CRITERIA, DesignError)
     excitation = excitation_of(scene, excitation)
     check_name("excitation", excitation, EXCITATIONS, DesignError)
@@ -385,7 +383,7 @@ def _checked(scene: Scene, excitation: str | None, channel: str, criterion: str)
         )
         raise DesignError(msg)
     require_resonance(linear_values(scene))
-    return excitation
+    return Goal(excitation, channel, criterion)
 
 
 def excitation_of(scene: Scene, excitation: str | None) -> str:
@@ -398,39 +396,35 @@ def excitation_of(scene: Scene, excitation: str | None) -> str:
 
 def require_resonance(values: Linear) -> None:
     """Raise `DesignError` for a carriage without mass or without a spring about rest."""
-    for name, value in (
-        ("carriage.mass", values.m1),
-        ("carriage.linear_coefficient", values.k1),
-    ):
+    own = {"carriage.mass": values.m1, "carriage.linear_coefficient": values.k1}
+    for name, value in own.items():
         if value <= 0.0:
             refuse(name, f"{value:g}", "greater than 0, for a resonance to tune to", DesignError)
 
 
-def _design(values: Linear, found: Linear, excitation: str, channel: str, criterion: str) -> Design:
+def _design(values: Linear, found: Linear, goal: Goal) -> Design:
     """Return a design from coefficients without dimension."""
     w1 = float(np.sqrt(values.k1 / values.m1))
-    peak = largest_peak(transfer(found, excitation, channel))
+    peak = largest_peak(goal.transfer(found))
     f = float(np.sqrt(found.k2 / found.m2))
     return Design(
         stiffness=found.k2 * values.k1,
         damping=found.c * float(np.sqrt(values.k1 * values.m1)),
         frequency_ratio=f,
         damping_ratio=found.c / (2.0 * found.m2 * (f or 1.0)),
-        value=measure(found, excitation, channel, criterion),
+        value=goal.measure(found),
         peak_frequency=peak.frequency * w1,
         peak=peak.amplitude,
     )
 
 
-def _references(
-    mass_ratio: float, path: tuple[str, str], criterion: str, *, has_springs: bool
-) -> tuple[Reference, ...]:
+def _references(mass_ratio: float, goal: Goal, *, has_springs: bool) -> tuple[Reference, ...]:
     """Return the closed forms for what is tuned, as far as they hold for the mass ratio."""
     return tuple(
         Reference(name, closed_form(name, mass_ratio), form.source)
         for name, form in CLOSED_FORMS.items()
-        if criterion == form.criterion
-        and (criterion == "stability" or path == (form.excitation, form.channel))
+        if goal.criterion == form.criterion
+        and (goal.criterion == "stability" or goal[:2] == (form.excitation, form.channel))
         and has_springs != name.startswith("lanchester")
         and mass_ratio < form.largest
     )
