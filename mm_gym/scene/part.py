@@ -132,7 +132,8 @@ class Part(BaseModel):
         """Return the value of a dotted name, or None where there is none."""
         value = self
         for word in name.split("."):
-            value = getattr(value, word, None)
+            is_entry = isinstance(value, tuple) and word.isdecimal()
+            value = value[int(word)] if is_entry else getattr(value, word, None)
         return value
 
     def findings_with(self, field: str, value: float) -> list[str]:
@@ -301,8 +302,11 @@ def put(data: dict[str, Data], changes: Mapping[str, object]) -> None:
     A table that is not there is made, and a name is not checked, as if a file said it. A part whose
     kind changes keeps none of its other entries.
     """
-    for name, value in sorted(changes.items(), key=lambda change: not _is_kind(change[0])):
-        *path, last = _words(name)
+    kinds_first = sorted(changes.items(), key=lambda change: change[0].rpartition(".")[2] != KIND)
+    for name, value in kinds_first:
+        first, dot, rest = name.partition(".")  # those drawn are named as a whole
+        words = [first, rest] if dot and first == "randomization" else name.split(".")
+        *path, last = words
         holder = _table(data, path, name)
         if last == KIND and isinstance(holder, dict) and holder.get(KIND) != value:
             holder.clear()
@@ -324,16 +328,6 @@ def plain(value: object) -> Data:
     if isinstance(value, list | tuple):
         return [plain(entry) for entry in cast("list[object]", value)]
     return cast("Data", value)
-
-
-def _is_kind(name: str) -> bool:
-    return name.rpartition(".")[2] == KIND
-
-
-def _words(name: str) -> list[str]:
-    """Return the words of a dotted name; those drawn are named as a whole."""
-    first, dot, rest = name.partition(".")
-    return [first, rest] if dot and first == "randomization" else name.split(".")
 
 
 def _table(data: dict[str, Data], path: list[str], name: str) -> dict[str, Data] | list[Data]:

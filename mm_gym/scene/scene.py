@@ -6,7 +6,7 @@ import hashlib
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol, cast
 
-from pydantic import BeforeValidator, Field, JsonValue, PlainValidator
+from pydantic import BeforeValidator, Field, PlainValidator
 from pydantic_core import PydanticKnownError
 
 from mm_gym.errors import SceneError, suggest
@@ -128,14 +128,10 @@ def _known_method(name: object) -> str:
     raise PydanticKnownError("literal_error", {"expected": expected})  # noqa: EM101
 
 
-def _list_methods(schema: dict[str, JsonValue]) -> None:
-    schema["enum"] = list(_method_names())
-
-
 MethodName = Annotated[
     str,
     PlainValidator(_known_method, json_schema_input_type=str),
-    Field(json_schema_extra=_list_methods),
+    Field(json_schema_extra=lambda schema: schema.update(enum=list(_method_names()))),
 ]
 """``"auto"``, or the name of a method."""
 
@@ -258,11 +254,6 @@ def _owner(name: str) -> tuple[str, str]:
         return "sensors", name.removeprefix("sensors.")
     prefix, _, field = name.rpartition(".")
     return prefix, field
-
-
-def _whole(name: str, end: float) -> float:
-    """Return the end of a range; that of a delay as an integer if it is whole."""
-    return int(end) if name == DELAY and end.is_integer() else end
 
 
 def bounds(value: NumberOrRange) -> tuple[float, float]:
@@ -417,12 +408,9 @@ class Scene(Document):
         >>> Scene().replace(**{"carriage.mass": 0.2}).carriage.mass
         0.2
         """
-        data = self._dump()
+        data = cast("dict[str, Data]", self.model_dump(mode="json"))
         put(data, values)
         return Scene.of(data)
-
-    def _dump(self) -> dict[str, Data]:
-        return self.model_dump(mode="json")
 
     def range_of(self, name: str, stated: NumberOrRange) -> NumberOrRange:
         """Return a number or, if it is drawn, its range, by dotted name.
@@ -431,7 +419,7 @@ class Scene(Document):
         """
         for ratio, (field, of) in self.drawn_ratios.items():
             if field == name:
-                low, high = bounds(self.randomization.get(of, self._number(of)))
+                low, high = bounds(self.randomization.get(of, self.value_of(of)))
                 least, most = self.randomization[ratio]
                 return least * low, most * high
         return self.randomization.get(name, stated)
@@ -446,10 +434,6 @@ class Scene(Document):
             if f"{prefix}.{name}" in self.randomization
         }
 
-    def _number(self, name: str) -> float:
-        prefix, _, field = name.rpartition(".")
-        return getattr(self._drawable_parts()[prefix], field)
-
     def _randomization_findings(self, wrong: frozenset[str]) -> list[str]:
         findings: list[str] = []
         names, parts = self._drawable(), self._drawable_parts()
@@ -463,9 +447,10 @@ class Scene(Document):
             elif name == "springs.stretch" and self.actuation.stretch is not None:
                 texts = ["has no effect with actuation.stretch; set initial.stretch"]
             else:
-                refused = {
-                    end: parts[prefix].findings_with(field, _whole(name, end)) for end in ends
-                }
+                refused: dict[float, list[str]] = {}
+                for end in ends:
+                    value = int(end) if name == DELAY and end.is_integer() else end
+                    refused[end] = parts[prefix].findings_with(field, value)
                 texts = [text for end in refused for text in refused[end]]
                 if name == self.actuation.damped and not texts:
                     found = _begins_within(name, self.actuation.device, ends)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 from mm_gym.errors import SceneError, refuse, suggest
 from mm_gym.files import parse_toml, read_text
 from mm_gym.scene.findings import draft_of
-from mm_gym.scene.part import KIND, Part, dotted_name, put
+from mm_gym.scene.part import KIND, Part, dotted_name, is_known, put
 from mm_gym.scene.scene import Scene
 from mm_gym.tasks import is_id, path_of, task_called
 
@@ -110,7 +110,7 @@ def with_base(data: dict[str, object], load: Callable[[str], Scene]) -> dict[str
     found[DRAWN] = {
         name: ends
         for name, ends in cast("dict[str, Data]", found[DRAWN]).items()
-        if not any(_within(one, part) for part in gone for one in (name, follows.get(name, name)))
+        if is_known([name, follows.get(name, name)], frozenset(gone))
     }
     put(found, stated)
     return cast("dict[str, object]", found)
@@ -141,10 +141,6 @@ def _replaced(stated: dict[str, object], base: Scene) -> Iterator[str]:
         part, _, last = name.rpartition(".")
         if last == KIND and base.value_of(name) != value:
             yield part
-
-
-def _within(name: str, part: str) -> bool:
-    return name == part or name.startswith(f"{part}.")
 
 
 Names: TypeAlias = tuple[str, ...]
@@ -258,11 +254,7 @@ def load_scene(path: str | PathLike[str]) -> Scene:
         something that is not allowed. The message lists every finding, each with the path and,
         where it is known, the line.
     """
-    return check_scene(path, _nothing_further)
-
-
-def _nothing_further(_scene: Scene, _wrong: frozenset[str]) -> list[str]:
-    return []
+    return check_scene(path, lambda _scene, _wrong: [])
 
 
 def check_scene(
