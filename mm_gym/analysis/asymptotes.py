@@ -221,12 +221,7 @@ def _bar(total: int, title: str):  # noqa: ANN202 - the type is tqdm's, which is
 def _offsets(
     scene_of: Callable[[int], Scene], lanes: NDArray[np.float64], report: Callable[[int], object]
 ) -> NDArray[np.float64]:
-    """Return the asymptotic offset (n,) [m] of each lane in (rows, n).
-
-    All lanes have the same kinds of interface and springs. `scene_of` returns the scene of a lane,
-    which a nonlinear motion with friction is simulated from; `report` is called with the number of
-    lanes done.
-    """
+    """Return the asymptotic offsets (n,) [m] of lanes (rows, n) with the same kinds of parts."""
     kind = scene_of(0)
     _refuse_driven(kind)
     if kind.interface.kind != "dry_friction":
@@ -344,15 +339,12 @@ def _follow(scene: Scene) -> float:
 
 
 def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
-    """Tell whether the energy left is too little to slip; see `stays_slower`.
-
-    Friction that provably never slips was compiled to a viscous interface, without v_r.
-    """
+    """Tell whether the energy left is too little to slip; see `stays_slower`."""
     m1, m2, vr, spring = p[at.M1], p[at.M2], p[at.VR], Spring.of(p)
     reduced, energy = m1 * m2 / (m1 + m2), _energy(p, state)
     if not spring.holds(float(state[0]), energy):
         return False
-    if vr == 0.0:
+    if vr == 0.0:  # friction that provably never slips was compiled to a viscous interface
         return True
     twice = 2.0 * max(0.0, energy - spring.least_energy)
     if np.sqrt(twice) <= vr * np.sqrt(reduced):

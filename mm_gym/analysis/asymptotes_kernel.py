@@ -35,10 +35,7 @@ def sticks_throughout(p):
 
 @kernel
 def _follow(p, regimes):
-    """Follow a free motion until it sticks for good or, with one regime, slips.
-
-    Return whether it sticks, the offset at rest [m] then, and the status.
-    """
+    """Follow a motion until it sticks for good, or with one regime slips: that, offset, status."""
     k2, m1, m2 = stiffness(p[at.K0], p[at.STRETCH]), piecewise.carriage_mass(p), p[at.M2]
     vr, size = p[at.VR], piecewise.size_of(0, 0)
     step = BLOCK_PHASE / math.sqrt(p[at.K1] * p[at.ALPHA] / m1 + k2 * (1.0 / m1 + 1.0 / m2))

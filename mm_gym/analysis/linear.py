@@ -167,14 +167,11 @@ def modes(scene: Scene) -> Modes:
 
 
 def _numerical(values: Linear) -> Roots:
-    """Return the eigenvalues of E x' = A x; that of a negligible carriage mass is split off.
-
-    The state is x1, x2 - x1, v1, v2: without springs the second column of A is exactly zero, and so
-    is one eigenvalue.
-    """
+    """Return the eigenvalues of E x' = A x; that of a negligible carriage mass is split off."""
     m1, m2, k1, k2, c, d = values
     if k2 == 0.0:
-        # The zero eigenvalue is divided out, so that round-off can neither split nor move it.
+        # Of x1, x2 - x1, v1, v2 the second column is exactly zero, and so is one eigenvalue. It is
+        # divided out, so that round-off can neither split nor move it.
         a = np.array([[0.0, 1.0, 0.0], [-k1, -(c + d), c], [0.0, c, -c]])
         e = np.diag([1.0, m1, m2])
     else:
@@ -278,10 +275,7 @@ def _cube_roots(value: complex) -> list[complex]:
 
 
 def _ordered(roots: Roots) -> Roots:
-    """Return the roots sorted by magnitude, then by imaginary part.
-
-    Magnitudes are rounded to 11 digits, so that those of conjugates are equal.
-    """
+    """Return the roots sorted by magnitude, to 11 digits as of conjugates, then imaginary part."""
     size = np.abs(roots)
     key = np.where(size > 0.0, np.round(np.log(np.where(size > 0.0, size, 1.0)), 11), -np.inf)
     return roots[np.lexsort((roots.imag, key))].astype(np.complex128)

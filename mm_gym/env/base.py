@@ -71,10 +71,7 @@ class Environment(ABC):
         """Restore a state."""
 
     def _compile(self, lanes: int, threads: int = 1) -> None:
-        """Compile the scene, and make its lanes and what draws them.
-
-        Gymnasium makes environments with modes that they do not have, and warns. So does this.
-        """
+        """Compile the scene, and make its lanes and what draws them."""
         own = self.scene.own_reward
         self.plant = compile_scene(self.scene)
         self._lanes = Lanes(self.plant, lanes, threads, own)
@@ -84,7 +81,7 @@ class Environment(ABC):
             from mm_gym.rendering.renderer import Renderer  # noqa: PLC0415 - for pictures only
 
             self._renderer = Renderer(self.scene, self._lanes, self.render_mode)
-        elif self.render_mode is not None:
+        elif self.render_mode is not None:  # Gymnasium warns too, and makes the environment
             warnings.warn(_unknown(self.render_mode), UserWarning, stacklevel=2)
 
     def _frames(self) -> list[Any] | None:

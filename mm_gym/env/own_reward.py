@@ -232,10 +232,7 @@ def rewarded(scene: Scene, reward: RewardLike | None) -> Scene:
 
 
 def _probes(scene: Scene) -> Values:
-    """Return lanes (rows, probes) with states that episodes of a scene come to.
-
-    First at rest, then at one end of every range, then at the other, then anywhere between.
-    """
+    """Return lanes (rows, probes): at rest, at one end of every range, at the other, in between."""
     objective, start = scene.objective, scene.initial
     unit = {name: 1.0 * scale for name, (scale, _) in scales(scene).items()}
     lengths = max(unit["displacement"], *map(abs, bounds(start.carriage_displacement)))

@@ -182,13 +182,10 @@ class MovingMassEnv(  # pyright: ignore[reportIncompatibleVariableOverride] - Gy
         self.observation_space = observation_space(self.plant)
 
     def _prepare(self) -> None:
-        """Compile the scene, and make the lane and the parts of a step.
-
-        The parts are kept together, and bound, because looking one up or indexing an array takes a
-        good part of a control step.
-        """
+        """Compile the scene, and make the lane and the parts of a step."""
         self._compile(1)
         lanes, column = self._lanes, self._lanes.values[:, 0]
+        # kept together, and bound: to look one up takes a good part of a control step
         self._parts = (
             *((len(self.plant.actuators),), lanes.advance_of(FLOAT32)),
             *(lanes.rewards, lanes.rewards.item),

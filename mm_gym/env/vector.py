@@ -540,11 +540,7 @@ class Ends:
         return observations, state, applied
 
     def _allocated(self, count: int) -> tuple[Any, ...]:
-        """Return memory for a number of lanes' observations.
-
-        It is what the kernel writes, each observation's row in it, all lanes' observations, states,
-        and what was applied.
-        """
+        """Return memory for some lanes' observations: the kernel's, and then what `of` returns."""
         _, _, _, state, applied = self._lanes.outputs
         observed = np.empty((count, len(self._lanes.observed)), np.float32)
         values = np.zeros((self._lanes.count, len(state) + len(applied)))

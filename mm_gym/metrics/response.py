@@ -226,10 +226,7 @@ class Totals:
         )
 
     def _smooth(self, end: End, control: Array) -> list[tuple[Array, Array]]:
-        """Return value and rate of displacement, velocity, stroke and force on the base.
-
-        The reaction to a control force (lanes, n) [N] that acts on the ground is part of the last.
-        """
+        """Return value and rate of displacement, velocity, stroke and force on the base."""
         k1, alpha, beta = (self._p[row][:, None] for row in (at.K1, at.ALPHA, at.BETA))
         d = end.damping
         x1, x2, v1, v2 = end.state

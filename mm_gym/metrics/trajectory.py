@@ -82,10 +82,7 @@ def _stretch_jumps(recording: Recording, intervals: int) -> Array:
 
 
 def _end(recording: Recording, rows: NDArray[np.intp], part: Array, *, first: bool) -> End:
-    """Return the motion some time [s] after the starts of sample intervals.
-
-    At their starts it is that after impulses, at their ends that before.
-    """
+    """Return the motion a time [s] into sample intervals: after impulses if first, else before."""
     interval = recording.plant.support.sample_interval
     whole = part >= interval
     inner = Place(np.where(whole, rows + 1, rows), np.where(whole, 0.0, part))

@@ -214,10 +214,7 @@ def _truth(pairs: Sequence[_Pair], episodes: Sequence[Episode]) -> Truth:
 
 
 def _spread(counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return episodes and sample intervals in an order that soon covers them evenly.
-
-    There are at most `MOST_CHECKED`, from each of the episodes (of `counts` intervals) in turn.
-    """
+    """Return at most `MOST_CHECKED` episodes and intervals, in an order that covers them evenly."""
     golden_ratio = 0.5 * (1.0 + np.sqrt(5.0))
     each = -(-MOST_CHECKED // len(counts))
     orders: list[list[int]] = []

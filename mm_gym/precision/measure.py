@@ -111,12 +111,7 @@ def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecis
 def _family(
     scene: Scene, method: str, truth: Truth, lanes: int
 ) -> list[tuple[Setting, Callable[[], float]]]:
-    """Return a method's settings from coarse to fine, each with a function that times a run.
-
-    The first one that takes longer than `COSTLIEST`, or `COSTLIEST_OF_LANES`, is the last; so is
-    the one before a tolerance that the method refuses. A run that diverges ends early, so it has no
-    cost.
-    """
+    """Return a method's settings from coarse to fine, each with a function that times a run."""
     option, values = next(m.option for m in methods.METHODS if m.name == method) or NO_OPTION
     costliest = COSTLIEST if lanes == 1 else COSTLIEST_OF_LANES
     found: list[tuple[Setting, Callable[[], float]]] = []
@@ -160,10 +155,7 @@ def errors_of(plant: Plant, truth: Truth) -> NDArray[np.float64]:
 
 
 def _own(plant: Plant, recording: Recording, drawn: NDArray[np.float64]) -> Recording:
-    """Return the recording as another plant's.
-
-    It may have a viscous interface in place of friction that never slips: it keeps its own.
-    """
+    """Return the recording as another plant's, which keeps its own kind of interface."""
     parameters = recording.parameters.copy()
     parameters[list(PHYSICAL)] = drawn[list(PHYSICAL)]
     return replace(recording, plant=plant, parameters=parameters)

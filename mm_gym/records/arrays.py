@@ -225,10 +225,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 def _matrices(
     data: memoryview, order: str, outer: Sequence[str] = ()
 ) -> list[tuple[str, tuple[int, ...], NDArray[Any]]]:
-    """Return name, shape and numbers of a variable, or of the fields of a struct, if they are real.
-
-    A field's name comes after those of the structs that it is in, `outer`.
-    """
+    """Return name, shape and numbers of a variable, or of its fields, whose structs are `outer`."""
     parts = _elements(data, order)
     flags, _ = struct.unpack(order + "II", next(parts)[1])
     kind = flags & MAT_CLASS

@@ -298,10 +298,7 @@ def read_columns(file: Path, text: str, unit: str, options: Options) -> Samples:
 
 
 def _headings(file: Path, text: str, skip: int) -> tuple[list[Block], int, int]:
-    """Return the lines before the first number, where in the text that line begins, and its number.
-
-    The lines that are skipped are not among them.
-    """
+    """Return the lines before the first number but those skipped, and its place and line."""
     headings: list[Block] = []
     start = 0
     for number in range(1, skip + MOST_HEADINGS + 2):

@@ -100,10 +100,7 @@ def _mend(data: dict[str, Any], names: list[str], owner: type[Part] | None, kind
 
 
 def _holder(data: dict[str, Any], names: list[str]) -> tuple[Any, int]:
-    """Return the deepest table that holds one of the names, or the list of excitation, and which.
-
-    A wrong entry of any other list makes the whole list wrong.
-    """
+    """Return the deepest table that holds one of the names, or the excitation, and which name."""
     holder, depth = data, 0
     while depth < len(names) - 1:
         inner: Any = holder.get(names[depth])
@@ -113,7 +110,7 @@ def _holder(data: dict[str, Any], names: list[str]) -> tuple[Any, int]:
             if depth == len(names) - 1:
                 return entries, depth
             inner = entries[int(names[depth])]
-        if not isinstance(inner, dict):
+        if not isinstance(inner, dict):  # a wrong entry makes any other list wrong as a whole
             break
         holder, depth = cast("dict[str, Any]", inner), depth + 1
     return holder, depth

@@ -465,10 +465,7 @@ class Scene(Document):
         return findings
 
     def _drawable(self) -> list[str]:
-        """Return the dotted names of the numbers and ratios that may be randomised.
-
-        The numbers of `initial` are not among them, because they take ranges themselves.
-        """
+        """Return the dotted names that may be drawn; those of `initial` take ranges themselves."""
         names: list[str] = []
         for prefix, part in self._drawable_parts().items():
             numbers = [

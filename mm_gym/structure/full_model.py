@@ -134,11 +134,7 @@ class FullModel:
         return np.concatenate(both)
 
     def _propagate(self, stops: Array, ground: Array, held: Array) -> Array:
-        """Return the states of a linear device: exact under ground motion linear in each step.
-
-        What the actuators hold from each stop on is written to `held` (k, 2): the force [N], and
-        the damping beyond the interface's own [N s/m].
-        """
+        """Return a linear device's states; `held` (k, 2) gets the force [N] and added damping."""
         begins, ends = _sampled(stops, ground)
         transitions: dict[tuple[float, float], Array] = {}
         states = np.empty((len(stops), 2 * self.count + 2))

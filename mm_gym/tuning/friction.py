@@ -290,10 +290,7 @@ class FrictionProblem:
         return float(np.log(self._highest(normal, k2, ())[1]))
 
     def _highest(self, normal: float, k2: float, others: Sequence[float]) -> Pair:
-        """Return frequency and height of the highest peak, near those of the first harmonic.
-
-        Others are further frequencies to look near.
-        """
+        """Return frequency and height of the highest peak, near the first harmonic's and others."""
         sizes = self._first_harmonic(normal, k2, BAND * self.w1)
         inner = sizes[1:-1]
         is_peak = (inner >= sizes[:-2]) & (inner >= sizes[2:]) & (inner >= HIGH * sizes.max())
@@ -346,10 +343,7 @@ def _pair(unknowns: Array) -> Pair:
 
 
 def _refined(frequencies: Array, sizes: Array) -> Pair:
-    """Return frequency and size of the highest peak, by the parabola through three points.
-
-    Where the curve is steep, as where the sphere begins to slip, it is the highest point.
-    """
+    """Return the highest peak by the parabola through three points, or where it is steep by one."""
     k = int(np.argmax(sizes))
     x, y = np.log(frequencies[max(k - 1, 0) : k + 2]), np.log(sizes[max(k - 1, 0) : k + 2])
     if len(x) < 3 or np.ptp(y) > STEEP:  # noqa: PLR2004 - points of a parabola

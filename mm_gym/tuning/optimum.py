@@ -182,11 +182,8 @@ def _smooth(problem: Problem, start: Array) -> Array:
 
 
 def _minimax(problem: Problem, start: Array) -> Array:
-    """Minimise the largest amplitude: t with t >= the peak on either side of a frequency.
-
-    Each peak is a smooth function, their maximum is not. Its slope is that of the amplitude at the
-    fixed frequency of the peak.
-    """
+    """Minimise the largest amplitude: t with t >= the peak on either side of a frequency."""
+    # Each peak is a smooth function, their maximum is not.
     best = start
     for _ in range(ROUNDS):
         split = valley(problem.transfer(best))
@@ -216,7 +213,7 @@ def _epigraph(problem: Problem, start: Array, split: float) -> Array:
         return np.array([z[-1] - np.log(peak.amplitude) for peak in peaks(z[:-1])])
 
     def slopes(z: Array) -> Array:
-        # Infinity stands for where the amplitude no longer changes.
+        # A peak's slope is that at its fixed frequency; at infinity nothing changes any more.
         at = np.array([min(peak.frequency, 1e6) for peak in peaks(z[:-1])])
 
         def sizes(unknowns: Array) -> Array:
@@ -251,11 +248,9 @@ def _slowest(problem: Problem, start: Array) -> Array:
 
 
 def _double_pair(problem: Problem, start: Array) -> Array:
-    """Return where both pairs of eigenvalues coincide, if Newton's method finds it.
+    """Return where both pairs of eigenvalues coincide, if Newton's method finds it."""
 
-    The characteristic polynomial is then g4 (s^2 + p s + q)^2: four equations for c, k2, p and q.
-    """
-
+    # The characteristic polynomial is then g4 (s^2 + p s + q)^2: four equations.
     def residual(unknowns: Array) -> Array:
         p, q = np.exp(unknowns[2:])
         square = np.polymul([1.0, p, q], [1.0, p, q])

@@ -69,10 +69,7 @@ CHANNELS = (
 def _numerators(
     values: Linear, excitation: str
 ) -> tuple[Polynomial, Polynomial, Polynomial, Polynomial]:
-    """Return the numerators of x1, x2 and of the absolute accelerations of both masses.
-
-    Cramer's rule on (1) and (2) of docs/model.md.
-    """
+    """Return numerators of x1, x2 and absolute accelerations: Cramer's rule on (1) and (2)."""
     m1, m2, k1, k2, c, d = values
     link, support = np.array([c, k2]), np.array([d, k1])
     sphere = np.array([m2, c, k2])
