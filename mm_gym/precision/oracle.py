@@ -38,29 +38,19 @@ class Solution(Protocol):
 
 @dataclass(frozen=True)
 class Oracle:
-    """A scene with one value for every field, integrated by SciPy.
+    """A scene with one value for every field, integrated by SciPy."""
 
-    Attributes
-    ----------
-    scene
-        A scene without ranges; those of `initial` may stay if `solve` is given a start.
-    method, rtol
-        Options of `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes.
-    max_step
-        Longest step [s]: SciPy sees an event only if its sign differs between two steps.
-    disturbance
-        Function of time [s] and target: the force [N] for "force", the acceleration [m/s^2] for
-        "ground". By default the scene's harmonics.
-    most_evaluations
-        Evaluations of the forces after which the oracle gives up, over its whole life.
-    """
-
-    scene: Scene
+    scene: Scene  # A scene without ranges; those of `initial` may stay if `solve` is given a start
+    # method, rtol: Options of `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes
     method: str = "DOP853"
     rtol: float = 1e-13
     max_step: float = np.inf
+    """longest step [s]: SciPy sees an event only if its sign differs between two steps"""
     disturbance: Callable[[float, str], float] | None = None
+    """function of time [s] and target: the force [N] for "force", the acceleration [m/s^2] for
+    "ground". By default the scene's harmonics."""
     most_evaluations: int = 100_000_000
+    """evaluations of the forces after which the oracle gives up, over its whole life"""
     _spent: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
 
     @property
@@ -77,24 +67,11 @@ class Oracle:
         start: ArrayLike | None = None,
         begin: float = 0.0,
     ) -> State:
-        """Return the states (n, 4) at increasing times [s] of at least `begin`.
+        """Return the states (n, 4) at increasing times (n,) [s], from a start (4,) at `begin` [s].
 
-        Parameters
-        ----------
-        times
-            (n,) instants [s].
-        forces, stretches
-            Force [N] and stretch [-], one value per control step and held over it; by default 0 N
-            and the scene's stretch.
-        start
-            (4,) state at the time `begin`: x1, x2 [m], v1, v2 [m/s]; by default the scene's.
-        begin
-            Time at which the motion starts [s].
-
-        Raises
-        ------
-        SimulationError
-            If SciPy fails, or the budget of evaluations is used up.
+        Forces [N] and stretches [-] have one value per control step, held over it; by default they
+        are 0 N and the scene's. States are x1, x2 [m], v1, v2 [m/s]; the start is by default the
+        scene's. `SimulationError` says that SciPy fails, or the budget of evaluations is used up.
         """
         instants = np.atleast_1d(np.asarray(times, np.float64))
         state = self.initial_state() if start is None else np.array(start, np.float64)

@@ -20,24 +20,11 @@ EVEN = 2.0**-40  # rounding of a file's times, relative to them: what deviates l
 
 
 def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: ArrayLike) -> Array:
-    """Return the largest w^2 |x| and |absolute acceleration| of oscillators.
+    """Return the largest w^2 |x| and |absolute acceleration| (2, d, k) [m/s^2] of oscillators.
 
-    Parameters
-    ----------
-    times, values
-        (n,) increasing instants [s], and the ground's acceleration [m/s^2] at them: linear in
-        between, and zero before and after.
-    periods, damping
-        (k,) natural periods without damping [s], and (d,) damping ratios [-].
-
-    Returns
-    -------
-    (2, d, k) [m/s^2]: pseudo-acceleration, and absolute acceleration.
-
-    Raises
-    ------
-    SceneError
-        If a period or damping ratio is not allowed.
+    They have periods (k,) [s] and damping ratios (d,). The ground's acceleration (n,) [m/s^2] is
+    linear between increasing times (n,) [s], and zero before and after. `SceneError` refuses what
+    is no period or ratio.
     """
     own, ratios = _numbers("periods", periods), _numbers("damping", damping)
     if not np.all(own > 0.0):

@@ -18,7 +18,7 @@ from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
 from mm_gym.rendering.picture import Picture, columns
-from mm_gym.rendering.subject import subject_of
+from mm_gym.rendering.subject import Subject
 from mm_gym.simulation.lanes import Lanes
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def draw_episode(scene: Scene, path: str, *, seed: int = 0, steps: int | None = 
     plant = compile_scene(scene)
     lanes = Lanes(plant, 1)
     lanes.seed(seed)
-    subject = subject_of(scene, plant)
+    subject = Subject(scene, plant)
     history, picture = History(lanes, subject, columns(subject)), Picture(subject)
     pasts = _pasts(lanes, history, plant.steps if steps is None else steps)
     if path.lower().endswith(".png"):

@@ -15,7 +15,7 @@ from mm_gym.rendering.canvas import load_pygame
 from mm_gym.rendering.history import History
 from mm_gym.rendering.look import SIZE
 from mm_gym.rendering.picture import Picture, columns
-from mm_gym.rendering.subject import subject_of
+from mm_gym.rendering.subject import Subject
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,7 +104,7 @@ class Renderer:
     def __init__(self, scene: Scene, lanes: Lanes, mode: str) -> None:
         self._lanes = lanes
         self._mode = mode
-        self._subject = subject_of(scene, lanes.plant)
+        self._subject = Subject(scene, lanes.plant)
         self._history = History(lanes, self._subject, columns(self._subject))
         self._collected: list[list[Frame]] = [[] for _ in range(lanes.count)]
 

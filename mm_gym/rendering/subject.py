@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import pi, sqrt
 from typing import TYPE_CHECKING
 
@@ -71,84 +70,49 @@ CAMERA = 0.3
 UNSTRETCHED = 1.0  # stretch with which springs are drawn that have none: no other is smaller
 
 
-@dataclass(frozen=True)
 class Subject:
     """The parts of a scene, as its pictures need them."""
 
-    time_step: float  # [s]
-    steps: int  # of an episode
-    frames: int  # per second
-    period: float  # the carriage's natural period [s]
-    speed: str  # how the time on the screen relates to that of the motion
-    has_damper: bool  # as the next two: whether it is drawn
-    has_sphere: bool
-    has_springs: bool
-    interface: str  # its kind
-    knows_forces: bool  # whether all forces on the carriage are known here
-    stretch_range: tuple[float, float]  # [-], from one end of the springs' colours to the other
-    force_limit: float | None  # of the control force [N], or None
-    is_between: bool  # whether it acts between the masses
-    is_stretched: bool  # whether the stretch is actuated
-    damped_row: int  # of the damping or voltage that is actuated, 0 if none is
-    damping_range: tuple[float, float]  # its limits [N s/m] or [V]
-    device: str  # "damping" or "voltage"
-    displacement_limit: float | None  # [m]
-    rail_limit: float | None  # [m]
-    displacement: float  # expected of the carriage [m]; the view begins with it
-    offset: float  # expected of the sphere [m]
-    disturbance: float  # largest force [N] expected of the excitation, 0 if there is none
-    acceleration: float  # largest acceleration of the ground [m/s^2] expected, 0 if it is at rest
-    impulse: float  # largest on the carriage [N s], 0 for none
-    ground_impulse: float  # largest jump of the ground's velocity [m/s], 0 for none
-
-    @property
-    def camera_frequency(self) -> float:
-        """Frequency [Hz] below which the camera follows the ground."""
-        return CAMERA / min(self.period, self.steps * self.time_step)
-
-
-def subject_of(scene: Scene, plant: Plant) -> Subject:
-    """Return what of a scene is drawn."""
-    low, high = plant.support.low, plant.support.high
-    start_low, start_high = plant.support.start_low, plant.support.start_high
-    has_springs = scene.springs.kind != "none"
-    actuation, objective = scene.actuation, scene.objective
-    frames = frames_per_second(plant)
-    stretches = float(low[at.STRETCH]), float(high[at.STRETCH])
-    if stretches[0] == stretches[1]:
-        stretches = 0.0, 2.0 * max(stretches[1], UNSTRETCHED)
-    drawn = [max(abs(start_low[row]), abs(start_high[row])) for row in (at.X1, at.X2)]
-    return Subject(
-        time_step=plant.time_step,
-        steps=plant.steps,
-        frames=frames,
-        period=min(natural_period(plant), plant.steps * plant.time_step),
-        speed=speed_text(plant.time_step, frames),
-        has_damper=bool(high[at.D] > 0.0),
-        has_sphere=has_springs or scene.interface.kind != "none" or actuation.is_between,
-        has_springs=has_springs,
-        interface=scene.interface.kind,
-        knows_forces=not plant.support.is_general,
-        stretch_range=stretches,
-        force_limit=None if actuation.force is None else actuation.force.limit,
-        is_between=actuation.is_between,
-        is_stretched=actuation.stretch is not None,
-        damped_row=plant.support.damped_row,
-        damping_range=(float(low[at.DAMPING]), float(high[at.DAMPING])),
-        device=plant.support.device,
-        displacement_limit=objective.displacement_limit,
-        rail_limit=objective.rail_half_length,
-        displacement=_expected(
-            float(drawn[0]), objective.displacement_scale, objective.displacement_limit
-        ),
-        offset=_expected(float(drawn[1]), objective.stroke_scale, objective.rail_half_length),
-        disturbance=sum(_size(scene, k) for k in _parts(scene, "force", impulses=False)),
-        acceleration=sum(_size(scene, k) for k in _parts(scene, "ground", impulses=False)),
-        impulse=max((_size(scene, k) for k in _parts(scene, "force", impulses=True)), default=0.0),
-        ground_impulse=max(
-            (_size(scene, k) for k in _parts(scene, "ground", impulses=True)), default=0.0
-        ),
-    )
+    def __init__(self, scene: Scene, plant: Plant) -> None:
+        support, actuation, objective = plant.support, scene.actuation, scene.objective
+        low, high, start_low, start_high = (
+            values.tolist()
+            for values in (support.low, support.high, support.start_low, support.start_high)
+        )
+        self.time_step, self.steps = plant.time_step, plant.steps  # [s], and those of an episode
+        self.frames = frames_per_second(plant)
+        self.period = min(natural_period(plant), plant.steps * plant.time_step)  # carriage's [s]
+        self.camera_frequency = CAMERA / self.period  # [Hz], below which it follows the ground
+        self.speed = speed_text(plant.time_step, self.frames)
+        # which parts are drawn
+        self.interface = scene.interface.kind
+        self.has_damper = high[at.D] > 0.0
+        self.has_springs = scene.springs.kind != "none"
+        is_coupled = self.interface != "none" or actuation.is_between
+        self.has_sphere = self.has_springs or is_coupled
+        self.knows_forces = not support.is_general  # those on the carriage
+        # the actuators
+        self.force_limit = None if actuation.force is None else actuation.force.limit  # [N]
+        self.is_between = actuation.is_between  # the force, and not on the ground
+        self.is_stretched = actuation.stretch is not None
+        # [-], from one end of the springs' colours to the other
+        self.stretch_range = low[at.STRETCH], high[at.STRETCH]
+        if low[at.STRETCH] == high[at.STRETCH]:
+            self.stretch_range = 0.0, 2.0 * max(high[at.STRETCH], UNSTRETCHED)
+        self.device, self.damped_row = support.device, support.damped_row  # 0 if none is actuated
+        self.damping_range = low[at.DAMPING], high[at.DAMPING]  # [N s/m] or [V]
+        # how far carriage and sphere may move, and are expected to [m]; the view begins with it
+        self.displacement_limit = objective.displacement_limit
+        self.rail_limit = objective.rail_half_length
+        x1, x2 = (max(abs(start_low[row]), abs(start_high[row])) for row in (at.X1, at.X2))
+        self.displacement = _expected(x1, objective.displacement_scale, self.displacement_limit)
+        self.offset = _expected(x2, objective.stroke_scale, self.rail_limit)
+        # largest force [N] and acceleration of the ground [m/s^2] expected, 0 if there is none
+        self.disturbance = sum(_sizes(scene, "force", impulses=False))
+        self.acceleration = sum(_sizes(scene, "ground", impulses=False))
+        # largest impulse [N s], and jump of the ground's velocity [m/s]
+        self.impulse = max(_sizes(scene, "force", impulses=True), default=0.0)
+        self.ground_impulse = max(_sizes(scene, "ground", impulses=True), default=0.0)
 
 
 def _expected(drawn: float, scale: float, limit: float | None) -> float:
@@ -158,9 +122,9 @@ def _expected(drawn: float, scale: float, limit: float | None) -> float:
     return expected
 
 
-def _parts(scene: Scene, target: str, *, impulses: bool) -> list[int]:
+def _sizes(scene: Scene, target: str, *, impulses: bool) -> list[float]:
     return [
-        k
+        _size(scene, k)
         for k, part in enumerate(scene.excitation)
         if part.target == target and isinstance(part, Impulse) == impulses
     ]

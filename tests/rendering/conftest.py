@@ -8,7 +8,7 @@ from mm_gym.plant.compile import compile_scene
 from mm_gym.rendering.history import History
 from mm_gym.rendering.mechanism import view_of
 from mm_gym.rendering.picture import Picture, columns
-from mm_gym.rendering.subject import subject_of
+from mm_gym.rendering.subject import Subject
 from mm_gym.scene import Scene
 from mm_gym.simulation.lanes import Lanes
 
@@ -28,7 +28,7 @@ class Studio:
         self.lanes = Lanes(self.plant, 1)
         self.lanes.seed(0)
         self.lanes.restart()
-        self.subject = subject_of(self.scene, self.plant)
+        self.subject = Subject(self.scene, self.plant)
         self.history = History(self.lanes, self.subject, columns(self.subject))
         self.picture = Picture(self.subject)
 
