@@ -40,17 +40,13 @@ class Solution(Protocol):
 class Oracle:
     """A scene with one value for every field, integrated by SciPy."""
 
-    scene: Scene  # A scene without ranges; those of `initial` may stay if `solve` is given a start
-    # method, rtol: Options of `scipy.integrate.solve_ivp`; use ``"Radau"`` for stiff scenes
-    method: str = "DOP853"
+    scene: Scene  # without ranges; those of `initial` may stay if `solve` is given a start
+    method: str = "DOP853"  # of `scipy.integrate.solve_ivp`; "Radau" for stiff scenes
     rtol: float = 1e-13
-    max_step: float = np.inf
-    """longest step [s]: SciPy sees an event only if its sign differs between two steps"""
+    max_step: float = np.inf  # [s]: SciPy sees an event only if its sign differs between two steps
+    # of time [s] and target, force [N] or ground's acceleration [m/s^2]; by default the harmonics
     disturbance: Callable[[float, str], float] | None = None
-    """function of time [s] and target: the force [N] for "force", the acceleration [m/s^2] for
-    "ground". By default the scene's harmonics."""
-    most_evaluations: int = 100_000_000
-    """evaluations of the forces after which the oracle gives up, over its whole life"""
+    most_evaluations: int = 100_000_000  # of the forces, over its life, before it gives up
     _spent: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
 
     @property
