@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from mm_gym.analysis.asymptotes_kernel import final_offsets, sticks_throughout
-from mm_gym.analysis.linear import row_of
 from mm_gym.compiler.jit import plain
 from mm_gym.errors import SceneError, SimulationError, refuse
 from mm_gym.lanes import layout as at
@@ -30,6 +29,8 @@ if TYPE_CHECKING:
 
     from mm_gym.scene.scene import Scene
 
+    Array = NDArray[np.float64]
+
 
 class Spring(NamedTuple):
     """The carriage's spring, of force k1 (alpha + beta x1^2) x1: k1 [N/m], alpha [-], beta [1/m^2].
@@ -42,7 +43,7 @@ class Spring(NamedTuple):
     beta: float
 
     @classmethod
-    def of(cls, p: NDArray[np.float64]) -> Spring:
+    def of(cls, p: Array) -> Spring:
         """Return the spring of a lane (rows,)."""
         return cls(float(p[at.K1]), float(p[at.ALPHA]), float(p[at.BETA]))
 
@@ -117,6 +118,29 @@ FIRST_STEPS, MOST_STEPS = 256, 1 << 20
 """Control steps that a nonlinear motion is simulated for: at first, and at most."""
 
 
+def row_of(scene: Scene, what: str) -> Array:
+    """Return the lane (rows,) that the scene starts as; raise `SceneError` for a range."""
+    support = support_of(scene)
+    drawn = [
+        name
+        for name, row in support.names.items()
+        if support.start_low[row] != support.start_high[row]
+    ]
+    if drawn:
+        msg = f"{drawn[0]}: got a range; {what} needs one value for every field"
+        raise SceneError(msg)
+    if support.is_general:
+        msg = (
+            f"{support.general_because}; allowed: interface.kind 'none', 'viscous', "
+            f"'dry_friction' and springs without cubic_coefficient, for which {what} is known"
+        )
+        raise SceneError(msg)
+    row = support.start_low.copy()
+    row[at.X2] += row[at.X1]
+    plain(dry_friction.write_regimes)(row[:, None], 0, 1)
+    return row
+
+
 def asymptotic_offset(scene: Scene) -> float:
     """Return the relative displacement x2 - x1 at which the free motion comes to rest.
 
@@ -149,7 +173,7 @@ def asymptotic_offset(scene: Scene) -> float:
 
 def bifurcation(
     scene: Scene, parameter: str, values: ArrayLike, *, progress: bool = False
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the final relative displacement for each value of one parameter, on all cores.
 
     Parameters
@@ -166,7 +190,7 @@ def bifurcation(
 
     Returns
     -------
-    NDArray[np.float64]
+    Array
         (n,) x2 - x1 as time goes to infinity [m].
 
     Raises
@@ -219,8 +243,8 @@ def _bar(total: int, title: str):  # noqa: ANN202 - the type is tqdm's, which is
 
 
 def _offsets(
-    scene_of: Callable[[int], Scene], lanes: NDArray[np.float64], report: Callable[[int], object]
-) -> NDArray[np.float64]:
+    scene_of: Callable[[int], Scene], lanes: Array, report: Callable[[int], object]
+) -> Array:
     """Return the asymptotic offsets (n,) [m] of lanes (rows, n) with the same kinds of parts."""
     kind = scene_of(0)
     _refuse_driven(kind)
@@ -256,16 +280,14 @@ def _refuse_driven(scene: Scene) -> None:
         raise SceneError(msg)
 
 
-def _refuse_without_well(p: NDArray[np.float64]) -> None:
+def _refuse_without_well(p: Array) -> None:
     if not Spring.of(p).has_well:
         got = f"{p[at.ALPHA]} with cubic_coefficient = {p[at.BETA]}"
         where = "where the carriage has no stable equilibrium"
         refuse("carriage.linear_coefficient", f"{got}, {where}", "one of them greater than 0")
 
 
-def _from_first_integral(
-    p: NDArray[np.float64], index: int, scene_of: Callable[[int], Scene]
-) -> float:
+def _from_first_integral(p: Array, index: int, scene_of: Callable[[int], Scene]) -> float:
     """Return the asymptotic offset [m] of a lane (rows,) without dry friction."""
     x1, x2, _, v2 = p[:4]
     c, d, spring = p[at.C], p[at.D], Spring.of(p)
@@ -293,32 +315,30 @@ def _from_first_integral(
     raise SceneError(msg)
 
 
-def _rest(p: NDArray[np.float64], spring: Spring, scene: Scene | None) -> float:
+def _rest(p: Array, spring: Spring, scene: Scene | None) -> float:
     """Return where a damped carriage under a free sphere comes to rest [m]."""
     if spring.alpha == spring.beta == 0.0:
         return float(p[at.X1] + p[at.M1] * p[at.V1] / p[at.D])  # d x1 + m1 v1 is constant
     if scene is None:
         return 0.0
 
-    def has_chosen(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+    def has_chosen(p: Array, state: Array) -> bool:
         x1, _, v1, _ = state
         return bool(0.5 * p[at.M1] * v1**2 + spring.energy(x1) < 0.0)  # below the middle
 
     return math.copysign(spring.place, _first_state(scene, has_chosen)[1][0])
 
 
-def _is_held(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+def _is_held(p: Array, state: Array) -> bool:
     """Tell whether the energy left is too little to leave the carriage's well."""
     return Spring.of(p).holds(float(state[0]), _energy(p, state))
 
 
-def _energy(p: NDArray[np.float64], state: NDArray[np.float64]) -> float:
+def _energy(p: Array, state: Array) -> float:
     return float(mechanical_energy(p, state[None], np.array([p[at.STRETCH]]))[0])
 
 
-def _first_state(
-    scene: Scene, holds: Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _first_state(scene: Scene, holds: Callable[[Array, Array], bool]) -> tuple[Array, Array]:
     """Return the lane (rows,) and the first state (4,) of a motion of which a condition holds."""
     plant, steps = compile_scene(scene), FIRST_STEPS
     while steps <= MOST_STEPS:
@@ -338,7 +358,7 @@ def _follow(scene: Scene) -> float:
     return 0.0 if p[at.K0] > 0.0 else float(x2 - x1 + p[at.M2] * v2 / p[at.C])
 
 
-def _sticks_for_good(p: NDArray[np.float64], state: NDArray[np.float64]) -> bool:
+def _sticks_for_good(p: Array, state: Array) -> bool:
     """Tell whether the energy left is too little to slip; see `stays_slower`."""
     m1, m2, vr, spring = p[at.M1], p[at.M2], p[at.VR], Spring.of(p)
     reduced, energy = m1 * m2 / (m1 + m2), _energy(p, state)
@@ -413,7 +433,7 @@ def critical_reference_velocity(scene: Scene) -> float:
     return _rounded_up(row, high)
 
 
-def _rounded_up(row: NDArray[np.float64], velocity: float) -> float:
+def _rounded_up(row: Array, velocity: float) -> float:
     """Return the velocity enlarged by the margin, or by more until nothing slips."""
     margin = MARGIN
     while margin <= WIDEST:
@@ -428,7 +448,7 @@ def _rounded_up(row: NDArray[np.float64], velocity: float) -> float:
     raise SimulationError(msg)
 
 
-def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
+def _sticks(row: Array, velocity: float) -> bool:
     """Tell whether the motion never slips with a reference velocity."""
     lane = row.copy()
     lane[at.VR] = velocity
@@ -440,7 +460,7 @@ def _sticks(row: NDArray[np.float64], velocity: float) -> bool:
     return sticks
 
 
-def _fastest_by_energy(row: NDArray[np.float64]) -> float:
+def _fastest_by_energy(row: Array) -> float:
     """Return the slip velocity [m/s] of a motion with all its energy in it, sqrt(2 E / m_r)."""
     m1, m2 = cast("float", piecewise.carriage_mass(row)), row[at.M2]
     k2 = cast("float", springs.stiffness(row[at.K0], row[at.STRETCH]))

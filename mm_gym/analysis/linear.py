@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     Roots = NDArray[np.complex128]
 
+    Array = NDArray[np.float64]
+
 
 class Linear(NamedTuple):
     """Coefficients about rest: masses [kg], stiffnesses [N/m], dampings [N s/m]."""
@@ -32,29 +34,6 @@ class Linear(NamedTuple):
     k2: float
     c: float
     d: float
-
-
-def row_of(scene: Scene, what: str) -> NDArray[np.float64]:
-    """Return the lane (rows,) that the scene starts as; raise `SceneError` for a range."""
-    support = support_of(scene)
-    drawn = [
-        name
-        for name, row in support.names.items()
-        if support.start_low[row] != support.start_high[row]
-    ]
-    if drawn:
-        msg = f"{drawn[0]}: got a range; {what} needs one value for every field"
-        raise SceneError(msg)
-    if support.is_general:
-        msg = (
-            f"{support.general_because}; allowed: interface.kind 'none', 'viscous', "
-            f"'dry_friction' and springs without cubic_coefficient, for which {what} is known"
-        )
-        raise SceneError(msg)
-    row = support.start_low.copy()
-    row[at.X2] += row[at.X1]
-    plain(dry_friction.write_regimes)(row[:, None], 0, 1)
-    return row
 
 
 def linear_values(scene: Scene) -> Linear:
@@ -74,7 +53,7 @@ def linear_values(scene: Scene) -> Linear:
     )
 
 
-def characteristic(values: Linear) -> NDArray[np.float64]:
+def characteristic(values: Linear) -> Array:
     """Return g4 .. g0 of det(M s^2 + C s + K), eq. 13 of docs/model.md."""
     m1, m2, k1, k2, c, d = values
     return np.array(
@@ -113,12 +92,12 @@ class Modes:
     defective: bool
 
     @property
-    def frequencies(self) -> NDArray[np.float64]:
+    def frequencies(self) -> Array:
         """Undamped natural frequencies (n,) [rad/s]."""
         return np.abs(self.eigenvalues)
 
     @property
-    def damping_ratios(self) -> NDArray[np.float64]:
+    def damping_ratios(self) -> Array:
         """Damping ratios (n,) [-].
 
         1 for negative eigenvalues, -1 for positive ones, and not a number for zero ones.
@@ -203,7 +182,7 @@ def _separate(values: Linear) -> bool:
     return bool(m1 * slow <= NEGLIGIBLE * resistance)
 
 
-def _roots(polynomial: NDArray[np.float64]) -> Roots:
+def _roots(polynomial: Array) -> Roots:
     """Return the roots of a polynomial; those at zero are exact."""
     trimmed = np.trim_zeros(polynomial, "b")
     return np.append(np.roots(trimmed), np.zeros(len(polynomial) - len(trimmed))).astype(
@@ -329,7 +308,7 @@ class FrequencyResponse:
         the ground.
     """
 
-    frequencies: NDArray[np.float64]
+    frequencies: Array
     force: NDArray[np.complex128]
     ground: NDArray[np.complex128]
 

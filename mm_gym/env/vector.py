@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from mm_gym.simulation.closed_loop import Episodes
     from mm_gym.simulation.lanes import Lanes
 
+    Array = NDArray[np.float64]
 
 SINGLE = {"action_space": "single_action_space", "observation_space": "single_observation_space"}
 """Attributes of a single environment that a vector has by another name."""
@@ -147,11 +148,11 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         return batch_space(self.single_observation_space, self.num_envs)
 
     @property
-    def state(self) -> NDArray[np.float64]:
+    def state(self) -> Array:
         """States (num_envs, 4): x1, x2 [m], v1, v2 [m/s] in the ground frame, as a copy."""
         return self._lanes.values[:4].copy().T
 
-    def drawn(self, name: str) -> NDArray[np.float64]:
+    def drawn(self, name: str) -> Array:
         """Return every lane's current value of a field by its dotted name, see `MovingMassEnv`."""
         return self._lanes.drawn(name).copy()
 
@@ -208,7 +209,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         self, actions: NDArray[np.floating]
     ) -> tuple[
         NDArray[np.float32],
-        NDArray[np.float64],
+        Array,
         NDArray[np.bool_],
         NDArray[np.bool_],
         dict[str, Any],
@@ -316,7 +317,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             observed = self._lanes.observations()
         return observed, terminated.copy(), truncated.copy(), state, applied
 
-    def _info(self, state: NDArray[np.float64], applied: NDArray[np.float64]) -> dict[str, Any]:
+    def _info(self, state: Array, applied: Array) -> dict[str, Any]:
         everywhere = self._everywhere
         if self._level == "light":  # the common case
             return {
@@ -328,9 +329,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
         entries = self._entries(state, applied)
         return entries | {f"_{name}": everywhere for name in entries}
 
-    def _entries(
-        self, state: NDArray[np.float64], applied: NDArray[np.float64]
-    ) -> dict[str, NDArray[np.float64]]:
+    def _entries(self, state: Array, applied: Array) -> dict[str, Array]:
         """Return the entries of the information, of all lanes."""
         if self._level == "none":
             return {}
@@ -339,7 +338,7 @@ class MovingMassVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride
             return entries
         return entries | self._rewards_and_limits()
 
-    def _rewards_and_limits(self) -> dict[str, NDArray[np.float64]]:
+    def _rewards_and_limits(self) -> dict[str, Array]:
         copies = {name: row.copy() for name, row in self._rewards.items()}
         return copies | self._terms.constraint(self._lanes.values[:4])
 
@@ -520,9 +519,7 @@ class Ends:
         self._memory: tuple[Any, ...] = ()
         self._former = np.empty(0, np.int64)
 
-    def of(
-        self, over: NDArray[np.int64]
-    ) -> tuple[NDArray[np.object_], NDArray[np.float64], NDArray[np.float64]]:
+    def of(self, over: NDArray[np.int64]) -> tuple[NDArray[np.object_], Array, Array]:
         """Return the outputs of the lanes listed, before they begin anew.
 
         They are observations (lanes,), None in other lanes, and states (lanes, 4) and what was

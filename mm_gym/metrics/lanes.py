@@ -171,7 +171,7 @@ def uncontrolled_response(
     return record.response()
 
 
-def _holding(env: MovingMassVectorEnv) -> NDArray[np.float64]:
+def _holding(env: MovingMassVectorEnv) -> Array:
     """Return the actions (lanes, k) of no force and of the present stretch, damping or voltage."""
     actions = np.zeros((env.num_envs, len(env.plant.actuators)))
     values = np.asarray(env.get_state()["values"])

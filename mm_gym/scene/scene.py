@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
     from mm_gym.scene.part import Data
 
+    Array = NDArray[np.float64]
 
 Weight = Annotated[float, Field(ge=0, le=1e12)]
 Scale = Annotated[float, Field(ge=1e-12, le=1e12)]
@@ -273,15 +274,15 @@ class Reward(Protocol):
         """The kernel that rewards a step."""
         ...
 
-    def costs(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def costs(self, values: Array) -> Array:
         """Return the costs (n,) of lanes (rows, n)."""
         ...
 
-    def first_fault(self, values: NDArray[np.float64]) -> int:
+    def first_fault(self, values: Array) -> int:
         """Return the first lane whose cost is not finite."""
         ...
 
-    def fault(self, lane: NDArray[np.float64]) -> str:
+    def fault(self, lane: Array) -> str:
         """Return what is wrong with the cost of a lane (rows,)."""
         ...
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Polynomial = NDArray[np.float64]
-    Array = NDArray[np.float64]
+    Array = Polynomial
 
 
 EXCITATIONS = ("force", "ground")
