@@ -50,8 +50,6 @@ def step(
 
     Parameters
     ----------
-    plant
-        A plant, from `compile_scene`.
     state
         (n,) or (lanes, n) double, as `Plant.jacobian` takes it.
     action

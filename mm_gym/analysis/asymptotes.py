@@ -142,23 +142,14 @@ def row_of(scene: Scene, what: str) -> Array:
 
 
 def asymptotic_offset(scene: Scene) -> float:
-    """Return the relative displacement x2 - x1 at which the free motion comes to rest.
+    """Return the relative displacement x2 - x1 [m] at which the free motion comes to rest.
 
     Without springs, m2 v2 + c (x2 - x1) is constant (eq. 7 of docs/model.md), so x2 - x1 tends to
     its initial value plus m2 v2(0) / c (eq. 8). With c = 0 a sphere at rest stays where it is, and
     the carriage returns to equilibrium: x1 = 0, or one of its two wells, which a simulation finds.
     Springs bring x2 - x1 to zero. Under dry friction the same holds after the last slip, with
     c = mu1 F_N / v_r. The motion is followed until its energy is too small for another slip.
-
-    Parameters
-    ----------
-    scene
-        A scene with one value for every field and no excitation. Its actuators stay at rest.
-
-    Returns
-    -------
-    float
-        x2 - x1 as time goes to infinity [m].
+    Actuators stay at rest.
 
     Raises
     ------
@@ -174,7 +165,7 @@ def asymptotic_offset(scene: Scene) -> float:
 def bifurcation(
     scene: Scene, parameter: str, values: ArrayLike, *, progress: bool = False
 ) -> Array:
-    """Return the final relative displacement for each value of one parameter, on all cores.
+    """Return the final relative displacement (n,) [m] for values of one parameter, on all cores.
 
     Parameters
     ----------
@@ -187,11 +178,6 @@ def bifurcation(
         (n,) values of the parameter, in the field's unit.
     progress
         Whether to show a progress bar, with tqdm (extra: agents).
-
-    Returns
-    -------
-    Array
-        (n,) x2 - x1 as time goes to infinity [m].
 
     Raises
     ------

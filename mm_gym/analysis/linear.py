@@ -116,16 +116,6 @@ def modes(scene: Scene) -> Modes:
     ``carriage.linear_coefficient`` < 0 one eigenvalue is positive. For the modes about a well of
     such a spring, set the linear coefficient to -2 alpha and the cubic one to 0.
 
-    Parameters
-    ----------
-    scene
-        Any scene.
-
-    Returns
-    -------
-    Modes
-        Eigenvalues [1/s] and mode shapes [-], numerically and by the closed form.
-
     Notes
     -----
     The closed form is that of eqs 15 to 19 of docs/model.md, in double precision: Cardano and
@@ -318,7 +308,8 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
 
     A range is replaced by its middle, a cubic spring by its tangent, and dry friction by its slope
     in stick. With ``carriage.linear_coefficient`` < 0 the equilibrium x1 = 0 is unstable. No motion
-    then approaches the returned steady solution by itself, but a control design needs it.
+    then approaches the returned steady solution by itself, but a control design needs it. At an
+    undamped resonance the amplitudes are infinite.
 
     Parameters
     ----------
@@ -326,12 +317,6 @@ def frequency_response(scene: Scene, frequencies: ArrayLike) -> FrequencyRespons
         Any scene; its own excitation is ignored.
     frequencies
         (n,) [rad/s], greater than 0, because a free sphere has no definite equilibrium.
-
-    Returns
-    -------
-    FrequencyResponse
-        Amplitudes of x1 and x2 per unit force [m/N] and per unit ground acceleration [s^2]; they
-        are infinite at an undamped resonance.
 
     Raises
     ------

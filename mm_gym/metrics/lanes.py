@@ -141,21 +141,14 @@ def uncontrolled_response(
     seeds: Sequence[int],
     options: Mapping[str, ArrayLike] | None = None,
 ) -> Response:
-    """Return the responses of episodes with no force and with the initial stretch.
+    """Return the responses of whole episodes, one a lane, with no force and the initial stretch.
 
     Parameters
     ----------
-    scene
-        The scene.
     seeds
         One seed for each lane.
     options
         Drawn fields to set, as for the reset of `MovingMassVectorEnv`.
-
-    Returns
-    -------
-    Response
-        Response of one episode in each lane, until the episode ends.
     """
     env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled", info="none")
     env.reset(seed=list(seeds), options=options)

@@ -34,17 +34,10 @@ def response(trajectory: Trajectory, *, pieces: int = PIECES) -> Response:
 
     Parameters
     ----------
-    trajectory
-        A trajectory, from `simulate`.
     pieces
         Number of pieces that each sample interval is divided into. For a vibration at w and pieces
         of h, up to (w h)^4 / 384 of the amplitudes are missed, and (w h)^2 / 8 of those of the
         acceleration.
-
-    Returns
-    -------
-    Response
-        The response, with one lane.
 
     Raises
     ------

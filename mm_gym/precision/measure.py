@@ -39,7 +39,7 @@ NO_OPTION = "", (np.nan,)  # of a method without one
 
 
 def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecision:
-    """Measure error and cost of each method on a scene.
+    """Measure error [-] and cost [s] of each method and setting on a scene.
 
     Ten episodes under random actions, in every other one at the actuators' limits, give up to 300
     sample intervals, spread over them. Each is propagated from the true state with every method
@@ -59,11 +59,6 @@ def work_precision(scene: Scene, *, seed: int = 0, lanes: int = 1) -> WorkPrecis
         Seed of the first episode's draws and actions; the others have the seeds that follow.
     lanes
         Lanes that are stepped side by side where costs are measured, on one thread.
-
-    Returns
-    -------
-    WorkPrecision
-        Error [-] and cost [s] of every setting, and the methods that do not apply.
 
     Raises
     ------

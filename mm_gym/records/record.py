@@ -44,7 +44,7 @@ class Record:
 
 
 def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: float = 1.0) -> Array:
-    """Resample a record at k * step, k = 0, 1, ...
+    """Return samples (m,) [m/s^2] or [N] of a record at k * step, k = 0, 1, ...
 
     The motion is the piecewise-linear interpolant of the points (time_scale * times[i],
     scale * values[i]), and zero before the first and after the last of them. The result holds its
@@ -54,18 +54,12 @@ def resample(record: Record, step: float, *, scale: float = 1.0, time_scale: flo
 
     Parameters
     ----------
-    record
-        What `read_record` returned.
     step
         Spacing of the result [s].
     scale
         Factor of the values [-].
     time_scale
         Factor of the times [-]; 0.5 makes the motion twice as fast.
-
-    Returns
-    -------
-    (m,) float64 samples [m/s^2] or [N].
 
     Raises
     ------
@@ -116,8 +110,6 @@ def read_record(
 
     Parameters
     ----------
-    path
-        The file.
     unit
         Unit of the samples, one of `UNITS`; by default g for PEER's format. Other files need it.
     time_step

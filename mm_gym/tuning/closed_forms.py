@@ -256,15 +256,7 @@ def duffing_absorber(scene: Scene) -> Scene:
     of finite stretch: with free length l0 and stretch s their force is
     k2 xi + 8 k0 xi^3 / (s^5 l0^2) + ..., and l0 is chosen to give the cubic term.
 
-    Parameters
-    ----------
-    scene
-        A scene with springs of any kind and ``carriage.cubic_coefficient`` greater than 0.
-
-    Returns
-    -------
-    Scene
-        The scene with these springs and a viscous interface.
+    The interface becomes viscous; ``carriage.cubic_coefficient`` must be greater than 0.
 
     Raises
     ------
