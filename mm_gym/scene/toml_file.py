@@ -27,14 +27,8 @@ if TYPE_CHECKING:
 def with_absolute_records(data: dict[str, object], folder: Path) -> dict[str, object]:
     """Return a scene's fields with the relative paths of records resolved from a folder.
 
-    They are absolute, so that the scene is the same in another process or working directory.
-
-    Parameters
-    ----------
-    data
-        The fields as in a scene file, not validated, which are changed.
-    folder
-        The folder of the file.
+    The data, as in a scene file and not validated, are changed. Absolute paths keep the scene the
+    same in another process or working directory.
     """
     place = folder.resolve()
     pattern = Path(glob.escape(str(place)))
@@ -46,15 +40,7 @@ def with_absolute_records(data: dict[str, object], folder: Path) -> dict[str, ob
 
 
 def with_relative_records(data: dict[str, object], folder: Path) -> dict[str, object]:
-    """Return a scene's fields with the paths of records relative to a folder.
-
-    Parameters
-    ----------
-    data
-        The fields of a valid scene, which are changed.
-    folder
-        The folder of the file that they are written to.
-    """
+    """Return a valid scene's fields, which are changed, with records named relative to a folder."""
     place = folder.resolve()
     here, pattern = glob.escape(str(Path.cwd())), glob.escape(str(place))
     return _changed(
