@@ -105,6 +105,10 @@ class FilteredNoise(Sampled):
     """[1/s]"""
 
 
+def _is_below_one(ratio: float) -> bool:
+    return 0.0 <= ratio < 1.0
+
+
 class Noise(FilteredNoise):
     """Band-limited noise: white noise through Butterworth filters of second order."""
 
@@ -119,7 +123,7 @@ class Noise(FilteredNoise):
     rules: ClassVar[tuple[Rule, ...]] = (below("low_frequency", "high_frequency"),)
     ratios: ClassVar[dict[str, Ratio]] = {
         "low_ratio": Ratio(
-            *("low_frequency", "high_frequency"), lambda r: 0.0 <= r < 1.0, "at least 0 and below 1"
+            "low_frequency", "high_frequency", _is_below_one, "at least 0 and below 1"
         )
     }
 

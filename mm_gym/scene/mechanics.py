@@ -51,6 +51,10 @@ class Viscous(Part):
     """c [N s/m]"""
 
 
+def _is_at_most_one(ratio: float) -> bool:
+    return 0.0 < ratio <= 1.0
+
+
 class DryFriction(Part):
     """Dry friction: creep below the reference velocity, slip above it (eq. 9 of the paper)."""
 
@@ -71,8 +75,9 @@ class DryFriction(Part):
     )
     ratios: ClassVar[dict[str, Ratio]] = {
         "kinetic_ratio": Ratio(
-            *("kinetic_coefficient", "static_coefficient"),
-            lambda ratio: 0.0 < ratio <= 1.0,
+            "kinetic_coefficient",
+            "static_coefficient",
+            _is_at_most_one,
             "greater than 0 and at most 1",
         )
     }

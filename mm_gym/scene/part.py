@@ -132,8 +132,7 @@ class Part(BaseModel):
         """Return the value of a dotted name, or None where there is none."""
         value = self
         for word in name.split("."):
-            is_entry = isinstance(value, tuple) and word.isdecimal()
-            value = value[int(word)] if is_entry else getattr(value, word, None)
+            value = getattr(value, word, None)
         return value
 
     def findings_with(self, field: str, value: float) -> list[str]:

@@ -420,7 +420,9 @@ class Scene(Document):
         """
         for ratio, (field, of) in self.drawn_ratios.items():
             if field == name:
-                low, high = bounds(self.randomization.get(of, self.value_of(of)))
+                prefix, _, last = of.rpartition(".")
+                own: float = getattr(self._drawable_parts()[prefix], last)
+                low, high = bounds(self.randomization.get(of, own))
                 least, most = self.randomization[ratio]
                 return least * low, most * high
         return self.randomization.get(name, stated)
