@@ -210,6 +210,19 @@ def evaluate(
     )
 
 
-def validation_cost(scene: Scene, controller: Controller) -> float:
-    """Return a controller's cost on the episodes of all validations [-]."""
-    return evaluate(scene, controller, seed=VALIDATION_SEED, episodes=VALIDATION_EPISODES).cost
+def tail_mean(values: Values, part: float = 0.1) -> Values:
+    """Return the mean (...) of the largest part of values (..., n), of at least one: the CVaR."""
+    count = values.shape[-1]
+    largest = max(1, round(part * count))
+    return (np.sort(values, axis=-1)[..., -largest:] if largest < count else values).mean(axis=-1)
+
+
+def validation_cost(
+    scene: Scene,
+    controller: Controller,
+    worst: float = 1.0,
+    episodes: int = VALIDATION_EPISODES,
+) -> float:
+    """Return a controller's cost on the worst share of the episodes of all validations [-]."""
+    found = evaluate(scene, controller, seed=VALIDATION_SEED, episodes=episodes)
+    return float(np.sqrt(tail_mean(found.penalties, worst)))

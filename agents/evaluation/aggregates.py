@@ -193,12 +193,6 @@ def proportion(successes: int, trials: int) -> Estimate:
     return Estimate(successes / trials, float(low), float(high))
 
 
-def tail_mean(values: Array, part: float = 0.1) -> float:
-    """Return the mean of the greatest part of values (n,): the conditional value at risk."""
-    count = max(1, round(part * values.size))
-    return float(np.sort(values, axis=None)[-count:].mean())
-
-
 def stacked(tasks: Sequence[Array]) -> Array:
     """Return the scores (..., tasks, seeds) of tasks that are given one by one (..., seeds)."""
     return np.stack(tasks, axis=-2)

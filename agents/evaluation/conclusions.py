@@ -17,12 +17,12 @@ from agents.evaluation.aggregates import (
     performance_profile,
     probability_of_improvement,
     stacked,
-    tail_mean,
 )
 from agents.evaluation.contestants import Episodes
 from agents.evaluation.headroom import least_cost
 from agents.evaluation.measure import TaskResult
 from agents.evaluation.scores import read_scores
+from agents.scoring import tail_mean
 from mm_gym import Scene
 
 Array = NDArray[np.float64]
@@ -144,7 +144,7 @@ def _row(result: TaskResult, k: int, drawn: Array, ratio: float | None) -> Row:
         cost=cost_estimate(sample, k, drawn),
         score=score,
         worst=float(np.sqrt(own.max())),
-        tail=float(np.sqrt(tail_mean(own))),
+        tail=float(np.sqrt(tail_mean(own.ravel()))),
         change=_change(result, k, drawn),
         won=float((own < other).mean()),
     )

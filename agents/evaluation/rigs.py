@@ -11,7 +11,7 @@ from agents.controllers.constant import ConstantAction, best_constant
 from agents.controllers.controller import Controller
 from agents.controllers.tuned import designed, makers
 from agents.evaluation.headroom import interval
-from agents.scoring import HELD_OUT_SEED, evaluate
+from agents.scoring import HELD_OUT_SEED, evaluate, tail_mean
 from mm_gym import Scene, load_scene
 from mm_gym.tasks import short_name
 
@@ -65,8 +65,7 @@ def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:
     found = {name: evaluate(s, controller, episodes=EPISODES) for name, s in scenes.items()}
     over = found["rigs"]
     low, high = interval(over.penalties)
-    costliest = np.sort(over.penalties)[-round(WORST * EPISODES) :]
     costs = {name: one.cost for name, one in found.items()}
-    costs |= {"low": low, "high": high, "worst": float(np.sqrt(costliest.mean()))}
+    costs |= {"low": low, "high": high, "worst": float(np.sqrt(tail_mean(over.penalties, WORST)))}
     short = {name: float(f"{cost:.6g}") for name, cost in costs.items()}
     return {"role": role, "controller": controller.name, **short}

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Controller, drawn_but
-from agents.evaluation.aggregates import tail_mean
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
-from agents.scoring import FREQUENCY, evaluate
+from agents.scoring import FREQUENCY, evaluate, tail_mean
 from mm_gym import (
     DesignError,
     MovingMassVectorEnv,
@@ -173,7 +172,7 @@ def _outcome(
         label=row.label,
         cost=cost,
         worst=float(np.sqrt(penalties.max())),
-        tail=float(np.sqrt(tail_mean(penalties))),
+        tail=float(np.sqrt(tail_mean(penalties.ravel()))),
         ratio=cost / nominal.get(row.label, cost),
     )
 

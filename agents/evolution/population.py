@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.evolution.network_kernel import forward
-from agents.scoring import limit_penalty
+from agents.scoring import limit_penalty, tail_mean
 from agents.training.network import Network
 from mm_gym import Episodes, MovingMassVectorEnv, Scene
 
@@ -32,14 +32,23 @@ class Population:
         Numbers of them; a candidate's episodes are lanes side by side.
     threads
         Number of threads.
+    worst
+        Share of a candidate's episodes, those that cost most, whose mean is its cost.
     """
 
     def __init__(
-        self, scene: Scene, network: Network, candidates: int, episodes: int, threads: int
+        self,
+        scene: Scene,
+        network: Network,
+        candidates: int,
+        episodes: int,
+        threads: int,
+        *,
+        worst: float = 1.0,
     ) -> None:
         self.bounds = [*range(0, candidates, max(1, LANES // episodes)), candidates]
         counts = np.diff(self.bounds).tolist()
-        self.parts = [Candidates(scene, network, count, episodes) for count in counts]
+        self.parts = [Candidates(scene, network, count, episodes, worst) for count in counts]
         self.frames = candidates * episodes * scene.control.steps
         self.threads = ThreadPoolExecutor(threads)
 
@@ -62,11 +71,19 @@ class Candidates:
 
     Parameters
     ----------
-    scene, network, candidates, episodes
+    scene, network, candidates, episodes, worst
         As for `Population`.
     """
 
-    def __init__(self, scene: Scene, network: Network, candidates: int, episodes: int) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        network: Network,
+        candidates: int,
+        episodes: int,
+        worst: float = 1.0,
+    ) -> None:
+        self.worst = worst
         self.steps, self.limit = scene.control.steps, limit_penalty(scene)
         self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
         lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
@@ -110,4 +127,4 @@ class Candidates:
         largest = np.maximum(self.limit, -episodes.least)
         left = episodes.terminated * (2 * steps - episodes.lengths)
         penalties = left * largest - episodes.returns
-        return penalties.reshape(count, -1).mean(axis=1) / steps
+        return tail_mean(penalties.reshape(count, -1), self.worst) / steps

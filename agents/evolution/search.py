@@ -71,9 +71,15 @@ class Evolution(Search):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the tolerance is of no use to exact plants
             self.population = Population(
-                coarse, self.network, settings.candidates, settings.episodes, settings.threads
+                coarse,
+                self.network,
+                settings.candidates,
+                settings.episodes,
+                settings.threads,
+                worst=settings.worst,
             )
-        self.validation = Candidates(scene, self.network, 1, VALIDATION_EPISODES)
+        self.worst = settings.worst
+        self.validation = Candidates(scene, self.network, 1, VALIDATION_EPISODES, self.worst)
         self.frames = self.population.frames
         self.strategy = self._strategy(self.first[self.free])
         self.costs: Values = np.empty((self.total, settings.candidates))

@@ -19,6 +19,9 @@ class EvolveSettings(SearchSettings):
     """of each network in a generation, the same for all, new ones in the next"""
     generations: Count = 200
     """of the whole run"""
+    worst: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """share of the episodes, those that cost most, whose mean is minimised and validated (CVaR); 1
+    is the mean of all"""
     spread: Positive = 0.3
     """of the first generation, over the size of each parameter"""
     separable: bool = False

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.aggregates import Estimate, tail_mean
+from agents.evaluation.aggregates import Estimate
 from agents.evaluation.headroom import CLASSICAL
 from agents.report.pages import percent, render
+from agents.scoring import tail_mean
 from agents.sweeps.on_task import (
     OnTask,
     Trainings,
@@ -148,4 +149,4 @@ def _failures(known: Sequence[OnTask]) -> list[list[str]]:
 
 
 def _tail(penalties: NDArray[np.float64]) -> float:
-    return float(np.sqrt(tail_mean(penalties)))
+    return float(np.sqrt(tail_mean(np.ravel(penalties))))

@@ -59,7 +59,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     controller_cost: float | None = None
 
     @classmethod
-    def of(cls, run: Progress, scene: Scene, **told: object) -> Ending:
+    def of(cls, run: Progress, scene: Scene, worst: float = 1.0, **told: object) -> Ending:
         """Return the ending of a run.
 
         Parameters
@@ -68,6 +68,8 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
             Its validations.
         scene
             What they were on.
+        worst
+            Share of the episodes that they were of, those that cost most.
         told
             The other attributes, without the costs.
         """
@@ -76,7 +78,7 @@ class Ending(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
         costs = {
             "cost": run.least_cost,
             "began_with": float(cost) if steps == 0 else math.inf,
-            "no_control": validation_cost(scene, without),
+            "no_control": validation_cost(scene, without, worst),
         }
         finite = {name: cost if math.isfinite(cost) else None for name, cost in costs.items()}
         return cls.model_validate({**told, **finite})

@@ -49,11 +49,14 @@ class Search(ABC):
         The validations.
     began_as
         What it begins as, in words.
+    worst
+        Share of the validation episodes, those that cost most, whose mean is the cost.
     """
 
     unit: ClassVar[str]
     frames: int
     began_as: str
+    worst: float = 1.0
 
     def __init__(self, settings: TimedSettings, scene: Scene) -> None:
         self.settings, self.scene = settings, scene
@@ -163,6 +166,7 @@ class Search(ABC):
         ending = Ending.of(
             progress,
             self.scene,
+            self.worst,
             unit=self.unit,
             done=self.rounds,
             total=total,
@@ -170,10 +174,11 @@ class Search(ABC):
             began_as=self.began_as,
         )
         if self.settings.scene is not None:
-            ending.controller, ending.controller_cost = best_controller(self.scene)
+            best = best_controller(self.scene, worst=self.worst)
+            ending.controller, ending.controller_cost = best
         if ending.is_worse:
             without = without_control(self.scene)
-            if validation_cost(self.scene, Learned(without)) < progress.least_cost:
+            if validation_cost(self.scene, Learned(without), self.worst) < progress.least_cost:
                 policy, ending.replaced = without, True
         ending.write(run)
         policy.save(run.policy)
@@ -189,7 +194,7 @@ class Search(ABC):
 
     def _cost(self, parameters: Arrays) -> float:
         """Return the cost of parameters on the episodes of all validations."""
-        return validation_cost(self.scene, Learned(self._policy(parameters)))
+        return validation_cost(self.scene, Learned(self._policy(parameters)), self.worst)
 
     def _note(self) -> None:
         """Note where an interrupted search begins again: between two rounds."""

@@ -16,8 +16,8 @@ from agents.evaluation.aggregates import (
     proportion,
     shared_episodes,
     stacked,
-    tail_mean,
 )
+from agents.scoring import tail_mean
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "rliable.json").read_text("utf-8"))
 """What tests/golden/make_rliable.py wrote with rliable 1.2."""
@@ -134,6 +134,9 @@ def test_tail_mean_is_that_of_the_worst_tenth():
     values = np.random.default_rng(0).permutation(np.arange(100.0))
     assert tail_mean(values) == np.arange(90.0, 100.0).mean()
     assert tail_mean(np.array([3.0])) == 3.0
+    both = np.stack([values, -values])
+    np.testing.assert_array_equal(tail_mean(both, 0.25), [np.arange(75.0, 100.0).mean(), -12.0])
+    assert tail_mean(values, 1.0) == values.mean()
 
 
 def test_cost_is_that_of_all_episodes():

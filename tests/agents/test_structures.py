@@ -123,7 +123,7 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
 ):
     settings, scene = settings_for("frame", law="none"), structure("frame")
     best = Best("lqg", validation_cost(scene, LQG(scene)))
-    monkeypatch.setattr(search, "best_controller", lambda _: best)
+    monkeypatch.setattr(search, "best_controller", lambda _, **__: best)
     run = Run("frame", tmp_path)
     evolve(settings, run, bar=False)
     ending = read_ending(run)
@@ -140,7 +140,8 @@ def test_run_stands_for_a_controller_that_costs_less_than_its_agents(
 def test_predictive_control_is_best_only_where_it_costs_less_on_all_episodes(
     monkeypatch: pytest.MonkeyPatch, on_a_tenth: float, on_all: float
 ):
-    def cost(_: Scene, name: str, episodes: int = 100) -> float:
+    def cost(_: Scene, name: str, worst: float, episodes: int = 100) -> float:
+        assert worst == 1.0
         if name != best_of.PLANS:
             return 0.3 if name == "lqg" else 1.0
         return on_all if episodes == 100 else on_a_tenth
