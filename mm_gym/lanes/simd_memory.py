@@ -198,6 +198,37 @@ def rows_on_stack(count: int) -> Callable[[], NDArray[np.float64]]:
     return rows
 
 
+def lane_copier(count: int) -> Callable[..., None]:
+    """Return what copies a lane of `count` rows, (rows, lane), to a lane of others, as given next.
+
+    It does so number by number: the vectors gathered and scattered that a compiler makes of a loop
+    take several times as long.
+    """
+    if not COMPILED:
+
+        def copy(one: Any, k: int, other: Any, slot: int) -> None:
+            other[:count, slot] = one[:count, k]
+
+        return copy
+
+    @intrinsic
+    def copy_lane(_context, one, k, other, slot):
+        def build(context, builder, _signature, arguments):
+            double = ir.DoubleType().as_pointer()
+            source, target = (
+                builder.gep(builder.bitcast(rows, double), [lane])
+                for rows, lane in (arguments[:2], arguments[2:])
+            )
+            for row in range(count):
+                apart = [ir.Constant(ir.IntType(64), LANES * row)]
+                builder.store(builder.load(builder.gep(source, apart)), builder.gep(target, apart))
+            return context.get_dummy_value()
+
+        return types.none(one, types.int64, other, types.int64), build
+
+    return copy_lane
+
+
 @intrinsic
 def _prefetch(_context, lanes, row, i):
     def build(context, builder, signature, arguments):

@@ -44,25 +44,30 @@ class Coefficients(NamedTuple):
 
 
 @inlined_kernel
-def coefficients(m1, m2, k1, alpha, beta, d, k2, k0, l0, stretch):
+def coefficients(m1, m2, k1, alpha, beta, d, k2, k0, by_l0, stretch):
     """Return what the equations read.
 
     Parameters
     ----------
-    m1, m2, k1, alpha, beta, d, k0, l0, stretch
-        Parameters of a lane; without finite stretch nothing reads 1 / l0.
+    m1, m2, k1, alpha, beta, d, k0, stretch
+        Parameters of a lane.
     k2
         Stiffness of springs small on large [N/m]; with finite stretch nothing reads it.
+    by_l0
+        1 / l0 [1/m]; without finite stretch nothing reads it.
     """
-    return Coefficients(
-        1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, k2, k0 + k0, 1.0 / l0, stretch
-    )
+    return Coefficients(1.0 / m1, 1.0 / m2, k1 * alpha, k1 * beta, d, k2, k0 + k0, by_l0, stretch)
 
 
 @inlined_kernel
 def read_coefficients(lanes, i, count):
     """Return the coefficients of the lanes i .. i + count - 1 of (rows, count) lanes."""
     k0, stretch = read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count)
+    k2, by_l0 = k0, k0
+    if lanes[at.L0, i] > 0.0:  # in all lanes or none; what nothing reads costs no division
+        by_l0 = 1.0 / read(lanes, at.L0, i, count)
+    else:
+        k2 = stiffness(k0, stretch)
     return coefficients(
         read(lanes, at.M1, i, count),
         read(lanes, at.M2, i, count),
@@ -70,9 +75,9 @@ def read_coefficients(lanes, i, count):
         read(lanes, at.ALPHA, i, count),
         read(lanes, at.BETA, i, count),
         read(lanes, at.D, i, count),
-        stiffness(k0, stretch),
+        k2,
         k0,
-        read(lanes, at.L0, i, count),
+        by_l0,
         stretch,
     )
 

@@ -168,7 +168,7 @@ def _load(interface, model, lanes, i, b):
         lane[at.D],
         stiffness(lane[at.K0], lane[at.STRETCH]),
         lane[at.K0],
-        lane[at.L0],
+        1.0 / lane[at.L0],
         lane[at.STRETCH],
     )
     runge_kutta.write_coefficients(b, p)

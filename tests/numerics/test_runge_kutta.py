@@ -145,7 +145,7 @@ def test_law_of_motion_is_that_of_the_forces():
     coupling = plain(interface_force)(c, 0.0, 0.0, 0.0, slip)
     for length in (0.0, l0):
         k2 = plain(stiffness)(k0, stretch)
-        p = plain(coefficients)(m1, m2, k1, alpha, beta, d, k2, k0, l0, stretch)
+        p = plain(coefficients)(m1, m2, k1, alpha, beta, d, k2, k0, 1.0 / l0, stretch)
         spring = plain(spring_force)(k0, length, stretch, offset)
         got = plain(rates)(p, length > 0.0, x1, offset, v1, coupling, push, shake)
         want = (
@@ -179,7 +179,7 @@ def test_sums_are_those_of_the_pair(pair):
     numbers, found = on_cache_line(of.SIZE * WIDTH), np.zeros(4)
     rows = numbers.reshape(-1, WIDTH)
     rows[:] = np.random.default_rng(4).uniform(-1.0, 1.0, rows.shape)
-    kicks = rows[of.KICKS : of.COEFFICIENTS, 2].reshape(-1, 2)[: len(pair.times)]
+    kicks = rows[of.KICKS : of.END, 2].reshape(-1, 2)[: len(pair.times)]
     start = rows[:2, 2]
     for i in range(1, len(pair.times)):
         weights = pair.weights[i]

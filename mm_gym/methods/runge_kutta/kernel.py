@@ -20,7 +20,7 @@ from mm_gym.excitation.sources import excitation, is_excited, load_sources, rows
 from mm_gym.lanes import layout as at
 from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write, write_states
-from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root
+from mm_gym.lanes.simd import LANES, alike, everywhere, inverse_root, root
 from mm_gym.lanes.simd_masks import (
     all_hold,
     bits,
@@ -31,7 +31,7 @@ from mm_gym.lanes.simd_masks import (
     smaller,
     where,
 )
-from mm_gym.lanes.simd_memory import from_row, rows_on_stack
+from mm_gym.lanes.simd_memory import from_row, lane_copier, rows_on_stack
 from mm_gym.law.dry_friction import slip_intercept
 from mm_gym.law.interface import (
     LINE,
@@ -84,11 +84,16 @@ need."""
 SAFETY, LONGER, SHORTER = 0.9, 4.0, 0.125
 """Of the next step: what is left of the length that would just do, and its limits."""
 
-NEWTON_STEPS = 5
+REMAINDER, ASTRAY = 1.0 / 16.0, 2.0
+"""Largest error of Hermite's cubic, h^4 / 384 of the fourth derivative: of what a slip velocity may
+differ from it, and of the way, over h, by which its integral misses the end, h^5 / 720."""
+
+NEWTON_STEPS = 2
 """For the time of an event, on the cubic: the step to it corrects what is left."""
 
 _GROUP = VECTORS * LANES
 _ALL = (1 << _GROUP) - 1
+_copy_lane = lane_copier(of.MOVED)
 _group, _waiting = rows_on_stack(VECTORS * of.SIZE), rows_on_stack(VECTORS * of.SIZE)
 
 
@@ -233,9 +238,9 @@ def _move(interface, model, b, k, w, slot):
     """Copy lane k of a group to a slot of another."""
     one, other = _vector_of(b, k), _vector_of(w, slot)
     k, slot = k % LANES, slot % LANES
-    for row in range(of.SOURCES + rows_of_sources(model)):
-        if row < of.END or of.KICKS <= row < of.KICKS + 2 or row >= of.COEFFICIENTS:
-            other[row, slot] = one[row, k]
+    _copy_lane(one, k, other, slot)
+    for row in range(of.SOURCES, of.SOURCES + rows_of_sources(model)):
+        other[row, slot] = one[row, k]
     for row in range(own_states_of(interface)):
         other[of.OWN_KICKS + row, slot] = one[of.OWN_KICKS + row, k]
     for row in range(parameters_of(interface)):
@@ -421,6 +426,7 @@ def _assess(interface, model, b):
         good = good & (abs(slid[k]) <= limit * own)
         change = larger(change, abs(slid[k]) * (fast / (own + TINY)))
     b[of.GOOD] = where(good, alike(h, 1.0), alike(h, 0.0))
+    b[of.FACTOR] = alike(h, LONGER)  # a number, where nothing reads it: a denormal one costs time
     if all_hold(good) and all_hold(h >= model[at.SAMPLE_INTERVAL] - b[of.ELAPSED]):
         return
     error = larger(shift / fma(limit, far, TINY), change / fma(limit, fast, TINY))
@@ -438,6 +444,34 @@ def _combined(fifth, third):
     return fifth * smaller(alike(fifth, 1.0), 10.0 * fifth / third)
 
 
+@inlined_kernel
+def _cubic(model, b, k):
+    """Return the velocity of mass k over a step as the cubic of Hermite, in Bernstein's form."""
+    last, third = of.KICKS + 2 * int(model[of.STAGES]), 1.0 / 3.0
+    before, after = b[of.STATE + 2 + k], b[of.END + 2 + k]
+    return (
+        before,
+        fma(b[of.KICKS + k], third, before),
+        fma(b[last + k], -third, after),
+        after,
+    )
+
+
+@inlined_kernel
+def _bend(c0, c1, c2, c3):
+    """Return how far such a cubic is from a line: with it goes what it differs from the motion."""
+    return abs(fma(-2.0, c1, c0 + c2)) + abs(fma(-2.0, c2, c1 + c3))
+
+
+@inlined_kernel
+def _between(c, t):
+    """Return such a cubic and its integral at a part t of the step."""
+    c0, c1, c2, c3 = c
+    d1, d2, d3 = 3.0 * (c1 - c0), 3.0 * fma(-2.0, c1, c0 + c2), fma(3.0, c1 - c2, c3 - c0)
+    value = fma(fma(fma(d3, t, d2), t, d1), t, c0)
+    return value, t * fma(t, fma(t, fma(t, 0.25 * d3, d2 * (1.0 / 3.0)), 0.5 * d1), c0)
+
+
 @borrowing_kernel
 def _judge(model, b):
     """Tell whether the slip velocity leaves its regime in the step, and predict when and where.
@@ -446,13 +480,11 @@ def _judge(model, b):
     it, and what changes their sign once has one root.
     """
     stay_apart()
-    h, vr, regime, third = b[of.LENGTH], b[of.VR], b[of.REGIME], 1.0 / 3.0
-    c0, c3 = b[of.STATE + 3] - b[of.STATE + 2], b[of.END + 3] - b[of.END + 2]
-    last = of.KICKS + 2 * int(model[of.STAGES])
-    c1 = fma(b[of.KICKS + 1] - b[of.KICKS], third, c0)
-    c2 = fma(b[last] - b[last + 1], third, c3)
-    bend = abs(fma(-2.0, c1, c0 + c2)) + abs(fma(-2.0, c2, c1 + c3))
-    margin, zero, one = model[of.BEND] * bend, alike(h, 0.0), alike(h, 1.0)
+    h, vr, regime = b[of.LENGTH], b[of.VR], b[of.REGIME]
+    (p0, p1, p2, p3), (q0, q1, q2, q3) = _cubic(model, b, 0), _cubic(model, b, 1)
+    c0, c1, c2, c3 = q0 - p0, q1 - p1, q2 - p2, q3 - p3
+    zero, one = alike(h, 0.0), alike(h, 1.0)
+    margin = smaller(model[of.BEND] * (h * h), one) * _bend(c0, c1, c2, c3)
     sticks = regime == 0.0
     side = where(sticks, where(c3 > 0.0, one, -one), regime)
     inwards, edge = where(sticks, -side, side), where(sticks, vr, -vr)
@@ -467,15 +499,16 @@ def _judge(model, b):
         return
     leaves = (g3 < -margin) & (larger(g1, -g2) >= 0.0) & clear
     b[of.VERDICT] = where(leaves, of.LEAVES, b[of.VERDICT])
-    t = g0 / (g0 - g3)
     d1, d2, d3 = 3.0 * (g1 - g0), 3.0 * fma(-2.0, g1, g0 + g2), fma(3.0, g1 - g2, g3 - g0)
-    low, high = zero, one
+    # From the root of the parabola with the same ends and first slope, in the form without loss.
+    rise, square = d1 > 0.0, g3 - g0 - d1
+    wide = root(larger(fma(d1, d1, -4.0 * g0 * square), zero))
+    t = where(rise, d1 + wide, g0 + g0) / where(rise, -2.0 * square, wide - d1)
     for _ in range(NEWTON_STEPS):
         value = fma(fma(fma(d3, t, d2), t, d1), t, g0)
         slope = fma(fma(3.0 * d3, t, 2.0 * d2), t, d1)
-        low, high = where(value >= 0.0, t, low), where(value < 0.0, t, high)
-        t = t - value / slope
-        t = where((t > low) & (t < high), t, 0.5 * (low + high))
+        following = t - value / slope
+        t = where((following > 0.0) & (following < 1.0), following, t)
     b[of.SIDE], b[of.TIME] = side, where(leaves, t, 0.5) * h
 
 
@@ -511,6 +544,38 @@ def _follow(model, b):
     b[of.TARGET] = where(to_boundary > arrives, target, where(leaves, b[of.SIDE], zero))
     b[of.GOOD] = where(stays, within, zero) + arrives
     b[of.SHIFT], b[of.ARRIVES] = shift, arrives
+    if not none(leaves):
+        _cut(model, b, leaves)
+
+
+@borrowing_kernel
+def _cut(model, b, leaves):
+    """End steps where they leave their regime, if the cubic of Hermite is exact enough there.
+
+    How exact it is follows from its bend, and from where it leads at the end of the step.
+    """
+    h, time, side = b[of.LENGTH], b[of.TIME], b[of.SIDE]
+    first, second = _cubic(model, b, 0), _cubic(model, b, 1)
+    x1, x2, one, zero = b[of.STATE], b[of.STATE + 1], alike(h, 1.0), alike(h, 0.0)
+    _, way1 = _between(first, one)
+    _, way2 = _between(second, one)
+    astray = larger(abs(fma(h, way1, x1) - b[of.END]), abs(fma(h, way2, x2) - b[of.END + 1]))
+    bend = larger(_bend(*first), _bend(*second))
+    remainder = larger(model[of.BEND] * (h * h) * REMAINDER * bend, ASTRAY * astray / h)
+    v1, way1 = _between(first, time / h)
+    v2, way2 = _between(second, time / h)
+    missed = abs(fma(side, b[of.VR], v1 - v2))
+    far = larger(abs(x1), abs(x2))
+    fast = larger(larger(abs(first[0]), abs(first[3])), larger(abs(second[0]), abs(second[3])))
+    limit = model[of.LIMIT] * (h * (1.0 / model[at.SAMPLE_INTERVAL]))
+    exact = leaves & (remainder + missed <= limit * fast) & (h * remainder <= limit * far)
+    b[of.END] = where(exact, fma(h, way1, x1), b[of.END])
+    b[of.END + 1] = where(exact, fma(h, way2, x2), b[of.END + 1])
+    b[of.END + 2], b[of.END + 3] = where(exact, v1, b[of.END + 2]), where(exact, v2, b[of.END + 3])
+    _enter(b, where(exact, side - b[of.REGIME], b[of.REGIME]))
+    b[of.GOOD], b[of.ARRIVES] = where(exact, one, b[of.GOOD]), where(exact, one, b[of.ARRIVES])
+    b[of.SHIFT] = where(exact, time - h, b[of.SHIFT])
+    b[of.NEXT], b[of.TARGET] = where(exact, zero, b[of.NEXT]), where(exact, zero, b[of.TARGET])
 
 
 @inlined_kernel

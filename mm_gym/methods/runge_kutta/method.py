@@ -152,7 +152,6 @@ class RungeKutta(Method):
             return np.append(series, 0.0)
         tableau, steps = plan
         rate, limit = _rate(support), _limit(support, settings)
-        phase = rate * support.sample_interval / steps
         own = {
             of.STEPS: steps,
             of.STAGES: tableau.stages,
@@ -163,7 +162,7 @@ class RungeKutta(Method):
             )
             ** 2,
             of.IS_COMBINED: tableau.is_combined,
-            of.BEND: min(1.0, _BENT * phase**2),
+            of.BEND: _BENT * rate**2,
             of.NEAR: _NEAR * math.sqrt(limit) / rate,
             of.ROOTS: round(math.log2(tableau.power - 1)),
             of.SUM: first_sum(tableau),
