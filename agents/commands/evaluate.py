@@ -50,9 +50,9 @@ class Arguments:
 
     subjects: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """one: the folder of a finished run, runs/NAME, or with --controller a task or a scene
-    file. Several, or with --tasks: what is compared, each a controller's name (a wrong one lists them),
-    "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of one
-    training, a policy's file, or FILE.py:NAME"""
+    file. Several, or with --tasks: what is compared, each a controller's name (a wrong one lists
+    them), "baselines" for all, the folder of a run, a pattern of folders in quotes for the seeds of
+    one training, a policy's file, or FILE.py:NAME"""
     tasks: tuple[str, ...] = ()
     """to compare on: names as Hybrid, or scene files; by default those of the runs, or all tasks"""
     episodes: int | None = None

@@ -163,6 +163,9 @@ def with_strips(shown: Mapping[str, Sequence[Evaluation]], path: Path) -> None:
             # An actuator holds still over the control step that ends at each instant.
             stretch = result.applied[part, 0, -1]
             strips[k].plot(result.time[part], stretch, STYLES[k], drawstyle="steps-pre", **look)
+        limits = np.array([strip.get_ylim() for strip in strips])
+        for strip in strips:
+            strip.set_ylim(limits.min(), limits.max())
         upper.set_title(name)
         strips[-1].set_xlabel("time [s]")
     axes[0].set_ylabel("x1 / scale [-]")
