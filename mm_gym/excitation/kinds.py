@@ -83,7 +83,8 @@ def begin_excitation(model, lanes, streams, which, first, last):
         else:
             for i in own:
                 if kind == SWEEP:
-                    _begin_sweep(lanes, row, jet, i)
+                    sine = cosine_and_sine(lanes[row + SWEEP_PHASE, i])[1]
+                    lanes[jet, i] += lanes[row + SWEEP_AMPLITUDE, i] * sine
                 else:  # its own start is its jet over no time
                     record.begin(model, slot + OWN, lanes, row, i)
                     add_record(model, slot, lanes, 0.0, 0.0, i)
@@ -132,14 +133,6 @@ def intervals_since(clock, began):
     """Return the number of sample intervals since an episode began."""
     now, intervals_per_step, interval = clock
     return (now - began) * intervals_per_step + interval
-
-
-@borrowing_kernel
-def _begin_sweep(lanes, row, jet, i):
-    """Add the sweep's value at the start to its jet."""
-    lanes[jet, i] += (
-        lanes[row + SWEEP_AMPLITUDE, i] * cosine_and_sine(lanes[row + SWEEP_PHASE, i])[1]
-    )
 
 
 @borrowing_kernel

@@ -57,6 +57,7 @@ def _compiled(scene: Scene) -> Plant:
     method, reasons = choose(scene.solver, support)
     _check_solver(scene, method, support)
     template, draws = _start(support)
+    least, most = bounds(scene.range_of(DELAY, float(scene.sensors.delay)))
     return Plant(
         method=method,
         settings=settings,
@@ -69,7 +70,7 @@ def _compiled(scene: Scene) -> Plant:
         actuators=scene.actuation.names,
         observed=observed(scene),
         history=scene.sensors.history,
-        delay=_nominal_delay(scene),
+        delay=int(least + most + 1.0) // 2,  # of two in the middle the larger
         steps=scene.control.steps,
         time_step=scene.control.time_step,
         digest=scene.digest,
@@ -88,12 +89,6 @@ def _check_solver(scene: Scene, method: Method, support: Support) -> None:
             f"{method.name!r}",
             stacklevel=4,  # where `compile_scene` was called
         )
-
-
-def _nominal_delay(scene: Scene) -> int:
-    """Return the delay, or of a range's whole numbers the middle one: of two the larger."""
-    low, high = bounds(scene.range_of(DELAY, float(scene.sensors.delay)))
-    return int(low + high + 1.0) // 2
 
 
 def _start(support: Support) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

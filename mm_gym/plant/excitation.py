@@ -184,10 +184,6 @@ def _sweep_remainder(turn: float, growth: float, *, is_logarithmic: bool) -> flo
     return float(np.exp(np.min(phase - n * np.log(r) - np.log1p(-1.0 / r))))
 
 
-def _sweep_slots(placed: Placed[Sweep]) -> Slots:
-    return float(placed.part.spacing == "logarithmic"), 0.0, 0.0, 0.0
-
-
 def _impulse_interval(placed: Placed[Impulse]) -> float:
     rate = placed.highest("rate")
     return MOST_IMPULSES / rate if rate > 0.0 else inf
@@ -251,10 +247,6 @@ def _factor(part: Recorded, file: str, motion: Record) -> float:
         msg = f"{file}: all samples are 0; allowed: a record that can be scaled"
         raise SceneError(msg)
     return 1.0 / measure
-
-
-def _record_interval(placed: Placed[Recorded]) -> float:
-    return placed.step * placed.lowest("time_scale")
 
 
 def _record_slots(placed: Placed[Recorded]) -> Slots:
@@ -386,7 +378,7 @@ KINDS: dict[str, Kind[Any]] = {
         code=kernels.SWEEP,
         terms=kernels.SWEEP_TERMS,
         interval=_sweep_interval,
-        slots=_sweep_slots,
+        slots=lambda placed: (float(placed.part.spacing == "logarithmic"), 0.0, 0.0, 0.0),
     ),
     "noise": _filtered(
         {"low_frequency": noise.HIGH_PASS, "high_frequency": noise.LOW_PASS},
@@ -412,7 +404,7 @@ KINDS: dict[str, Kind[Any]] = {
         code=kernels.RECORD,
         terms=2,
         constants={record.NUMBER: 0.0},  # of one record
-        interval=_record_interval,
+        interval=lambda placed: placed.step * placed.lowest("time_scale"),
         samples=_record_samples,
         slots=_record_slots,
     ),
@@ -500,7 +492,8 @@ def lay_out(scene: Scene, rate: float, turn: float = inf) -> Layout:
     """
     parts = _parts(scene)
     intervals, has_corners = _divide(scene, parts, rate)
-    many = _fastest_turn(scene, parts) / intervals / turn
+    frequencies = [one.highest("frequency") for one in parts if one.kind.code == HARMONIC]
+    many = scene.control.time_step * max(frequencies, default=0.0) / intervals / turn
     intervals *= max(1, ceil(min(many, 2.0 * MOST_INTERVALS) - 1e-9))
     if intervals > MOST_INTERVALS:
         msg = (
@@ -600,12 +593,6 @@ def _divide(scene: Scene, parts: Sequence[Placed[Any]], rate: float) -> tuple[in
             return intervals, False
     phase = min(rate * step, MOST_CORNERED * CORNERED_PHASE)  # a NaN is the second
     return max(_intervals_per_step(scene, others), ceil(phase / CORNERED_PHASE)), True
-
-
-def _fastest_turn(scene: Scene, parts: Sequence[Placed[Any]]) -> float:
-    """Return the most that a harmonic turns in a control step [rad]."""
-    frequencies = [one.highest("frequency") for one in parts if one.kind.code == HARMONIC]
-    return scene.control.time_step * max(frequencies, default=0.0)
 
 
 def _is_on_grid(placed: Placed[Recorded], interval: float) -> bool:

@@ -151,12 +151,8 @@ def rate_and_lag_factor(scene: Scene, name: str) -> tuple[float, float]:
     actuator, step = getattr(scene.actuation, name), scene.control.time_step
     limit = actuator.rate_limit
     rate = np.inf if limit is None else middle(scene, f"actuation.{name}.rate_limit", limit) * step
-    return rate, _lag_factor(middle(scene, f"actuation.{name}.lag", actuator.lag), step)
-
-
-def _lag_factor(lag: float, step: float) -> float:
-    """Return the fraction of the way to its command that an actuator goes in a control step."""
-    return 1.0 if lag == 0.0 else -math.expm1(-step / lag)
+    lag = middle(scene, f"actuation.{name}.lag", actuator.lag)
+    return rate, 1.0 if lag == 0.0 else -math.expm1(-step / lag)
 
 
 def _objective(scene: Scene, task: NDArray[np.float64]) -> None:

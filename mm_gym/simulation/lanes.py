@@ -301,7 +301,8 @@ class Lanes:
         self._note_given(which, fixed or {})
         if paused:
             self._pause(self._ends, self.rewards, which)
-        if self._can_gather and seen and not fixed and _are_apart(which):
+        are_apart = len(which) >= SEVERAL and which[-1] - which[0] >= len(which)
+        if self._can_gather and seen and not fixed and are_apart:
             self._restart_gathered(which)
             return
         self._start(which, *(self._rows_and_values(fixed) if fixed else self._nothing_fixed))
@@ -448,8 +449,3 @@ def _one_by_one(
 ) -> list[NDArray[Any]]:
     """Return these outputs as `Lanes.outputs` has them: the ends are two."""
     return [observed, *ended, *others]
-
-
-def _are_apart(which: NDArray[np.int64]) -> bool:
-    """Tell whether lanes listed in ascending order are several, and not all neighbours."""
-    return len(which) >= SEVERAL and which[-1] - which[0] >= len(which)
