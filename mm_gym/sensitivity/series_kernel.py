@@ -123,7 +123,7 @@ def _write_excitation(model, lanes, i, c, elapsed, unit):
         add_harmonic(ground if shakes else force, wave, elapsed, unit, ORDER)
 
 
-@borrowing_kernel
+@inlined_kernel
 def _expand(model, c, unit, enough):
     """Write the series in powers of time over a unit [s]; return their order, 0 if collapsed."""
     prefer_widest_vectors()
@@ -229,9 +229,10 @@ def _first_size(c, unit):
 
 @inlined_kernel
 def _last(c, order, count):
-    """Return the size of the largest of the last terms [m/s]."""
-    size = _size(c, order)
-    for n in range(1, count):
+    """Return the size of the largest of the last terms [m/s], of which there are at least four."""
+    one, other = _larger(_size(c, order), _size(c, order - 1)), _size(c, order - 2)
+    size = _larger(one, _larger(other, _size(c, order - 3)))
+    for n in range(4, count):
         size = _larger(size, _size(c, order - n))
     return size
 
@@ -239,13 +240,13 @@ def _last(c, order, count):
 @inlined_kernel
 def _is_enough(c, order, most, enough):
     """Tell whether the last terms of the motion and of every column are below the cut-off."""
-    cut_off, last = enough[0], _last(c, order, enough[1])
-    if not value_of(last) <= cut_off * value_of(most):
+    cut_off, count = enough
+    if not value_of(_last(c, order, count)) <= cut_off * value_of(most):
         return False
-    return none(slopes_of(last) > cut_off * slopes_of(most))
+    return none(slopes_of(_last(c, order, count)) > cut_off * slopes_of(most))
 
 
-@borrowing_kernel
+@inlined_kernel
 def _part_of_unit(model, c, unit, enough):
     """Return the part of the unit within which the last terms are below the cut-off.
 
@@ -324,6 +325,7 @@ def propagating(note, enough=_ENOUGH):
     @borrowing_kernel
     def advance(model, lanes, i, c, slip):
         """Advance one lane, series by series, with room for those of the slip velocity."""
+        prefer_widest_vectors()
         friction, lane = model[HAS_FRICTION] > 0.0, from_row(c, LANE)
         vr = value_of(lane[at.VR]) if friction else np.inf
         regime = sign_of(vr, value_of(c[W]))
@@ -390,7 +392,7 @@ def propagating(note, enough=_ENOUGH):
     return propagate
 
 
-@borrowing_kernel
+@inlined_kernel
 def _pass_over(model, lanes, i, c, series):
     """Note nothing of a series."""
 
