@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from agents.scoring import evaluate
+from agents.training.config import TimedSettings
 from agents.training.ending import notes_of
 from agents.training.misfits import print_misfits
 from agents.training.parts import Parts, agent_of
 from agents.training.runs import Run
-from agents.training.search_settings import TimedSettings
 
 Settings = TypeVar("Settings", bound="TimedSettings")
 

@@ -20,11 +20,11 @@ from agents.evolution.settings import EvolveSettings
 from agents.network.arrays import Arrays
 from agents.policies import Policy
 from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
+from agents.training.config import training_seeds
 from agents.training.network import Network
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
-from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
 from mm_gym import Scene
 

@@ -6,8 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from agents.training.config import Count, Positive
-from agents.training.search_settings import SearchSettings
+from agents.training.config import Count, Positive, SearchSettings
 
 
 class EvolveSettings(SearchSettings):

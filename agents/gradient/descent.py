@@ -13,15 +13,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.gradient.episodes import Episodes
-from agents.gradient.network import Network, hold_stable, longest, parameters_of, policy_of
-from agents.gradient.oscillators import with_oscillators
+from agents.gradient.network import (
+    Network,
+    hold_stable,
+    longest,
+    parameters_of,
+    policy_of,
+    with_oscillators,
+)
 from agents.gradient.settings import AVERAGED, FIRST, SECOND, fitted, schedule
 from agents.network.layers import UNIT
 from agents.training.arrays import part_of
+from agents.training.config import training_seeds
 from agents.training.network import Network as Evolved
 from agents.training.scales import Scales
 from agents.training.search import Search
-from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
 
 if TYPE_CHECKING:

@@ -27,8 +27,8 @@ from agents.network.layers import (
 from agents.network.module import Module
 from agents.network.policy import Policy
 from agents.training.arrays import part_of
+from agents.training.config import training_seeds
 from agents.training.search import Search
-from agents.training.seeds import training_seeds
 from agents.training.starts import IN_WORDS, start_of
 from mm_gym.torch import Episodes
 

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from agents.controllers.controller import plant_of
-from agents.training.config import Count, Positive
-from agents.training.search_settings import SearchSettings
+from agents.training.config import Count, Positive, SearchSettings
 
 if TYPE_CHECKING:
     from mm_gym import Scene

@@ -1,11 +1,11 @@
-"""The settings of a training run: a file of `configs`, then flags over it."""
+"""Settings of runs: a file of `configs`, then flags over it; and the seeds of training lanes."""
 
 from __future__ import annotations
 
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import Field, JsonValue, model_validator
 from tyro import cli
@@ -23,6 +23,7 @@ from agents.training.algorithm_settings import (
     TD3Settings,
     TQCSettings,
 )
+from agents.training.forecast import FUTURE
 from mm_gym import Scene, SceneError, load_scene, rewarded
 from mm_gym.files import read_toml
 from mm_gym.scene import Document
@@ -45,6 +46,9 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 SEED_BITS, LANE_BITS = 32, 31
 """Bits of a training's seed, and of the number of a lane."""
+
+TRAINING = 1 << 63
+"""The bit that seeds of training lanes have; those of validation and held-out episodes do not."""
 
 LONGEST_NAME = 200
 """Most bytes of a run's name: file systems allow 255, and the name may be numbered."""
@@ -182,6 +186,51 @@ class TrainSettings(RunSettings):
                 )
                 raise ValueError(msg)
         return self
+
+
+LawName = Literal[
+    "auto", "regulator", "lqg", "switching", "weighted", "tracking", "constant", "none"
+]
+
+
+class TimedSettings(RunSettings):
+    """What ends a search, and how often it is validated."""
+
+    time_budget: Positive | None = None
+    """[s] without interruptions, after which it stops even if rounds are left; by default none"""
+    evaluations: Count = 20
+    """validations during the run; the best policy is kept"""
+
+
+class SearchSettings(TimedSettings):
+    """What is searched around a law, and where it is written."""
+
+    law: LawName = "auto"
+    """what a network begins as: "regulator" the LQR of the force, "switching" the clipped LQR of
+    the stretch (both with both actuators) or clipped-optimal control of the damper,
+    "weighted" the clipped LQR with the free weights of `tune-controllers`, "lqg" the LQG of the
+    force, "tracking" an absorber tuned to the frequency it finds, "constant" the best
+    constant command, "none" no control; "auto" takes the one for the actuators of a task, unless
+    the LQG or no control clearly costs less on the validation episodes, and the cheapest for an own
+    scene"""
+    hidden: Count = 8
+    """units of the hidden layer"""
+    extra: Annotated[int, Field(ge=0)] = 0
+    """correlation units in addition to those of the controller, drawn at random"""
+    memory: Annotated[int, Field(ge=0, le=FUTURE)] = 4
+    """states of a linear memory that predicts a random force, if two frames show it"""
+
+
+def training_seeds(seed: int, count: int, first: int = 0) -> list[int]:
+    """Return the seeds of a training's lanes, which no other training and no evaluation uses.
+
+    The lanes are numbered from the first.
+
+    The training's seed, of 32 bits, stands above the lane's number, of 31. With the environment's
+    own rule, lane i = seed + i, trainings of neighbouring seeds would have all lanes but one in
+    common.
+    """
+    return [TRAINING | seed << LANE_BITS | lane for lane in range(first, first + count)]
 
 
 def _is_plain(name: str) -> bool:

@@ -10,9 +10,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import TransformReward
 
 from agents.training.arrays import part_of
-from agents.training.config import SEED_BITS
+from agents.training.config import SEED_BITS, training_seeds
 from agents.training.residual_lanes import ResidualLanes
-from agents.training.seeds import training_seeds
 from mm_gym.sb3 import VectorEnvAdapter
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from agents.training.starts import without_control
 if TYPE_CHECKING:
     from agents.policies import AnyPolicy
     from agents.training.arrays import Arrays
+    from agents.training.config import TimedSettings
     from agents.training.runs import Run
-    from agents.training.search_settings import TimedSettings
     from mm_gym import Scene
 
 BETWEEN_SAVES = 5.0

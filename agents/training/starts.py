@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from agents.training.search_settings import LawName, SearchSettings
+    from agents.training.config import LawName, SearchSettings
     from mm_gym import Scene
 
     Values = NDArray[np.float64]

@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import Field, model_validator
 
 from agents.network.files import LARGEST
-from agents.training.config import SEED_BITS, Count
-from agents.training.search_settings import TimedSettings
+from agents.training.config import SEED_BITS, Count, TimedSettings
 from agents.value_table.kernel import NODES
 
 

@@ -10,8 +10,7 @@ from agents.controllers.learned import Learned
 from agents.gradient import episodes, network
 from agents.gradient.descent import descend
 from agents.gradient.episodes import Episodes
-from agents.gradient.network import Network, parameters_of, policy_of
-from agents.gradient.oscillators import with_oscillators
+from agents.gradient.network import Network, parameters_of, policy_of, with_oscillators
 from agents.gradient.recurrent import RecurrentDescent
 from agents.gradient.settings import GradientSettings
 from agents.network.c_source import c_source

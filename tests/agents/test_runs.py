@@ -18,12 +18,11 @@ from agents.evolution.settings import EvolveSettings
 from agents.policies import load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED
 from agents.training.arrays import load_checkpoint
-from agents.training.config import TrainSettings
+from agents.training.config import TrainSettings, training_seeds
 from agents.training.lanes import make_lanes
 from agents.training.parts import Parts
 from agents.training.reinforcement import Validation, train
 from agents.training.runs import Run, RunError, numbered
-from agents.training.seeds import training_seeds
 from mm_gym import MovingMassVectorEnv, SceneError
 
 TINY = TrainSettings(

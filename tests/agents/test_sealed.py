@@ -12,7 +12,7 @@ from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.sealed import AGENT, SEALED, Scored, Seal, first_seed
 from agents.report.sealed_page import page
 from agents.scoring import evaluate
-from agents.training.seeds import TRAINING
+from agents.training.config import TRAINING
 from mm_gym import SceneError, load_scene
 
 SCENE = load_scene("mm_gym/CarriageForce-v0")
