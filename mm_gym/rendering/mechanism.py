@@ -21,7 +21,7 @@ from mm_gym.rendering.subject import UNSTRETCHED
 if TYPE_CHECKING:
     from mm_gym.rendering.canvas import Canvas
     from mm_gym.rendering.history import Past
-    from mm_gym.rendering.look import Colour
+    from mm_gym.rendering.look import Colour, Point
     from mm_gym.rendering.subject import Subject
 
 
@@ -129,7 +129,7 @@ def _force(subject: Subject, lane: rows.Array, states: rows.Array) -> rows.Array
 
 COILS = 7  # coils of the carriage's spring
 PITCH = 20.0  # distance of the coils of the sphere's springs where they are not stretched
-COIL, CARRIAGE_COIL = 9.0, 9.0  # half the width of springs where they are not stretched
+COIL = 9.0  # half the width of springs where they are not stretched
 ARROW = 128.0  # length of the arrow of the largest force
 
 
@@ -189,11 +189,7 @@ class Mechanism:
         canvas.line([(wall, 128), (wall, GROUND)], look.INK, 2.5)
         canvas.line([(wall, GROUND), (look.WIDTH + 20, GROUND)], look.INK, 2.5)
         self._draw_ruler()
-        limit = self.subject.displacement_limit
-        if limit is not None and limit * self.view.scale <= 1.2 * ROOM:
-            for side in (-1.0, 1.0):
-                x = REST + ground + side * limit * self.view.scale
-                self._draw_stop(x, GROUND, 12.0, side)
+        self._draw_stops(self.subject.displacement_limit, 1.2 * ROOM, (REST + ground, GROUND), 12.0)
 
     def _draw_ruler(self) -> None:
         canvas, view = self.canvas, self.view
@@ -209,14 +205,14 @@ class Mechanism:
                 label = text_of(k // parts * each) if k else f"0 {view.unit.name}"
                 canvas.text(label, (x, top + 15), look.SMALL, look.GREY, 0.5)
 
-    def _draw_stop(self, x: float, bottom: float, height: float, side: float) -> None:
-        """Draw where an episode ends."""
-        canvas = self.canvas
-        canvas.box((x - 1.25, bottom - height), (x + 1.25, bottom), look.LIMIT)
-        canvas.polygon(
-            [(x, bottom - height), (x, bottom - height + 7), (x + side * 8, bottom - height + 3.5)],
-            look.LIMIT,
-        )
+    def _draw_stops(self, limit: float | None, room: float, foot: Point, height: float) -> None:
+        """Draw where an episode ends, on both sides of a foot, if there is room."""
+        if limit is None or limit * self.view.scale > room:
+            return
+        for side in (-1.0, 1.0):
+            x, top = foot[0] + side * limit * self.view.scale, foot[1] - height
+            self.canvas.box((x - 1.25, top), (x + 1.25, foot[1]), look.LIMIT)
+            self.canvas.polygon([(x, top), (x, top + 7), (x + side * 8, top + 3.5)], look.LIMIT)
 
     def _draw_carriage_spring(self) -> None:
         start, end, y = WALL + self.ground, self.carriage - HALF_BODY, 174.0
@@ -224,7 +220,7 @@ class Mechanism:
         colour = look.spring_colour(0.5 + 0.5 * extended)
         self.canvas.line([(start, y), (start + 10, y)], colour, 2.25)
         self.canvas.line([(end - 10, y), (end, y)], colour, 2.25)
-        self._draw_coils(end - 10, start + 10, y, coils=COILS, half=CARRIAGE_COIL, colour=colour)
+        self._draw_coils(end - 10, start + 10, y, coils=COILS, half=COIL, colour=colour)
 
     def _draw_coils(
         self, start: float, end: float, y: float, *, coils: float, half: float, colour: Colour
@@ -289,11 +285,7 @@ class Mechanism:
         if not self.subject.has_sphere:
             return
         canvas.line([(middle, top + 2), (middle, top + 8)], look.GREY, 1.5)
-        limit = self.subject.rail_limit
-        if limit is not None and limit * self.view.scale <= 1.1 * TRAVEL:
-            for side in (-1.0, 1.0):
-                x = middle + side * limit * self.view.scale
-                self._draw_stop(x, top, 18.0, side)
+        self._draw_stops(self.subject.rail_limit, 1.1 * TRAVEL, (middle, top), 18.0)
 
     def _draw_springs(self) -> None:
         """Draw the sphere's springs: the pitch of the coils is as large as their stretch."""

@@ -79,15 +79,11 @@ def strips_of(subject: Subject, past: Past, view: View) -> list[Strip]:
         strips.append(Strip(low, high, (low, high), (line,)))
     if subject.damped_row:
         low, high = subject.damping_range
-        name = f"{subject.device} of the {damper_of(subject)} [{CHANNELS[subject.device].unit}]"
+        part = "carriage" if subject.damped_row == at.D else "interface"
+        name = f"{subject.device} of the {part} [{CHANNELS[subject.device].unit}]"
         line = Series(past.rows[at.DAMPING], name, look.DAMPING, is_held=True)
         strips.append(Strip(low, high, (low, high), (line,)))
     return strips
-
-
-def damper_of(subject: Subject) -> str:
-    """Return which part has the damping or voltage that is actuated."""
-    return "carriage" if subject.damped_row == at.D else "interface"
 
 
 def _displacements(subject: Subject, past: Past, view: View) -> Strip:

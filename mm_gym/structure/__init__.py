@@ -5,22 +5,15 @@ mode 1 the slowest. Displacements are relative to the ground, positive as its ac
 `docs/structures.md` derives the reduction, and says what it leaves out.
 """
 
-from mm_gym.errors import StructureError
-from mm_gym.structure.comparison import Comparison, Row, balanced_error, compare, white_noise
-from mm_gym.structure.examples import EXAMPLES, Example, example
-from mm_gym.structure.structure import Reduction, Structure, rayleigh_damping
-
-__all__ = [
-    "EXAMPLES",
-    "Comparison",
-    "Example",
-    "Reduction",
-    "Row",
-    "Structure",
-    "StructureError",
-    "balanced_error",
-    "compare",
-    "example",
-    "rayleigh_damping",
-    "white_noise",
-]
+from mm_gym.errors import StructureError as StructureError
+from mm_gym.structure.comparison import Comparison as Comparison
+from mm_gym.structure.comparison import Row as Row
+from mm_gym.structure.comparison import balanced_error as balanced_error
+from mm_gym.structure.comparison import compare as compare
+from mm_gym.structure.comparison import white_noise as white_noise
+from mm_gym.structure.examples import EXAMPLES as EXAMPLES
+from mm_gym.structure.examples import Example as Example
+from mm_gym.structure.examples import example as example
+from mm_gym.structure.structure import Reduction as Reduction
+from mm_gym.structure.structure import Structure as Structure
+from mm_gym.structure.structure import rayleigh_damping as rayleigh_damping
