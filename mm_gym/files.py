@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
 
-from mm_gym.errors import SceneError, suggest
+from mm_gym.errors import SceneError, refuse, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -118,8 +118,7 @@ def parse_toml(path: str | PathLike[str], text: str) -> dict[str, object]:
     """Return the data of a TOML file's text; raise `SceneError` if it is not TOML."""
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > LONGEST_LINE:
-            msg = f"{path}:{number}: got {len(line)} characters; allowed: at most {LONGEST_LINE}"
-            raise SceneError(msg)
+            refuse(f"{path}:{number}", f"{len(line)} characters", f"at most {LONGEST_LINE}")
     try:
         data = tomllib.loads(text)
         _check_depth(data)
@@ -208,8 +207,7 @@ def read_columns(
     """
     first, *lines = read_text(path, most=most).splitlines() or [""]
     if first != ",".join(header):
-        msg = f"{path}:1: got {first[:80]!r}; allowed: {','.join(header)!r}"
-        raise SceneError(msg)
+        refuse(f"{path}:1", f"{first[:80]!r}", f"{','.join(header)!r}")
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 2):
         try:
@@ -217,12 +215,10 @@ def read_columns(
         except ValueError:
             row = []
         if len(row) != len(header) or not all(map(math.isfinite, row)):
-            msg = f"{path}:{number}: got {line[:80]!r}; allowed: {len(header)} finite numbers"
-            raise SceneError(msg)
+            refuse(f"{path}:{number}", f"{line[:80]!r}", f"{len(header)} finite numbers")
         rows.append(row)
     if not rows:
-        msg = f"{path}: got no rows; allowed: one or more below the header"
-        raise SceneError(msg)
+        refuse(f"{path}", "no rows", "one or more below the header")
     return np.array(rows).T
 
 

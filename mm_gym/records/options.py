@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
-from mm_gym.errors import SceneError, check_name, suggest
+from mm_gym.errors import check_name, refuse, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -125,15 +125,14 @@ class Options:
         if self.unit is not None:
             check_name("unit", self.unit, UNITS)
         if self.time_step is not None and not SHORTEST <= self.time_step <= LARGEST:
-            msg = f"time_step: got {self.time_step}; allowed: {SHORTEST:g} to {LARGEST:g} s"
-            raise SceneError(msg)
+            refuse("time_step", f"{self.time_step}", f"{SHORTEST:g} to {LARGEST:g} s")
         if type(self.skip) is not int or self.skip < 0:
-            _refuse("skip", self.skip, "a number of lines, 0 or more")
+            refuse("skip", f"{self.skip!r}", "a number of lines, 0 or more")
         is_number = type(self.column) is int and 1 <= self.column <= MOST_COLUMNS
         if not (self.column is None or is_number or (isinstance(self.column, str) and self.column)):
-            _refuse("column", self.column, f"a number from 1 to {MOST_COLUMNS}, or a name")
+            refuse("column", f"{self.column!r}", f"a number from 1 to {MOST_COLUMNS}, or a name")
         if not (self.variable is None or (isinstance(self.variable, str) and self.variable)):
-            _refuse("variable", self.variable, "the name of a variable")
+            refuse("variable", f"{self.variable!r}", "the name of a variable")
 
     def places(
         self, columns: int, names: Sequence[str], refuse: Callable[[str], NoReturn]
@@ -184,8 +183,3 @@ class Options:
         else:
             allowed += "; no line above the samples names as many columns"
         return refuse(f"column: got {column!r}{suggest(column, names)}; allowed: {allowed}")
-
-
-def _refuse(name: str, got: object, allowed: str) -> NoReturn:
-    msg = f"{name}: got {got!r}; allowed: {allowed}"
-    raise SceneError(msg)

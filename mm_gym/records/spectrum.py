@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mm_gym.errors import SceneError
+from mm_gym.errors import refuse
 from mm_gym.records.spectrum_kernel import TURN, write_peaks
 
 if TYPE_CHECKING:
@@ -28,20 +28,18 @@ def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: Arr
     """
     own, ratios = _numbers("periods", periods), _numbers("damping", damping)
     if not np.all(own > 0.0):
-        msg = f"periods: got {own.min():g}; allowed: greater than 0 s"
-        raise SceneError(msg)
+        refuse("periods", f"{own.min():g}", "greater than 0 s")
     if not np.all((ratios >= 0.0) & (ratios <= MOST_DAMPING)):
         got = ratios[(ratios < 0.0) | (ratios > MOST_DAMPING)][0]
-        msg = f"damping: got {got:g}; allowed: a ratio from 0 to {MOST_DAMPING:g}"
-        raise SceneError(msg)
+        refuse("damping", f"{got:g}", f"a ratio from 0 to {MOST_DAMPING:g}")
     lasts = float(times[-1] - times[0])
     parts = 2.0 * np.pi * lasts * np.sum(1.0 / own) * np.sum(1.0 + 2.0 * ratios) / TURN
     if not parts <= MOST_PARTS:
-        msg = (
-            f"periods: got down to {own.min():g} s of a record of {lasts:g} s, which takes "
-            f"{parts:.1g} steps; allowed: {MOST_PARTS:.0g}. Leave out the shortest"
+        refuse(
+            "periods",
+            f"down to {own.min():g} s of a record of {lasts:g} s, which takes {parts:.1g} steps",
+            f"{MOST_PARTS:.0g}. Leave out the shortest",
         )
-        raise SceneError(msg)
     steps = np.diff(times)
     mean = lasts / len(steps)
     if np.all(np.abs(times - times[0] - mean * np.arange(len(times))) <= EVEN * times[-1]):
@@ -54,9 +52,7 @@ def peak_responses(times: Array, values: Array, periods: ArrayLike, damping: Arr
 def _numbers(name: str, given: ArrayLike) -> Array:
     array = np.asarray(given)
     if array.dtype.kind not in "fiu" or array.ndim > 1 or not array.size:
-        msg = f"{name}: got shape {array.shape} of type {array.dtype}; allowed: (n,) numbers"
-        raise SceneError(msg)
+        refuse(name, f"shape {array.shape} of type {array.dtype}", "(n,) numbers")
     if not np.all(np.isfinite(array)):
-        msg = f"{name}: got NaN or infinity; allowed: finite numbers"
-        raise SceneError(msg)
+        refuse(name, "NaN or infinity", "finite numbers")
     return np.atleast_1d(array).astype(np.float64)
