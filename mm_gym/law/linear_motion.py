@@ -44,8 +44,9 @@ def derivative(g, z, push, pair):
     k1, d, c, k2, ratio = g
     x1, offset, v1, w = z
     coupling = fma(c, w, fma(k2, offset, pair))
-    acceleration = coupling - fma(d, v1, fma(k1, x1, -push))  # (1) of docs/model.md
-    return (v1, w, acceleration, fma(-ratio, coupling, -acceleration)), coupling  # (2) less (1)
+    outer = fma(d, v1, fma(k1, x1, -push))
+    # (1) of docs/model.md, and (2) less (1), neither of which waits for the other
+    return (v1, w, coupling - outer, fma(-(1.0 + ratio), coupling, outer)), coupling
 
 
 @inlined_kernel

@@ -12,9 +12,8 @@ viscous interface and/or fixed stretch, cubic    linear              transition 
   randomised
 carriage without mass, otherwise linear          massless carriage   transition matrix of three
                                                                      states
-actuated stretch or randomised frequency, in     parametric linear   truncated series
-  short control steps, excited by one harmonic
-  force and impulses only, tolerance above 1e-9
+actuated stretch or damping, or randomised       parametric linear   truncated series
+  parameters or frequency, tolerance above 1e-9
 actuated stretch or randomised frequency, in     parametric linear   exponential as a cubic in the
   short sample intervals; no harmonic shakes                         generator, polynomials in
   the ground, and with a harmonic force there                        the springs' stiffness

@@ -30,6 +30,9 @@ PARAMETRIC = 2_000_000
 DEVICES = 3_000_000
 """The first seed of scenes with devices: see `_device`."""
 
+SERIES = 4_000_000
+"""The first seed of scenes for the series with drawn parameters and all excitation."""
+
 VALUED = "stribeck", "bouc_wen", "magnetorheological"
 """Kinds of interface in value form."""
 
@@ -46,7 +49,7 @@ def random_plant(seed: int, folder: Path) -> tuple[Scene, Plant]:
     Half of the scenes for a method ask for it, the others for what `auto` takes.
     """
     rng, method = np.random.default_rng(seed), method_of(seed)
-    if seed >= DEVICES:
+    if DEVICES <= seed < SERIES:
         return _with_device(rng, folder / f"{seed}.csv")
     own = (method,) if seed >= GENERAL else DRAWN
     if seed < GENERAL:
@@ -75,6 +78,8 @@ def _is_swapped(scene: Scene, chosen: str, method: str) -> bool:
 
 def method_of(seed: int) -> str:
     """Return the method for which the scene of a seed is made."""
+    if seed >= SERIES:
+        return "series"
     if seed >= DEVICES:
         return "devices"
     if seed >= GENERAL:
@@ -91,16 +96,20 @@ def _sign(rng: np.random.Generator) -> float:
 
 
 def _scene(rng: np.random.Generator, method: str, file: Path, *, parametric: bool) -> Scene:
-    """Return a random scene to which a method may apply, for the splitting parametric or not."""
-    fixed = method == "splitting" and not parametric
+    """Return a random scene to which a method may apply, for some methods parametric or not."""
+    fixed, is_plain = (
+        method == "splitting" and not parametric,
+        method == "series" and not parametric,
+    )
     x1, offset = _near(rng, 0.01) * _sign(rng), _near(rng, 0.01) * _sign(rng)
     m1, m2, k1 = _near(rng, 0.1), _near(rng, 0.04), _near(rng, 400.0)
-    springs = _springs(rng, method, offset)
+    springs = _springs(rng, method, offset, is_plain=is_plain)
     beta, alpha = _coefficients(rng, method, x1)
     k2 = 6.0 * springs.get("stiffness", 0.0)
     hardening = max(0.0, 1.0 + 3.0 * beta * x1**2)
     rate = float(np.sqrt((k1 * hardening + k2) / m1 + k2 / m2))
-    radians = {"series": 0.3, "splitting": 0.7}.get(method, 1.0 + float(rng.random() < 0.1))
+    radians = {"splitting": 0.7}.get(method, 1.0 + float(rng.random() < 0.1))
+    radians = 0.3 if is_plain else radians
     step = float(10.0 ** rng.uniform(-2.0, radians) / rate)
     data: Values = {
         "carriage": {
@@ -119,10 +128,11 @@ def _scene(rng: np.random.Generator, method: str, file: Path, *, parametric: boo
             "carriage_velocity": float(rng.random() < 0.5) * rate * x1 * float(rng.uniform(-1, 1)),
         },
         "control": {"time_step": step, "steps": 1_000_000},
-        "actuation": _actuation(rng, method, springs, k1 * abs(x1), step),
+        "actuation": _actuation(rng, springs, k1 * abs(x1), step, is_plain=is_plain),
     }
     if not fixed:
-        data["excitation"] = _excitations(rng, method, _Size(m1, k1, abs(x1), rate, step), file)
+        size = _Size(m1, k1, abs(x1), rate, step)
+        data["excitation"] = _excitations(rng, size, file, is_plain=is_plain)
     lowest = {"series": -12.0, "splitting": -12.0, "runge_kutta": -12.0}.get(method, -14.0)
     data["solver"] = {"tolerance": float(10.0 ** rng.uniform(lowest, -1.0))}
     if method == "taylor" or rng.random() < 0.5:
@@ -146,9 +156,9 @@ def _coefficients(rng: np.random.Generator, method: str, x1: float) -> tuple[flo
     return beta, float(rng.choice([1.0, 1.0, 0.0, -1.0]))
 
 
-def _springs(rng: np.random.Generator, method: str, offset: float) -> Values:
+def _springs(rng: np.random.Generator, method: str, offset: float, *, is_plain: bool) -> Values:
     kinds = ["none", "small_on_large"]
-    if method == "series":
+    if is_plain:
         kinds = ["small_on_large"]
     if method in ("taylor", "runge_kutta"):
         kinds += ["finite_stretch"]
@@ -184,13 +194,13 @@ def _interface(rng: np.random.Generator, method: str) -> Values:
 
 
 def _actuation(
-    rng: np.random.Generator, method: str, springs: Values, force: float, step: float
+    rng: np.random.Generator, springs: Values, force: float, step: float, *, is_plain: bool
 ) -> Values:
     """Return actuators; a stretch begins within its limits."""
     actuation: Values = {}
     if rng.random() < 0.5:
         actuation["force"] = {"limit": force} | _slow(rng, force, step)
-    if springs["kind"] != "none" and (method == "series" or rng.random() < 0.4):
+    if springs["kind"] != "none" and (is_plain or rng.random() < 0.4):
         low, high = springs["stretch"], springs["stretch"] + float(rng.uniform(0.1, 2.0))
         actuation["stretch"] = {"minimum": low, "maximum": high} | _slow(rng, high - low, step)
     return actuation
@@ -221,9 +231,11 @@ class _Size(NamedTuple):
         return 0.25 * MOST_INTERVALS / self.step
 
 
-def _excitations(rng: np.random.Generator, method: str, size: _Size, file: Path) -> list[Values]:
+def _excitations(
+    rng: np.random.Generator, size: _Size, file: Path, *, is_plain: bool = False
+) -> list[Values]:
     """Return no excitation, one, some, or all kinds at once, of the springs' size or less."""
-    if method == "series":
+    if is_plain:
         kinds = [kind for kind in ("harmonic", "impulse") if rng.random() < 0.6]
     else:
         mode = rng.random()
@@ -231,7 +243,7 @@ def _excitations(rng: np.random.Generator, method: str, size: _Size, file: Path)
         kinds = [kind for kind in EXCITATIONS if rng.random() < share]
     parts: list[Values] = []
     for kind in kinds:
-        target = "force" if method == "series" else str(rng.choice(["force", "ground"]))
+        target = "force" if is_plain else str(rng.choice(["force", "ground"]))
         unit = size.k1 if target == "force" else size.k1 / size.m1
         amplitude = unit * size.x1 * float(10.0 ** rng.uniform(-2.0, 0.0))
         part = {"kind": kind, "target": target}
@@ -368,7 +380,7 @@ def _device(rng: np.random.Generator, file: Path) -> Scene:
     if rng.random() < 0.2:
         data["initial"] = {}  # from rest
     data["actuation"] = _device_actuation(rng, data, pull, step)
-    data["excitation"] = _excitations(rng, "devices", _Size(m1, k1, x, rate, step), file)
+    data["excitation"] = _excitations(rng, _Size(m1, k1, x, rate, step), file)
     data["randomization"] = _drawn(rng, data)
     has_device = springs["kind"] == "linear" or interface["kind"] in VALUED
     if not (has_device or {"damping", "voltage"} & set(data["actuation"])) and (

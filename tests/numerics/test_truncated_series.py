@@ -13,6 +13,7 @@ from mm_gym.lanes import layout as at
 from mm_gym.lanes.simd import LANES
 from mm_gym.methods.linear_series import kernel
 from mm_gym.methods.linear_series.method import TIGHTEST, degree_of
+from mm_gym.methods.support import fastest_rate
 from mm_gym.simulation.lanes import Lanes
 
 from .conftest import assert_lanes_equal_single
@@ -20,7 +21,28 @@ from .conftest import assert_lanes_equal_single
 PRE_STRETCH = load_scene("mm_gym/PreStretch-v0")
 SHOCK = load_scene("mm_gym/PreStretchShock-v0")
 PUSHED = PRE_STRETCH.replace(randomization={}, excitation=[], **{"actuation.force": {"limit": 2.0}})
-SCENES = {"harmonic": PRE_STRETCH, "impulses": SHOCK, "pushed": PUSHED}
+DRAWN = PUSHED.replace(
+    randomization={
+        "carriage.mass": (0.05, 0.2),
+        "sphere.mass": (0.02, 0.08),
+        "carriage.stiffness": (200.0, 800.0),
+        "carriage.damping": (0.0, 2.0),
+        "interface.damping": (0.05, 1.0),
+        "springs.stiffness": (20.0, 70.0),
+    }
+)
+NOISE = {"kind": "noise", "rms": 1.0, "high_frequency": 60.0, "sample_time": 0.005}
+SWAY = {"kind": "harmonic", "target": "ground", "amplitude": 3.0, "frequency": 50.0, "phase": 1.0}
+SCENES = {
+    "harmonic": PRE_STRETCH,
+    "impulses": SHOCK,
+    "pushed": PUSHED,
+    "all parameters drawn": DRAWN,
+    "noise": DRAWN.replace(excitation=[NOISE, NOISE | {"target": "ground"}]),
+    "harmonic of the ground": PRE_STRETCH.replace(randomization={}, excitation=[SWAY]),
+    "all at once": DRAWN.replace(excitation=[SWAY, SWAY | {"target": "force"}, NOISE]),
+    "long steps": DRAWN.replace(excitation=[SWAY], **{"control.time_step": 0.1}),
+}
 SCALE = np.array([0.01, 0.01, 1.0, 1.0])
 
 
@@ -88,30 +110,44 @@ def test_auto_takes_it_above_the_default_tolerance_only() -> None:
     assert "not the truncated series: solver.tolerance is 1e-09 or less" in plant.explain()
 
 
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"randomization": {"sphere.mass": (0.03, 0.05)}}, "sphere.mass is randomised"),
-        ({"control.time_step": 0.1}, "fastest rate times sample interval is"),
-        ({"solver.tolerance": 0.5 * TIGHTEST}, "solver.tolerance is 1e-09 or less"),
-        (
-            {"excitation": [{"kind": "noise", "rms": 1.0, "high_frequency": 60.0}]},
-            "it takes only impulses and one",
-        ),
-        (
-            {"excitation.0.target": "ground", "excitation.0.amplitude": 1.0},
-            "it takes only impulses and one harmonic force",
-        ),
-    ],
-)
-def test_what_it_does_not_cover_is_left_to_an_exact_method(
-    changes: dict[str, Any], why: str
-) -> None:
-    scene = PRE_STRETCH.replace(randomization={}, **{"solver.tolerance": 1e-3}).replace(**changes)
+def test_below_its_smallest_tolerance_an_exact_method_stands_in() -> None:
+    scene = DRAWN.replace(**{"solver.tolerance": 0.5 * TIGHTEST})
     with pytest.raises(CompileError, match="'series' does not apply"):
         compile_scene(scene.replace(**{"solver.method": "series"}))
     with pytest.warns(UserWarning, match=r"solver.tolerance has no effect"):
         plant = compile_scene(scene)
     assert plant.method.name == "exact"
-    assert "not the truncated series: " in plant.explain()
-    assert why in plant.explain()
+    assert "not the truncated series: solver.tolerance is 1e-09 or less" in plant.explain()
+
+
+@pytest.mark.parametrize(("changes", "intervals"), [({}, 1), ({"excitation": [NOISE]}, 400)])
+def test_pieces_and_sample_intervals_share_the_tolerance(
+    changes: dict[str, Any], intervals: int
+) -> None:
+    plant = compile_scene(_as_series(DRAWN.replace(**{"control.time_step": 2.0}, **changes), 1e-3))
+    pieces, support = plant.model[kernel.PIECES], plant.support
+    phase = fastest_rate(support) * support.sample_interval / pieces
+    assert support.intervals_per_step == intervals
+    own = degree_of(phase, 1e-3 / (pieces * intervals)) + max(support.terms - 1, 0)
+    assert plant.model[kernel.DEGREE] == own > degree_of(phase, 1e-3)
+
+
+def test_rows_with_one_value_are_read_once() -> None:
+    """What a scene does not draw is no part of the lanes' own parameters."""
+    own = {
+        "carriage.mass": at.M1,
+        "sphere.mass": at.M2,
+        "carriage.stiffness": at.K1,
+        "carriage.damping": at.D,
+        "interface.damping": at.C,
+        "springs.stiffness": at.K0,
+    }
+    for name, row in own.items():
+        scene = Scene(
+            interface={"kind": "viscous"},
+            springs={"kind": "small_on_large"},
+            randomization={name: DRAWN.randomization[name]},
+        )
+        plant = compile_scene(_as_series(scene, 1e-3))
+        varies = plant.model[kernel.VARIES : kernel.INVERSES] > 0.0
+        assert [row in rows for rows in kernel.GROUPS] == varies.tolist()

@@ -13,12 +13,12 @@ from __future__ import annotations
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel, kernel
 from mm_gym.excitation.sources import is_excited
 from mm_gym.lanes import layout as at
-from mm_gym.lanes.arithmetic import prefer_widest_vectors, stay_apart
+from mm_gym.lanes.arithmetic import fma, prefer_widest_vectors, stay_apart
 from mm_gym.lanes.groups import read, write
 from mm_gym.lanes.memory import on_cache_line
 from mm_gym.lanes.simd import LANES, everywhere
 from mm_gym.lanes.simd_memory import rows_of
-from mm_gym.law.linear_motion import add, derivative, generator, state_of
+from mm_gym.law.linear_motion import add, derivative, state_of
 from mm_gym.law.motion import control_forces
 from mm_gym.law.springs import stiffness
 
@@ -26,9 +26,12 @@ MOST = 48
 """More than the degree of any series: with a phase of 2, 25 are enough, and one more for each term
 of a jet behind the first."""
 
-# Slots of the model: whether all lanes have the same parameters; 1 / n!.
-DEGREE, PIECES, UNIFORM, WEIGHTS = (at.MODEL_OWN + i for i in range(4))
-END = WEIGHTS + MOST + 1
+# Slots of the model. For each group of rows, which together are one number of a lane, there is one
+# that says whether lanes have values of their own; and 1 / n.
+DEGREE, PIECES, VARIES = (at.MODEL_OWN + i for i in range(3))
+GROUPS = (at.M1,), (at.M2,), (at.K1, at.ALPHA), (at.D,), (at.C,), (at.K0, at.STRETCH)
+INVERSES = VARIES + len(GROUPS)
+END = INVERSES + MOST + 1
 
 # Rows of b: the series of the force on the carriage over m1 and of the ground's acceleration; then
 # cosine and sine of each harmonic, and the jets as coefficients of (t / piece)^n.
@@ -38,85 +41,152 @@ FORCE, GROUND, HARMONIC = 0, MOST, 2 * MOST
 @kernel
 def propagate(model, lanes, first, last):
     """Advance the lanes by one sample interval; force and stretch are held over it."""
-    others = model[at.HARMONIC_COUNT] - 1.0 + model[at.GROUND] + model[at.TERMS]
-    if is_excited(model) and (model[PIECES] > 1.0 or others != 0.0):
+    is_alone = model[at.HARMONIC_COUNT] <= 1.0 and model[at.GROUND] == 0.0
+    if is_excited(model) and (model[PIECES] > 1.0 or not is_alone):
         numbers = on_cache_line(rows_of_drive(model) * LANES)
-        own = parameters_of(lanes, first, min(LANES, last - first))
-        _propagate(model, lanes, own, True, rows_of(numbers), first, last)
-    elif model[UNIFORM] > 0.0:
-        _propagate(model, lanes, _shared_parameters(lanes, first), None, None, first, last)
+        _propagate(model, lanes, rows_of(numbers), first, last)
     else:
-        own = parameters_of(lanes, first, min(LANES, last - first))
-        _propagate(model, lanes, own, True, None, first, last)
+        _propagate(model, lanes, None, first, last)
     return at.OK
 
 
 @borrowing_kernel
-def _propagate(model, lanes, parameters, is_drawn, b, first, last):
+def _propagate(model, lanes, b, first, last):
     """Advance the lanes, see `propagate`.
 
-    Parameters
-    ----------
-    parameters, is_drawn
-        Those of the first lanes; None, and not False, if all lanes share them.
-    b
-        None if nothing or one harmonic force excites the lanes, in one piece: that passes through
-        no memory.
+    Without b, which is None, one harmonic force at most and jets excite the lanes, in one piece:
+    that passes through no memory.
     """
     prefer_widest_vectors()
     stay_apart()
-    pieces, degree, is_swung = int(model[PIECES]), int(model[DEGREE]), is_excited(model)
-    piece, zero, terms = model[at.SAMPLE_INTERVAL] / pieces, everywhere(0.0), 0
-    by_piece, cosine, sine, turn = 1.0 / piece, zero, zero, zero
-    for i in range(first, last, LANES):
-        count = min(LANES, last - i)
-        if is_drawn is not None and i > first:
-            parameters = parameters_of(lanes, i, count)
-        m1, m2, k1, d, c, k0 = parameters
-        k2 = stiffness(k0, read(lanes, at.STRETCH, i, count))
-        g, scale = generator(piece, m1, m2, k1, d, c, k2), piece * piece / m1
-        pair, held = control_forces(model, scale * read(lanes, at.FORCE, i, count))
-        y = state_of(lanes, piece, i, count)
-        if b is not None:
-            load_drive(model, lanes, b, pieces, i, count)
-        elif is_swung:
-            size = scale * read(lanes, at.HARMONICS + at.AMPLITUDE, i, count)
-            cosine = size * read(lanes, at.HARMONICS + at.COSINE, i, count)
-            sine = size * read(lanes, at.HARMONICS + at.SINE, i, count)
-            turn = piece * read(lanes, at.HARMONICS + at.FREQUENCY, i, count)
-        for k in range(pieces):
-            push = held + sine
-            if b is not None:
-                terms = write_drive(model, lanes, b, scale, piece, degree, i, count)
-                push = held + b[FORCE]
-            z, _ = derivative(g, y, push, pair)
-            if b is not None:
-                z = z[0], z[1], z[2] - b[GROUND], z[3]
-            y = add(y, 1.0, z)
-            for n in range(1, degree):
-                push = zero
-                if b is None and is_swung:
-                    cosine, sine = -turn * sine, turn * cosine
-                    push = sine
-                if b is not None and n < terms:
-                    push = b[FORCE + n]
-                z, _ = derivative(g, z, push, 0.0)
-                if b is not None and n < terms:
-                    z = z[0], z[1], z[2] - b[GROUND + n], z[3]
-                y = add(y, model[WEIGHTS + n + 1], z)
-            if b is not None and k < pieces - 1:
-                continue_drive(model, lanes, b, piece, degree, i, count)
-        write(lanes, at.X1, i, count, y[0])
-        write(lanes, at.X2, i, count, y[0] + y[1])
-        write(lanes, at.V1, i, count, by_piece * y[2])
-        write(lanes, at.V2, i, count, by_piece * (y[2] + y[3]))
+    varies = _varies(model)
+    p = _parameters(lanes, None, varies, first, min(LANES, last - first))
+    whole = last - (last - first) % LANES
+    for i in range(first, whole, LANES):  # compiled for groups of just that many lanes
+        p = _parameters(lanes, p, varies, i, LANES)
+        _move(model, lanes, b, p, i, LANES)
+    if whole < last:
+        p = _parameters(lanes, p, varies, whole, last - whole)
+        _move(model, lanes, b, p, whole, last - whole)
 
 
 @inlined_kernel
-def _shared_parameters(lanes, i):
-    """Return m1, m2, k1 alpha, d, c and k0 of lane i."""
-    k1 = lanes[at.K1, i] * lanes[at.ALPHA, i]
-    return lanes[at.M1, i], lanes[at.M2, i], k1, lanes[at.D, i], lanes[at.C, i], lanes[at.K0, i]
+def _move(model, lanes, b, p, i, count):
+    """Advance a group of lanes with parameters p, see `_parameters`."""
+    pieces, degree, is_swung = (
+        int(model[PIECES]),
+        int(model[DEGREE]),
+        model[at.HARMONIC_COUNT] > 0.0,
+    )
+    piece, zero = model[at.SAMPLE_INTERVAL] / pieces, everywhere(0.0)
+    terms, jets = int(model[at.TERMS]), int(model[at.JETS])
+    by_piece, square, cosine, sine, turn = 1.0 / piece, piece * piece, zero, zero, zero
+    m1, by_m1, by_m2, k1, d, c, k2 = p
+    rate = piece * by_m1
+    scale = piece * rate
+    g = scale * k1, rate * d, rate * c, scale * k2, m1 * by_m2
+    pair, held = control_forces(model, scale * read(lanes, at.FORCE, i, count))
+    y = state_of(lanes, piece, i, count)
+    if b is not None:
+        load_drive(model, lanes, b, pieces, i, count)
+    elif is_swung:
+        size = scale * read(lanes, at.HARMONICS + at.AMPLITUDE, i, count)
+        cosine = size * read(lanes, at.HARMONICS + at.COSINE, i, count)
+        sine = size * read(lanes, at.HARMONICS + at.SINE, i, count)
+        turn = piece * read(lanes, at.HARMONICS + at.FREQUENCY, i, count)
+    for k in range(pieces):
+        if b is not None:
+            terms = write_drive(model, lanes, b, scale, piece, degree, i, count)
+        driven = degree if is_swung else min(max(terms, 1), degree)
+        weights, weight, z, push, inner = (scale, square), 1.0, y, held + sine, pair
+        for n in range(driven):
+            if n < terms:
+                push, ground = _driven(b, lanes, jets, terms, weights, push, n, i, count)
+                weights = (n + 1.0) * weights[0], (n + 1.0) * weights[1]
+                z, _ = derivative(g, z, push, inner)
+                z = z[0], z[1], z[2] - ground, z[3]
+            else:
+                z, _ = derivative(g, z, push, inner)
+            weight *= model[INVERSES + n + 1]
+            y = add(y, weight, z)
+            if b is None and is_swung:
+                cosine, sine = -turn * sine, turn * cosine
+            push, inner = sine, zero
+        if driven < degree:  # nothing drives the rest: Horner's scheme
+            rest, weight = z, weight * model[INVERSES + driven + 1]
+            for n in range(degree, driven + 1, -1):
+                rest, _ = derivative(g, rest, 0.0, 0.0)
+                rest = add(z, model[INVERSES + n], rest)
+            rest, _ = derivative(g, rest, 0.0, 0.0)
+            y = add(y, weight, rest)
+        if b is not None and k < pieces - 1:
+            continue_drive(model, lanes, b, piece, degree, i, count)
+    write(lanes, at.X1, i, count, y[0])
+    write(lanes, at.X2, i, count, y[0] + y[1])
+    write(lanes, at.V1, i, count, by_piece * y[2])
+    write(lanes, at.V2, i, count, by_piece * (y[2] + y[3]))
+
+
+@inlined_kernel
+def _driven(b, lanes, jet, terms, weights, push, n, i, count):
+    """Return what drives term n, over m1 and in units of the piece.
+
+    Parameters
+    ----------
+    b
+        See `_propagate`.
+    jet, terms
+        First row of the jets, and their terms.
+    weights
+        n! times what turns a force, and an acceleration of the ground, into that.
+    push
+        What else drives it.
+    """
+    if b is not None:
+        return push + b[FORCE + n], b[GROUND + n]
+    of_force, of_ground = weights
+    force, ground = read(lanes, jet + n, i, count), read(lanes, jet + terms + n, i, count)
+    return fma(of_force, force, push), of_ground * ground
+
+
+@inlined_kernel
+def _varies(model):
+    """Return whether lanes have values of their own of m1, m2, k1, d, c and k2."""
+    return (
+        model[VARIES] > 0.0,
+        model[VARIES + 1] > 0.0,
+        model[VARIES + 2] > 0.0,
+        model[VARIES + 3] > 0.0,
+        model[VARIES + 4] > 0.0,
+        model[VARIES + 5] > 0.0,
+    )
+
+
+@inlined_kernel
+def _parameters(lanes, known, varies, i, count):
+    """Return m1, 1 / m1, 1 / m2, k1 alpha, d, c and k2 of the lanes i .. i + count - 1.
+
+    Of what does not vary they are those known. A division takes as long as a term of the series.
+    """
+    if known is None:
+        m1, m2, k1, d, c, k0 = parameters_of(lanes, i, count)
+        k2 = stiffness(k0, read(lanes, at.STRETCH, i, count))
+        return m1, 1.0 / m1, 1.0 / m2, k1, d, c, k2
+    m1, by_m1, by_m2, k1, d, c, k2 = known
+    if varies[0]:
+        m1 = read(lanes, at.M1, i, count)
+        by_m1 = 1.0 / m1
+    if varies[1]:
+        by_m2 = 1.0 / read(lanes, at.M2, i, count)
+    if varies[2]:
+        k1 = read(lanes, at.K1, i, count) * read(lanes, at.ALPHA, i, count)
+    if varies[3]:
+        d = read(lanes, at.D, i, count)
+    if varies[4]:
+        c = read(lanes, at.C, i, count)
+    if varies[5]:
+        k2 = stiffness(read(lanes, at.K0, i, count), read(lanes, at.STRETCH, i, count))
+    return m1, by_m1, by_m2, k1, d, c, k2
 
 
 @inlined_kernel

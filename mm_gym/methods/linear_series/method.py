@@ -16,6 +16,8 @@ from mm_gym.methods.support import LINEAR, PARAMETRIC_LINEAR, fastest_rate
 from mm_gym.step.control_step import build
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from mm_gym.methods.support import Support
@@ -51,19 +53,7 @@ class ExponentialAction(ExactMethod):
 
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the number of pieces in a sample interval and the degree of the series."""
-        phase = _phase(support)
-        pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
-        if not pieces <= MOST_PIECES:
-            msg = (
-                f"control.time_step: a sample interval of {support.sample_interval} s spans "
-                f"{phase:.3g} times the scene's shortest time constant "
-                f"{support.sample_interval / phase:.3g} s; the series allows "
-                f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the control step, "
-                "or fix what is randomised or actuated"
-            )
-            raise CompileError(msg)
-        # What the last term of a jet causes begins so much later.
-        return _model(support, pieces, degree(phase / pieces) + max(support.terms - 1, 0))
+        return _model(support, lambda phase, _: degree(phase))
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the number of products with A."""
@@ -90,21 +80,12 @@ class TruncatedSeries(Method):
             return None
         return f"solver.tolerance is {TIGHT:g} or less, where an exact method costs little more"
 
-    def limit(self, support: Support) -> str | None:
-        """Return why not, unless only the stretch and one harmonic force vary, in short steps."""
-        others = support.varying_parameters
-        if others:
-            return f"{others[0]} is randomised or actuated"
-        if support.terms or any(support.ground) or len(support.ground) > 1:
-            return "of all excitation it takes only impulses and one harmonic force"
-        phase = _phase(support)
-        if not phase <= LONGEST_PIECE:
-            return f"fastest rate times sample interval is {phase:.3g}, above {LONGEST_PIECE:g}"
-        return None
-
     def model(self, support: Support, settings: Settings) -> NDArray[np.float64]:
-        """Return the degree of the series."""
-        return _model(support, 1.0, degree_of(_phase(support), settings.tolerance))
+        """Return the number of pieces in a sample interval and the degree of the series.
+
+        Each piece has an equal part of the tolerance.
+        """
+        return _model(support, lambda phase, parts: degree_of(phase, settings.tolerance / parts))
 
     def order(self, settings: Settings) -> str:  # noqa: ARG002 - it follows from the tolerance
         """Return the order."""
@@ -112,23 +93,38 @@ class TruncatedSeries(Method):
 
     def cost(self, model: NDArray[np.float64]) -> str:
         """Return the number of derivatives."""
-        return f"{int(model[kernel.DEGREE])} derivatives of some 10 products each"
+        count = f"{int(model[kernel.PIECES])} x {int(model[kernel.DEGREE])}"
+        return f"{count} derivatives of some 10 products each"
 
     def bound(self, settings: Settings) -> str:
         """Return the tolerance."""
         return f"{settings.tolerance:g} of the state's scale over a control step"
 
 
-def _phase(support: Support) -> float:
-    """Return the largest product of a rate and the sample interval."""
-    return fastest_rate(support) * support.sample_interval
+def _model(support: Support, degree_of_piece: Callable[[float, float], int]) -> NDArray[np.float64]:
+    """Return the constants of the kernel.
 
-
-def _model(support: Support, pieces: float, terms: int) -> NDArray[np.float64]:
+    The degree follows from the largest product of a rate and a piece, and from the number of pieces
+    in a control step.
+    """
+    phase = fastest_rate(support) * support.sample_interval
+    pieces = max(1.0, np.ceil(phase / LONGEST_PIECE))
+    if not pieces <= MOST_PIECES:
+        msg = (
+            f"control.time_step: a sample interval of {support.sample_interval} s spans "
+            f"{phase:.3g} times the scene's shortest time constant "
+            f"{support.sample_interval / phase:.3g} s; the series allows "
+            f"{LONGEST_PIECE * MOST_PIECES:.0f}. Shorten the control step, "
+            "or fix what is randomised or actuated"
+        )
+        raise CompileError(msg)
+    terms = degree_of_piece(phase / pieces, pieces * support.intervals_per_step)
+    terms += max(support.terms - 1, 0)  # what the last term of a jet causes begins so much later
     model = header(support, kernel.END - at.MODEL_OWN)
     model[kernel.PIECES], model[kernel.DEGREE] = pieces, terms
-    model[kernel.UNIFORM] = all(support.fixed(row) for row in range(at.M1, at.HARMONICS))
-    model[kernel.WEIGHTS : kernel.END] = [1.0 / math.factorial(n) for n in range(kernel.MOST + 1)]
+    varies = [not all(map(support.fixed, rows)) for rows in kernel.GROUPS]
+    model[kernel.VARIES : kernel.INVERSES] = varies
+    model[kernel.INVERSES + 1 : kernel.END] = 1.0 / np.arange(1.0, kernel.MOST + 1.0)
     return model
 
 
