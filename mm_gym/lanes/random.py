@@ -13,6 +13,7 @@ import numpy as np
 
 from mm_gym.compiler.jit import borrowing_kernel, inlined_kernel
 from mm_gym.lanes.elementary import bits_of, double_of, logarithm, on_circle
+from mm_gym.lanes.simd import LANES
 
 KEY, COUNT = 0, 1  # rows of the streams array
 
@@ -26,6 +27,10 @@ _SENSORS = np.uint64(0xD1B54A32D192ED03)
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
+_CONVERTS_VECTORS = LANES == 16  # noqa: PLR2004 - as many as two registers of AVX-512 hold
+_SIGN, _LOWER = np.uint64(1 << 63), np.uint64((1 << 32) - 1)
+_FROM_2_TO_THE_52, _FROM_2_TO_THE_84 = np.uint64(0x433 << 52), np.uint64(0x453 << 52)
+"""Bits of these powers: the bits of an integer below 2^32 are added, times 1 and times 2^32."""
 
 
 @borrowing_kernel
@@ -116,6 +121,18 @@ def chance_of_sensors(streams, ahead, i):
 
 
 @inlined_kernel
+def _whole(bits):
+    """Return an integer below 2^53 as a double.
+
+    Only AVX-512 converts vectors of them; others take halves, as the last digits of larger doubles.
+    """
+    if _CONVERTS_VECTORS:
+        return np.float64(np.int64(bits))
+    high = double_of(np.int64((bits >> np.uint64(32)) | _FROM_2_TO_THE_84))
+    return high - (2.0**84 + 2.0**52) + double_of(np.int64((bits & _LOWER) | _FROM_2_TO_THE_52))
+
+
+@inlined_kernel
 def normal_pair(first, second):
     """Return two independent normal numbers from two draws of 64 bits (Box and Muller, 1958).
 
@@ -123,9 +140,10 @@ def normal_pair(first, second):
     of the first axis; the bits that it does not need reflect it to the others. There are no
     branches, so that the compiler vectorises a loop over lanes.
     """
-    chance = (np.float64(np.int64(first >> np.uint64(11))) + 1.0) * 2.0**-53  # in (0, 1]
+    chance = (_whole(first >> np.uint64(11)) + 1.0) * 2.0**-53  # in (0, 1]
     radius = math.sqrt(-2.0 * logarithm(chance))
-    c, s = on_circle(np.float64(np.int64(second) >> np.int64(11)) * 2.0**-53)
+    angle = _whole((second ^ _SIGN) >> np.uint64(11)) - 2.0**52  # of a number with a sign
+    c, s = on_circle(angle * 2.0**-53)
     radius = double_of(bits_of(radius) ^ np.int64(second << np.uint64(63)))
     is_reflected = second & np.uint64(2) != np.uint64(0)
     return radius * (s if is_reflected else c), radius * (c if is_reflected else s)
