@@ -103,6 +103,13 @@ def panels(
     return figure, list(grid.flat)
 
 
+def hertz_above(axes: Axes) -> None:
+    """Show frequencies [rad/s] of the axis below in Hz above the panel, too."""
+    turn = 2.0 * np.pi
+    above = axes.secondary_xaxis("top", functions=(lambda w: w / turn, lambda hertz: hertz * turn))
+    above.set_xlabel("frequency [Hz]")
+
+
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
     """Put the legend of one panel below all panels, where it hides nothing.
 

@@ -97,6 +97,11 @@ class Modes:
         return np.abs(self.eigenvalues)
 
     @property
+    def hertz(self) -> Array:
+        """Undamped natural frequencies (n,) [Hz]."""
+        return self.frequencies / (2.0 * np.pi)
+
+    @property
     def damping_ratios(self) -> Array:
         """Damping ratios (n,) [-].
 

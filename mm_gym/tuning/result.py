@@ -13,7 +13,7 @@ import numpy as np
 
 from mm_gym.analysis.linear import linear_values
 from mm_gym.analysis.springs import stretch_for_stiffness
-from mm_gym.drawing import COLOURS, STYLES, drawn, legend_below, panels
+from mm_gym.drawing import COLOURS, STYLES, drawn, hertz_above, legend_below, panels
 from mm_gym.files import aligned, write_text
 from mm_gym.scene.mechanics import LinearSprings, NoSprings
 from mm_gym.scene.toml_file import toml_of
@@ -296,6 +296,7 @@ def _over_frequency(
     for k, (name, curve) in enumerate(curves):
         axes.semilogy(frequencies, curve, STYLES[k], color=COLOURS[k], label=name)
     axes.set(xlabel="frequency [rad/s]", ylabel=f"{channel.replace('_', ' ')} [{unit}]")
+    hertz_above(axes)
     legend_below(figure, axes, 3)
     return figure
 

@@ -75,6 +75,7 @@ def test_closed_form_survives_coinciding_eigenvalues():
 def test_frequencies_and_damping_ratios_of_a_single_oscillator():
     found = modes(Scene(interface={"kind": "none"}))
     assert found.frequencies[2:] == pytest.approx(np.sqrt(4000.0))
+    assert found.hertz * 6.283185307179586 == pytest.approx(found.frequencies)
     assert found.damping_ratios[2:] == pytest.approx(1.0 / (2.0 * np.sqrt(40.0)))
     assert np.isnan(found.damping_ratios[:2]).all()
 
