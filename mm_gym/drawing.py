@@ -106,7 +106,8 @@ def panels(
 def hertz_above(axes: Axes) -> None:
     """Show frequencies [rad/s] of the axis below in Hz above the panel, too."""
     turn = 2.0 * np.pi
-    above = axes.secondary_xaxis("top", functions=(lambda w: w / turn, lambda hertz: hertz * turn))
+    both = (lambda w: np.divide(w, turn), lambda hertz: np.multiply(hertz, turn))
+    above = axes.secondary_xaxis("top", functions=both)
     above.set_xlabel("frequency [Hz]")
 
 
