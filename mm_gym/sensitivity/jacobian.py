@@ -148,34 +148,24 @@ class Sensitivities:
         return self.lanes[[*self.state_rows, *(a.row for a in self.actuators)]]
 
     def step(self, actions: Array) -> tuple[int, Array]:
-        """Make a control step.
+        """Make a control step by actions (actuators, count) [-].
 
-        A lane that cannot be followed stays where it was, which nothing but the status shows.
-
-        Parameters
-        ----------
-        actions
-            (actuators, count) [-].
-
-        Returns
-        -------
-        tuple
-            Status, and the derivatives (n, n + causes, count) of the n states: with respect to
-            them, to what the actuators apply, and to the parameters. The next step may write
-            into the same array.
+        A status is returned, and the derivatives (n, n + causes, count) of the n states: with
+        respect to them, to what the actuators apply, and to the parameters. The next step may write
+        into the same array. A lane that cannot be followed stays where it was, which nothing but
+        the status shows.
 
         Raises
         ------
         SimulationError
             If a lane takes too many series, steps, or changes of regime.
         """
-        status, motion = self._stepped(actions)
+        status, motion = self._stepped(np.ascontiguousarray(actions, np.float64).ravel())
         if status in UNFINISHED:
             raise _failure(status)
         return status, motion
 
-    def _stepped(self, actions: Array) -> tuple[int, Array]:
-        flat = np.ascontiguousarray(actions, np.float64).ravel()
+    def _stepped(self, flat: Array) -> tuple[int, Array]:
         if self._is_constant:
             return self._step_by_maps(flat)
         if len(self._models) == 1:

@@ -230,12 +230,8 @@ def stays(vr, z, change, second, rate, drive, first, next_order, h):
     """
     w = z[SLIP]
     # w'' obeys the same equation with g''.
-    bend = (
-        0.5
-        * h
-        * h
-        * min(abs(second) + h * next_order, max(abs(second), next_order / max(rate, 1e-300)))
-    )
+    later = max(abs(second), next_order / max(rate, 1e-300))
+    bend = 0.5 * h * h * min(abs(second) + h * next_order, later)
     after = w + change
     if z[SIGN] != 0.0:
         return z[SIGN] * after >= 0.0 and z[SIGN] * (w + after) >= bend

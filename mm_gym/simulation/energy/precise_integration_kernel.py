@@ -72,13 +72,6 @@ def shortest_step(a, step, out):
 
 
 @kernel
-def double(d, out):
-    """Write 2 d + d d."""
-    add_scaled(out, 2.0, d)
-    add_product(out, 1.0, d, d)
-
-
-@kernel
 def first_form(a, weight, step, out):
     """Write the integral of exp(a t)' W exp(a t) over a short step.
 
@@ -98,23 +91,13 @@ def first_form(a, weight, step, out):
 
 
 @kernel
-def double_form(q, d, out):
-    """Write q + (I + d)' q (I + d)."""
-    half = np.zeros(q.shape)
-    add_scaled(half, 1.0, q)
-    add_product(half, 1.0, q, d)
-    add_scaled(out, 1.0, q)
-    add_scaled(out, 1.0, half)
-    add_product(out, 1.0, d.T, half)
-
-
-@kernel
 def double_up(a, step, levels):
     """Write the levels (depth + 1, n, n) of one regime, the whole step first."""
     depth = levels.shape[0] - 1
     shortest_step(a, step * 0.5**depth, levels[depth])
     for j in range(depth - 1, -1, -1):
-        double(levels[j + 1], levels[j])
+        add_scaled(levels[j], 2.0, levels[j + 1])
+        add_product(levels[j], 1.0, levels[j + 1], levels[j + 1])
 
 
 @kernel
@@ -122,5 +105,11 @@ def double_forms_up(a, weight, step, levels, forms):
     """Write the integral of z' W z over each level as a form (n, n) of z at its start."""
     depth = levels.shape[0] - 1
     first_form(a, weight, step * 0.5**depth, forms[depth])
+    half = np.zeros(a.shape)
     for j in range(depth - 1, -1, -1):
-        double_form(forms[j + 1], levels[j + 1], forms[j])
+        clear(half)
+        add_scaled(half, 1.0, forms[j + 1])
+        add_product(half, 1.0, forms[j + 1], levels[j + 1])
+        add_scaled(forms[j], 1.0, forms[j + 1])
+        add_scaled(forms[j], 1.0, half)
+        add_product(forms[j], 1.0, levels[j + 1].T, half)

@@ -37,11 +37,8 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
     work
         (n, 2) written [J].
     """
-    harmonics, terms, h = (
-        int(model[at.HARMONIC_COUNT]),
-        int(model[at.TERMS]),
-        model[at.SAMPLE_INTERVAL],
-    )
+    harmonics, terms = int(model[at.HARMONIC_COUNT]), int(model[at.TERMS])
+    h = model[at.SAMPLE_INTERVAL]
     n, friction = piecewise.size_of(harmonics, terms), p[at.VR] > 0.0
     regimes = 2 if friction else 1
     levels, forms = np.zeros((regimes, 1, n, n)), np.zeros((regimes, 2, 1, n, n))
@@ -80,11 +77,8 @@ def step_integrals(p, model, states, applied, jets, times, duration, work):
 @kernel
 def _prepare(p, k2, model, duration, in_slip, levels, forms, rows):
     """Write one regime's levels, its integrals of both energy rates, and its slip rows."""
-    harmonics, ground, terms = (
-        int(model[at.HARMONIC_COUNT]),
-        int(model[at.GROUND]),
-        int(model[at.TERMS]),
-    )
+    harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
+    terms = int(model[at.TERMS])
     a = piecewise.generator(p, k2, harmonics, ground, terms, model[at.SAMPLE_INTERVAL], in_slip)
     if model[at.BETWEEN] > 0.0:  # both masses together feel nothing of the force
         a[piecewise.COMMON, piecewise.FORCE] = 0.0
@@ -123,9 +117,8 @@ def _weigh(p, harmonics, ground, terms, in_slip, weights):
             _add_outer(weights[DISTURBANCE], 1.0, push, v1)
     if terms > 0:
         push, shake = np.zeros(n), np.zeros(n)
-        push[piecewise.HARMONICS + 2 * harmonics] = shake[
-            piecewise.HARMONICS + 2 * harmonics + terms
-        ] = 1.0
+        jets = piecewise.HARMONICS + 2 * harmonics
+        push[jets] = shake[jets + terms] = 1.0
         _add_outer(weights[DISTURBANCE], 1.0, push, v1)
         _add_outer(weights[DISTURBANCE], -(m1 + m2), shake, common)
 
@@ -141,11 +134,8 @@ def _add_outer(weight, factor, a, b):
 @kernel
 def _walk(p, k2, model, duration, levels, forms, rows, z, y, work):
     """Add up both energy rates over one step, interval by interval between changes of regime."""
-    harmonics, ground, terms = (
-        int(model[at.HARMONIC_COUNT]),
-        int(model[at.GROUND]),
-        int(model[at.TERMS]),
-    )
+    harmonics, ground = int(model[at.HARMONIC_COUNT]), int(model[at.GROUND])
+    terms = int(model[at.TERMS])
     depth, h = levels.shape[1] - 1, model[at.SAMPLE_INTERVAL]
     bounds, before = np.empty((2, 2)), np.empty(z.shape[0])
     for regime in range(2):
