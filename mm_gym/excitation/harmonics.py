@@ -37,17 +37,11 @@ def rotate(model, lanes, interval, first, last):
             )
     if harmonics > 0:
         made = lanes[at.NOW, first] * model[at.INTERVALS] + interval + 1.0
-        if _some_due(lanes, made, model[at.INTERVALS], first, last):
+        some_due = False
+        for i in span(first, last):
+            some_due |= _is_due(made - model[at.INTERVALS] * lanes[at.BEGAN, i])
+        if some_due:
             _refresh(model, lanes, made, first, last)
-
-
-@borrowing_kernel
-def _some_due(lanes, made, per_step, first, last):
-    """Tell whether the phase of a lane is due to be computed anew."""
-    due = False
-    for i in span(first, last):
-        due |= _is_due(made - per_step * lanes[at.BEGAN, i])
-    return due
 
 
 @borrowing_kernel

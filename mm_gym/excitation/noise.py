@@ -56,15 +56,15 @@ def _low(m, k, i):
 def _high(m, k, i):
     """Return the rows of transition and spread of the high-pass."""
     return (
-        _row_of_four(m, k + TRANSITION + 8, i),
-        _row_of_four(m, k + TRANSITION + 12, i),
-        _row_of_four(m, k + SPREAD + 3, i),  # the last belongs to the next row
-        _row_of_four(m, k + SPREAD + 6, i),
+        _matrix_row(m, k + TRANSITION + 8, i),
+        _matrix_row(m, k + TRANSITION + 12, i),
+        _matrix_row(m, k + SPREAD + 3, i),  # the last belongs to the next row
+        _matrix_row(m, k + SPREAD + 6, i),
     )
 
 
 @inlined_kernel
-def _row_of_four(m, k, i):
+def _matrix_row(m, k, i):
     """Return four numbers from number k on."""
     return _number(m, k, i), _number(m, k + 1, i), _number(m, k + 2, i), _number(m, k + 3, i)
 
@@ -94,11 +94,11 @@ def _product(a, x):
 @inlined_kernel
 def _states(lanes, row, i):
     """Return the filter's states; without high-pass the first two count."""
-    return _row_of_four(lanes, row + STATE, i)
+    return _matrix_row(lanes, row + STATE, i)
 
 
 @inlined_kernel
-def _four_normals(streams, i):
+def _normals_of_states(streams, i):
     """Return the normal numbers of four states, which stay uncounted."""
     return (*normals_ahead(streams, 0, i), *normals_ahead(streams, 2, i))
 
@@ -125,7 +125,7 @@ def _contributed(has_high_pass, m, k, lanes, row, i):
     """Return what the states contribute to the noise; the matrices begin at number k."""
     x = _states(lanes, row, i)
     if has_high_pass:
-        return _product(_row_of_four(m, k + OUTPUT, i), x)
+        return _product(_matrix_row(m, k + OUTPUT, i), x)
     return fma(_number(m, k + OUTPUT, i), x[0], _number(m, k + OUTPUT + 1, i) * x[1])
 
 
@@ -162,7 +162,7 @@ def _step_low_pass(low, lanes, row, streams, i):
 @inlined_kernel
 def _step_both(low, high, lanes, row, streams, i):
     """Advance a lane's filter with high-pass."""
-    x, g = _states(lanes, row, i), _four_normals(streams, i)
+    x, g = _states(lanes, row, i), _normals_of_states(streams, i)
     count_draws(streams, ORDER, i)
     x0, x1 = _low_pass(low, x, g)
     x2, x3 = _high_pass(high, x, g)
@@ -226,7 +226,7 @@ def _add_drawn(model, own, lanes, row, jet, streams, clock_and_step, first, last
     k = row + ROWS
     if has_high_pass:
         for i in span(first, last):
-            x, g = _states(lanes, row, i), _four_normals(streams, i)
+            x, g = _states(lanes, row, i), _normals_of_states(streams, i)
             x2, x3 = _high_pass(_high(lanes, k, i), x, g)
             lanes[row + STATE + 2, i], lanes[row + STATE + 3, i] = x2, x3
     draws = ORDER if has_high_pass else ORDER // 2
