@@ -17,6 +17,7 @@ from mm_gym.law.dry_friction import interface_force
 from mm_gym.law.motion import coefficients, rates
 from mm_gym.law.springs import spring_force, stiffness
 from mm_gym.methods.runge_kutta import layout as of
+from mm_gym.methods.runge_kutta.kernel import _between, _cubic
 from mm_gym.methods.runge_kutta.tableau_kernel import first_sum, summed, tableaus
 from mm_gym.simulation.lanes import Lanes
 
@@ -160,6 +161,19 @@ def test_estimates_fall_with_their_power_of_the_step(pair):
     # The next power adds a tenth at most.
     ratio = pair.estimates(0.2)[0] / pair.estimates(0.1)[0]
     assert np.log2(ratio) == pytest.approx(pair.power, abs=0.15)
+
+
+def test_velocities_between_the_ends_of_a_step_are_cubics_and_so_is_what_they_add_up_to():
+    # Where this fails, steps that change their regime are repeated, and nothing else tells.
+    cubic = np.polynomial.Polynomial(np.random.default_rng(5).uniform(-1.0, 1.0, 4))
+    model, b = np.zeros(of.TIMES), np.zeros(of.SIZE)
+    model[of.STAGES] = 2
+    for k in range(2):
+        b[of.STATE + 2 + k], b[of.END + 2 + k] = cubic(0.0), cubic(1.0)
+        b[of.KICKS + k], b[of.KICKS + 4 + k] = cubic.deriv()(0.0), cubic.deriv()(1.0)
+        for t in (0.3, 1.0):
+            got = plain(_between)(plain(_cubic)(model, b, k), t)
+            assert got == pytest.approx((cubic(t), cubic.integ()(t)), abs=1e-14)  # ten roundings
 
 
 @borrowing_kernel
