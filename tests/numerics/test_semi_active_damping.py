@@ -365,6 +365,13 @@ def test_state_space_has_the_slope_over_it():
     np.testing.assert_allclose(own.B[:, 0], [0.0, 0.0, -0.1 / m1, 0.0], rtol=1e-14)
 
 
+@pytest.mark.parametrize("of", ["interface", "carriage"])
+def test_linear_plant_has_the_middle_of_what_an_episode_begins_with(of):
+    drawn = compile_scene(scene_of(of, randomization={f"{of}.damping": [0.5, 1.5]}))
+    fixed = compile_scene(scene_of(of, **{f"{of}.damping": 1.0}))
+    np.testing.assert_array_equal(drawn.linear()[0], fixed.linear()[0])
+
+
 def test_errors_are_measured_against_an_oracle_that_knows_it():
     scene = scene_of(**{"control.steps": 6})
     plant = compile_scene(scene)
