@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from agents.controllers.controller import Controller, columns, drawn_but
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.h_infinity import HInfinity
-from agents.controllers.lqg import LQG
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.predictive_control import predictive_control
+from agents.controllers.registry import entries
 from agents.controllers.tuned import best_without_memory, classical_laws, further_laws
 from agents.scoring import VALIDATION_SEED, evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene
@@ -65,8 +66,24 @@ def compare(scene: Scene, laws: Sequence[Feedback]) -> list[tuple[str, float | N
         rows.append((law.name, _cost(shown, lambda scene, own=own: Feedback(scene, own)), known))
     if columns(scene) == ("force",):
         both = shown, at_once(scene)
-        rows += [(make.name, *(_cost(own, make) for own in both)) for make in (LQG, HInfinity)]
+        rows += [
+            (name, *(_cost(own, make) for own in both)) for name, make in _filters(scene).items()
+        ]
     return rows
+
+
+def _filters(scene: Scene) -> dict[str, Callable[[Scene], Controller]]:
+    """Return what makes the controllers that filter by themselves, with the scene's own numbers."""
+    made: dict[str, Callable[[Scene], Controller]] = {}
+    for entry in entries(scene, "filter"):
+        if entry.refuses(scene) is None:
+            tunable = entry.tunable
+            made[entry.label] = (
+                entry.make
+                if tunable is None
+                else partial(tunable.design, numbers=tunable.numbers(scene))
+            )
+    return made | {HInfinity.name: HInfinity}
 
 
 def _cost(scene: Scene, make: Callable[[Scene], Controller]) -> float | None:

@@ -12,12 +12,14 @@ from agents.controllers.extremum_seeking import ExtremumSeeking
 from agents.controllers.feedback import Feedback
 from agents.controllers.feedforward_lqr import FeedforwardLQR
 from agents.controllers.finite_horizon_lqr import FiniteHorizonLQR
+from agents.controllers.lqg import WeightedLQG
 from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import predictive_control
+from agents.controllers.searched import read_found
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.late_sensors import DELAY, compare, late, time_of_action
+from agents.evaluation.late_sensors import DELAY, _filters, compare, late, time_of_action
 from agents.report.pages import markdown
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, load_scene
 
 SHAKEN = CARRIAGE_FORCE.replace(excitation=HYBRID.excitation)
 LAWS = {
@@ -79,6 +81,21 @@ def test_rows_of_a_task_are_replaced_and_the_others_stay() -> None:
     text = with_rows(text, LATE, "mm_gym/Hybrid-v0", [["b", "5", "6"]])
     text = with_rows(text, LATE, "mm_gym/Hybrid-v0", [["b", "3", "4"]])
     assert text == "before\n\n" + markdown(LATE, rows[::-1]) + "\n\nafter\n"
+
+
+def test_controllers_with_a_filter_have_the_numbers_of_the_task() -> None:
+    scene = load_scene("mm_gym/ActiveMassDamper-v0")
+    filters = _filters(scene)
+    assert list(filters) == ["LQG", WeightedLQG.name, "H-infinity"]
+    found = read_found()["mm_gym/ActiveMassDamper-v0"].controllers["weighted-lqg"].numbers
+    assert filters[WeightedLQG.name](late(scene)).numbers == found
+
+
+def test_predictive_control_costs_more_from_the_observation_than_from_the_true_state() -> None:
+    text = Path(PAGE).read_text("utf-8")
+    rows = re.findall(r"\| predictive control, .*? \| (\S+) \| (\S+) \|", text)
+    assert len(rows) == len(TASKS)
+    assert all(float(seen) >= float(known) for seen, known in rows)
 
 
 def test_page_has_both_tables_for_every_task_and_predictive_control_keeps_up() -> None:
