@@ -3,8 +3,6 @@
 ``python -m agents COMMAND --help`` says what a command does, and which flags it takes.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from importlib import import_module

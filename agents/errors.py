@@ -1,7 +1,5 @@
 """What a command tells in a line, without a traceback, and how it ends."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import is_dataclass

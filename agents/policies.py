@@ -5,8 +5,6 @@ archives of earlier versions are read too. It is a network (`agents.network`) or
 iteration (`agents.value_table.policy`), and takes NumPy alone to act.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TypeAlias
 
@@ -40,11 +38,6 @@ class Deployed:
     """A policy between a laboratory's sensors and actuators: SI units in, SI units out.
 
     Raise `PolicyError` if one has other numbers than the other.
-
-    Parameters
-    ----------
-    policy, interface
-        What acts, and what it is connected to.
     """
 
     def __init__(self, policy: Policy, interface: Interface) -> None:

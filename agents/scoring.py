@@ -96,11 +96,6 @@ class SpringWork:
             (steps, lanes): x2 - x1 at the start of each control step [m].
         stretch
             (steps + 1, lanes): at the start of the episode, and in each control step [-].
-
-        Returns
-        -------
-        ndarray
-            (lanes,), at least 0.
         """
         work = np.empty_like(offset)
         for lane, (k0, l0) in enumerate(zip(self.stiffness, self.lengths, strict=True)):
@@ -222,7 +217,8 @@ def validation_cost(
     controller: Controller,
     worst: float = 1.0,
     episodes: int = VALIDATION_EPISODES,
+    seed: int = VALIDATION_SEED,
 ) -> float:
     """Return a controller's cost on the worst share of the episodes of all validations [-]."""
-    found = evaluate(scene, controller, seed=VALIDATION_SEED, episodes=episodes)
+    found = evaluate(scene, controller, seed=seed, episodes=episodes)
     return float(np.sqrt(tail_mean(found.penalties, worst)))

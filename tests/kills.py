@@ -11,15 +11,13 @@ import numpy as np
 
 from agents.commands import train as command
 from agents.commands.tune import TuneSettings, tune
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.training.config import RunSettings, TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
-from agents.value_iteration.iteration import iterate
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, iterate
 
 FORKING = multiprocessing.get_context("forkserver")
 """Processes fork from one that has imported torch already, which takes seconds."""

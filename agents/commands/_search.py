@@ -1,7 +1,5 @@
 """What the searches around a controller share as commands: the search, then its held-out cost."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

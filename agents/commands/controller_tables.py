@@ -4,8 +4,6 @@ For each task: every controller from late and noisy observations, and from the t
 time in which predictive control finds an action, on one core. Rows of other tasks stay as they are.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Annotated
 import tyro
 
 from agents.errors import command
-from agents.evaluation.late_sensors import compare, time_of_action, tuned
+from agents.evaluation.rigs import compare, time_of_action, tuned
 from agents.report.pages import markdown
 from mm_gym import SceneError, load_scene
 from mm_gym.files import read_text, write_text

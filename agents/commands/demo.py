@@ -4,8 +4,6 @@
 in docs/tasks.md, within three minutes. It ends in a web page of all, ``runs/NAME/report.html``.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from agents.commands._search import search_and_score
@@ -15,8 +13,7 @@ from agents.controllers.learned import Learned
 from agents.errors import command
 from agents.evaluation.headroom import EPISODES
 from agents.evaluation.plans import Effort, Planner
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.policies import load_policy
 from agents.training.config import TrainSettings, read_settings
 from agents.training.runs import Run, numbered

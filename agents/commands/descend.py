@@ -8,8 +8,6 @@ again, and a finished one goes on with more ``--iterations`` or ``--time-budget`
 of the validations is kept.
 """
 
-from __future__ import annotations
-
 from agents.commands._search import search_and_score
 from agents.errors import command
 from agents.gradient.descent import descend

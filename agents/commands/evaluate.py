@@ -11,8 +11,6 @@ Several runs and controllers in one table, on one task or many, see docs/evaluat
 agents evaluate baselines lqr "runs/ppo-*" --tasks CarriageForce``.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,8 +30,8 @@ from agents.evaluation.studies import Records, check_records
 from agents.policies import AnyPolicy, PolicyError, load_policy
 from agents.report.comparison import report_comparison
 from agents.report.figures import draw_costs, draw_response
+from agents.report.pages import print_ranking, print_table, write_episodes, write_scores
 from agents.report.published import printed, read_published, scored_again
-from agents.report.tables import print_ranking, print_table, write_episodes, write_scores
 from agents.scoring import HELD_OUT_SEED, Evaluation, evaluate
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
@@ -122,12 +120,7 @@ def report_run(
 
     The results are printed and written to a folder, by default the run's. Other controllers may
     join the baselines. The reward, FILE.py:NAME, is by default the one that the run was trained
-    for.
-
-    Returns
-    -------
-    list of Evaluation
-        The reference baseline first, the learned agent last.
+    for. The reference baseline is the first, the learned agent the last.
     """
     record = run.read()
     if policy is None and not run.finished:

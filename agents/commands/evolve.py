@@ -7,12 +7,9 @@ last checkpoint when the same command is given again, and a finished one goes on
 ``--generations`` or ``--time-budget``; the best network of the validations is kept.
 """
 
-from __future__ import annotations
-
 from agents.commands._search import search_and_score
 from agents.errors import command
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 
 
 @command

@@ -11,8 +11,6 @@ Of an agent that is added to a law, the law is part of what is written if it is 
 observation. If not, it is said which action has to be handed in and added.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated

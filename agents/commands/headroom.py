@@ -9,8 +9,6 @@ known plans also starts from what finished runs do: ``--runs runs/NAME ...``.
 clairvoyant optimum of every episode, and names those that are better.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -23,7 +21,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller, columns
+from agents.controllers.controller import Controller
 from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import (
@@ -37,7 +35,7 @@ from agents.evaluation.headroom import (
     preview,
 )
 from agents.evaluation.scores import SCORES, read_scores
-from agents.network.arrays import numbers, read_array
+from agents.network.files import numbers, read_array
 from mm_gym import Scene, SceneError, compile_scene, load_scene
 from mm_gym.files import write_bytes, write_text
 from mm_gym.tasks import ids, path_of, task_called
@@ -79,7 +77,7 @@ def score(
         file = plans / f"{path_of(name).stem}.npy"
     scene, kept = load_scene(name), None
     if file is not None and os.path.lexists(file):
-        kept = _kept_plans(file, (scene.control.steps, EPISODES, len(columns(scene))))
+        kept = _kept_plans(file, (scene.control.steps, EPISODES, len(scene.actuation.names)))
     found = headroom(scene, agents, kept, seed)
     if file is not None:
         content = io.BytesIO()

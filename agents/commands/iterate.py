@@ -8,12 +8,9 @@ interrupted run continues from its last checkpoint when the same command is give
 finished one goes on with more ``--sweeps`` or ``--time-budget``.
 """
 
-from __future__ import annotations
-
 from agents.commands._search import search_and_score
 from agents.errors import command
-from agents.value_iteration.iteration import iterate
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, iterate
 
 
 @command

@@ -4,15 +4,13 @@
 that ``evaluate``, ``record``, ``tune`` and ``train --base`` take for that task or scene file.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import tyro
 
 from agents.controllers.registry import laws
 from agents.errors import command
-from agents.report.task_page import about
+from agents.report.score_pages import about
 from mm_gym import load_scene
 from mm_gym.tasks import ids, path_of, short_name, task_or_scene
 

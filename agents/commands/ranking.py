@@ -6,8 +6,6 @@ Scores the runs on the hundred episodes of ``docs/task_scores.json``, adds them 
 apply to, or on those of ``--tasks``. Then write ``docs/tasks.md``: ``python -m agents task-page``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.headroom import LEARNED, scored
 from agents.evaluation.scores import SCORES, read_scores
-from agents.report.ranking_page import PAGE, page
+from agents.report.score_pages import RANKING, ranking_page
 from agents.training.runs import RunError
 from mm_gym import SceneError, load_scene
 from mm_gym.errors import suggest
@@ -100,5 +98,5 @@ def main(arguments: Arguments) -> None:
         add_runs(scores, text)
     add_controllers(scores, arguments.controllers, arguments.tasks)
     write_text(SCORES, json.dumps(scores, indent=1) + "\n")
-    write_text(PAGE, page(scores))
-    print(f"written: {PAGE}")
+    write_text(RANKING, ranking_page(scores))
+    print(f"written: {RANKING}")

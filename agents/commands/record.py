@@ -5,8 +5,6 @@ policy plays one episode a seed, on many lanes. The seed of an episode and its a
 to the last bit, see docs/clients/minari.md. Needs the extra `datasets`.
 """
 
-from __future__ import annotations
-
 from pathlib import PurePath
 from typing import Annotated, Any
 
@@ -16,7 +14,7 @@ import tyro
 from pydantic import Field, JsonValue
 
 from agents.errors import command
-from agents.evaluation.named import law_of
+from agents.evaluation.contestants import law_of
 from agents.recording.episodes import Exploration, play
 from agents.training.config import Changes
 from mm_gym import load_scene

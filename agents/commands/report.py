@@ -5,8 +5,6 @@ every controller on their task: costs with intervals, responses, spectra, an ani
 and what made each run. It is one file that can be sent to others and opened anywhere.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ the page of what there is. The policy of the median seed of every row is publish
 ``python -m agents evaluate --published`` scores them again.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from agents.commands.sweep import sweep

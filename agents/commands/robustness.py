@@ -6,8 +6,6 @@ finished runs, trained on the variant or on the task itself. Scores of other var
 are.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.rigs import EPISODES, scores_of
 from agents.evaluation.scores import SCORES
-from agents.report.robustness_page import PAGE, page
+from agents.report.score_pages import ROBUSTNESS, robustness_page
 from mm_gym import SceneError, load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import robust_ids, short_name, task_called
@@ -53,6 +51,6 @@ def main(arguments: Arguments) -> None:
         scores[variant] = {"scene_digest": digest, "episodes": EPISODES, "rows": rows}
         ordered = {name: scores[name] for name in variants if name in scores}
         write_text(DATA, json.dumps(ordered, indent=1) + "\n")
-        write_text(PAGE, page(ordered))
+        write_text(ROBUSTNESS, robustness_page(ordered))
         print(f"{variant}: {time.perf_counter() - began:.0f} s")
-    print(f"written: {PAGE}")
+    print(f"written: {ROBUSTNESS}")

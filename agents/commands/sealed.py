@@ -4,8 +4,6 @@ A thousand episodes a task, on which nothing was tuned, trained or chosen: class
 control, and finished runs. Writes ``docs/sealed.md``. What was scored stays; a broken run goes on.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from agents.errors import command
 from agents.evaluation.contestants import agents_of
 from agents.evaluation.scores import SCORES
 from agents.evaluation.sealed import AGENT, EPISODES, Seal, fixed_and_classical
-from agents.report.sealed_page import PAGE, page
+from agents.report.score_pages import SEALED, sealed_page
 from mm_gym import load_scene
 from mm_gym.files import write_text
 from mm_gym.tasks import ids, path_of, task_called
@@ -73,5 +71,5 @@ def main(arguments: Arguments) -> None:
         tasks = same["tasks"] | done
         data = {"release": release, "tasks": {task: tasks[task] for task in ids() if task in tasks}}
         write_text(DATA, json.dumps(data, indent=1) + "\n")
-        write_text(PAGE, page(data))
-        print(f"written: {PAGE}")
+        write_text(SEALED, sealed_page(data))
+        print(f"written: {SEALED}")

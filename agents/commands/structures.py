@@ -5,8 +5,6 @@ left as it is, but for searches that are asked for: ``--searches gradient``.
 ``docs/structure_scores.json`` has them, and the table of docs/structures.md follows from it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +14,7 @@ from typing import Any, Literal
 
 from agents.controllers.registry import laws
 from agents.errors import command
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate

@@ -8,8 +8,6 @@ Each training is a run folder in ``runs/NAME``, and ``results.csv`` there has a 
 same command again does what is left, and with more seeds or tasks what is new.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tqdm import tqdm

@@ -3,11 +3,9 @@
 It describes the tasks' scenes; its scores come from ``python -m agents headroom``.
 """
 
-from __future__ import annotations
-
 from agents.errors import command
 from agents.evaluation.scores import read_scores
-from agents.report.task_page import PAGE, page
+from agents.report.score_pages import TASKS, tasks_page
 from mm_gym.files import write_text
 from mm_gym.tasks import ids
 
@@ -15,4 +13,4 @@ from mm_gym.tasks import ids
 @command
 def main() -> None:
     """Write the page."""
-    write_text(PAGE, page(read_scores(tasks=ids())))
+    write_text(TASKS, tasks_page(read_scores(tasks=ids())))

@@ -7,8 +7,6 @@ flags over it. An interrupted run continues from its last checkpoint when the sa
 again, and a finished one goes on with more ``--steps``; the best policy of the validations is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from agents.commands.evaluate import SINGLE, report_run
@@ -36,10 +34,7 @@ def train_and_report(
 ) -> None:
     """Train and report, with other controllers too.
 
-    Parameters
-    ----------
-    episodes, name
-        Of the report: how many, and what the agent is called there.
+    So many episodes are reported, and the agent by that name.
     """
     run = Run(settings.name)
     print_misfits(settings)

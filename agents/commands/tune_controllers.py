@@ -8,8 +8,6 @@ controllers in it are kept. The same command goes on after a kill or Ctrl-C, fro
 ``runs/controllers``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

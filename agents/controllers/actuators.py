@@ -1,20 +1,12 @@
 """The scene's actuators as a controller knows them: limits, rates, lags, commands, dampers."""
 
-from __future__ import annotations
-
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.linalg import expm
 
-from agents.controllers.controller import (
-    Values,
-    columns,
-    nominal,
-    plant_of,
-    require_actuator,
-    require_number,
-)
+from agents.controllers.controller import Values
+from agents.controllers.scene import nominal, plant_of, require_actuator, require_number
 from mm_gym import DesignError, Scene
 from mm_gym.analysis import spring_stiffness
 
@@ -41,15 +33,15 @@ class Actuators:
     """
 
     def __init__(self, scene: Scene) -> None:
-        parts = [getattr(scene.actuation, name) for name in columns(scene)]
+        parts = [getattr(scene.actuation, name) for name in scene.actuation.names]
         step = scene.control.time_step
         limits = [
             (-part.limit, part.limit) if name == "force" else (part.minimum, part.maximum)
-            for name, part in zip(columns(scene), parts, strict=True)
+            for name, part in zip(scene.actuation.names, parts, strict=True)
         ]
         self.low, self.high = np.array(limits).T
         travel, lags = (
-            [nominal(scene, f"actuation.{name}.{field}") for name in columns(scene)]
+            [nominal(scene, f"actuation.{name}.{field}") for name in scene.actuation.names]
             for field in ("rate_limit", "lag")
         )
         self.travel = step * np.array(travel)
@@ -91,8 +83,6 @@ class Command:
 
     Parameters
     ----------
-    scene
-        A scene with the actuator.
     name
         "force", "stretch", "damping" or "voltage".
 
@@ -106,7 +96,11 @@ class Command:
 
     def __init__(self, scene: Scene, name: str) -> None:
         require_actuator(scene, name)
-        actuators, self.name, self.column = Actuators(scene), name, columns(scene).index(name)
+        actuators, self.name, self.column = (
+            Actuators(scene),
+            name,
+            scene.actuation.names.index(name),
+        )
         self.low, self.high = (float(ends[self.column]) for ends in (actuators.low, actuators.high))
         self.travel = float(actuators.travel[self.column])
         self.is_rate = bool(actuators.is_rate[self.column])
@@ -153,16 +147,7 @@ class Lead:
     a quarter of a period late where springs need half a period to cross. Springs that need more
     than the fastest period of the sphere do not switch within it; a damper switches four times a
     period of the plant, and does not if it needs more than a quarter. For such there is no lead but
-    the lag.
-
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    name
-        What is switched: "stretch" or "damping".
-    factor
-        Of that time [-].
+    the lag. The name is what is switched, "stretch" or "damping"; the factor is of that time.
     """
 
     def __init__(self, scene: Scene, name: str = "stretch", factor: float = 1.0) -> None:
@@ -177,7 +162,9 @@ class Lead:
             k2 = spring_stiffness(at, scene.springs.stiffness)
             share = (k2 - k2[-1]) / (k2[0] - k2[-1])  # A is affine in k2
         else:
-            first, last = (_damped(scene, value) for value in (at[0], at[-1]))
+            damped, plant = str(scene.actuation.damped), plant_of(scene)
+            systems = (plant.state_space([], [], at={damped: value}) for value in (at[0], at[-1]))
+            first, last = (system.A[:4, :4] for system in systems)
             fastest = np.abs(np.linalg.eigvals(first).imag).max()
             longest = 0.5 * np.pi / fastest if fastest > 0.0 else np.inf
             share = np.linspace(1.0, 0.0, GRID)  # A is affine in the damping
@@ -196,12 +183,6 @@ class Lead:
         return np.einsum("nij,nj->ni", self.transitions[nearest], state)
 
 
-def _damped(scene: Scene, value: float) -> Values:
-    """Return A (4, 4) about rest with a value of the damping that is actuated."""
-    system = plant_of(scene).state_space([], [], at={str(scene.actuation.damped): value})
-    return system.A[:4, :4]
-
-
 Switching: TypeAlias = Literal["on-off", "continuous"]
 
 SWITCHINGS: tuple[Switching, ...] = get_args(Switching)
@@ -218,8 +199,6 @@ class Damper:
 
     Parameters
     ----------
-    scene
-        A scene with an actuated damping.
     switching
         "continuous" has the damping whose force is nearest to the wanted one, c = F / r within the
         limits. "on-off" has one damping wherever F and r agree in sign.
@@ -258,13 +237,8 @@ class MagnetorheologicalDamper:
 
     Its states y and z are not observed. Its force f is taken to be that of (4c) of docs/model.md at
     a z that has settled, with the spring k0 relaxed: slow slip all goes into c1, as in the linear
-    plant; faster slip shears the hysteresis at its yield, z = sqrt(A / (gamma + beta)). Raise
-    `DesignError` if no voltage is actuated.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated voltage. Of parameters that are drawn the middle is known.
+    plant; faster slip shears the hysteresis at its yield, z = sqrt(A / (gamma + beta)). Of
+    parameters that are drawn the middle is known. Raise `DesignError` if no voltage is actuated.
     """
 
     def __init__(self, scene: Scene) -> None:

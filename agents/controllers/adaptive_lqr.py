@@ -1,22 +1,16 @@
 """Adaptive control: the LQR of the stiffness that recursive least squares identify."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.controller import Law, chosen, drawn_but, plant_of
+from agents.controllers.controller import Acted, Law, Memory, Values, chosen
 from agents.controllers.disturbance import covariance
+from agents.controllers.feedback import Feedback
 from agents.controllers.gain_scheduling import Schedule
 from agents.controllers.observed_state import missed_covariance
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import drawn_but, nominal, plant_of
 from agents.controllers.searched import DECADES, searched
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from mm_gym import Scene
 
 STIFFNESS = "carriage.stiffness"
 
@@ -55,9 +49,9 @@ class AdaptiveLQR(Law):
         self.name = f"adaptive LQR, gains times {factor:.2g}"
         self.schedule, self.factor, self.kept = schedule, factor, float(np.exp(-1.0 / MEMORY))
         self.turn, self.push = plant_of(scene).discrete()
-        self.stiffness = middle(scene, STIFFNESS)
+        self.stiffness = nominal(scene, STIFFNESS)
         self.step = scene.control.time_step
-        damping = np.sqrt(self.stiffness * middle(scene, "carriage.mass"))
+        damping = np.sqrt(self.stiffness * nominal(scene, "carriage.mass"))
         # What 100 % of either parameter adds to the velocity in a step, over the means of x1 and
         # v1: the errors act as a force that is held does.
         self.effects = -self.push[2, 0] * np.array([self.stiffness, damping])
@@ -105,14 +99,9 @@ class AdaptiveLQR(Law):
         return np.clip(errors + gain * missed[:, None], low, high), spread
 
 
-def middle(scene: Scene, name: str) -> float:
-    """Return a field of the carriage, or the middle of its range."""
-    return float(np.mean(scene.range_of(name, getattr(scene.carriage, name.partition(".")[2]))))
-
-
 def best_adaptive_lqr(scene: Scene) -> Feedback:
     """Search a factor of all gains over four decades."""
-    schedule = Schedule(scene, FACTORS * middle(scene, STIFFNESS))
+    schedule = Schedule(scene, FACTORS * nominal(scene, STIFFNESS))
     return searched(scene, lambda e: AdaptiveLQR(scene, schedule, 10.0**e), DECADES)
 
 

@@ -1,17 +1,17 @@
 """The clipped LQR: springs whose stiffness is switched to give a regulator's force."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
+from functools import partial
 
 import control
 import numpy as np
 
 from agents.controllers.actuators import Command, Lead, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values, plant_of, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.lqr import LQR, state_weight
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import plant_of, require_number
 from agents.controllers.searched import Free, Tunable, searched_pair
 from mm_gym import Scene
 from mm_gym.analysis import spring_stiffness, stretch_for_stiffness
@@ -70,11 +70,6 @@ class ClippedLQR(Law):
         with np.errstate(divide="ignore", invalid="ignore"):
             k2 = self.k2 - np.nan_to_num(force / (state[:, 1] - state[:, 0]))
         return self.command(stretch_for_stiffness(k2, self.stiffness), present)
-
-
-def best_clipped_lqr(scene: Scene) -> Feedback:
-    """Search the stretch and the weight."""
-    return searched_pair(scene, lambda stretch, weight: ClippedLQR(scene, stretch, weight))
 
 
 def best_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
@@ -138,7 +133,13 @@ WEIGHTED = Tunable("weighted-clipped-lqr", free_numbers, weighted_clipped_lqr)
 _FOUND: list[tuple[Scene, Feedback]] = []
 
 ENTRIES = (
-    Entry("clipped-lqr", ("stretch",), best_clipped_lqr, 21, label="clipped LQR"),
+    Entry(
+        "clipped-lqr",
+        ("stretch",),
+        lambda scene: searched_pair(scene, partial(ClippedLQR, scene)),
+        21,
+        label="clipped LQR",
+    ),
     WEIGHTED.entry(("stretch",), 28, label="clipped LQR, free weights"),
     Entry(
         "lqr-and-clipped-lqr",

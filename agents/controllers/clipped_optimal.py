@@ -1,7 +1,5 @@
 """Clipped-optimal control: a damper that gives what it can of a regulator's force."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import (
@@ -11,9 +9,10 @@ from agents.controllers.actuators import (
     MagnetorheologicalDamper,
     Switching,
 )
-from agents.controllers.controller import Acted, Law, Memory, Values, drawn_but, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import design
-from agents.controllers.registry import Entry
+from agents.controllers.registry import Entry, unless
+from agents.controllers.scene import drawn_but, require_number
 from agents.controllers.searched import over_decades
 from agents.controllers.semi_active import SemiActive, damper_entry
 from mm_gym import DesignError, Scene
@@ -28,17 +27,9 @@ class ClippedOptimal(SemiActive):
     the force of that regulator (`lqr.design`), whose cost is the scene's. On an estimated state,
     which `Feedback` has by default, it is the LQG's. Dyke, Spencer, Sain and Carlson, *Modeling and
     control of magnetorheological dampers for seismic response reduction*, Smart Materials and
-    Structures 5 (1996), doi:10.1088/0964-1726/5/5/006; there the damper is on or off. Raise
+    Structures 5 (1996), doi:10.1088/0964-1726/5/5/006; there the damper is on or off. The weight is
+    of the force over carriage.stiffness * objective.displacement_scale, squared [-]. Raise
     `DesignError` if no damping is actuated, or as for `lqr.design`.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping.
-    switching, on
-        How the damper follows F, see `Damper`.
-    weight
-        Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
 
     def __init__(
@@ -60,19 +51,13 @@ class SharedForce(ClippedOptimal):
     """Give the regulator's force by a damper and, for the rest, by the force in parallel with it.
 
     u = F - c r between the masses, with the damping c nearest to F / r: the damper gives what it
-    can, which costs no effort, and the force what is left, within its limit. Raise `DesignError` if
-    force and damping do not act between the same masses, or as for `lqr.design`.
-
-    Parameters
-    ----------
-    scene
-        A scene with a force between the masses and an actuated damping of the interface.
-    weight
-        As for `ClippedOptimal`, of the damper's and the actuator's force together.
+    can, which costs no effort, and the force what is left, within its limit. The weight is of both
+    forces together. Raise `DesignError` if force and damping do not act between the same masses, or
+    as for `lqr.design`.
     """
 
     def __init__(self, scene: Scene, weight: float) -> None:
-        if _apart(scene) is not None:
+        if not _in_parallel(scene):
             msg = (
                 "actuation.force.between: allowed for a force that is shared with a damper: "
                 '"masses", with actuation.damping of the interface; only there do both act in '
@@ -101,13 +86,6 @@ class ClippedVoltage(Law):
     Dyke, Spencer, Sain and Carlson (1996), cited there, who measure f; here it is computed from the
     state and the present voltage, see `MagnetorheologicalDamper`. Raise `DesignError` if no voltage
     is actuated, or as for `lqr.design`.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated voltage.
-    weight
-        Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
     """
 
     def __init__(self, scene: Scene, weight: float) -> None:
@@ -125,12 +103,7 @@ class ClippedVoltage(Law):
 def regulated(scene: Scene, weight: float) -> Scene:
     """Return the scene with a force in place of the damper that is actuated.
 
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping or voltage.
-    weight
-        Of the force over carriage.stiffness * objective.displacement_scale, squared [-].
+    The weight is that of `ClippedOptimal`.
     """
     require_number("weight", weight, np.finfo(np.float64).tiny)
     damped = str(scene.actuation.damped)
@@ -153,11 +126,8 @@ def regulated(scene: Scene, weight: float) -> Scene:
     )
 
 
-def _apart(scene: Scene) -> str | None:
-    """Return why force and damper do not act in parallel, or None."""
-    if scene.actuation.is_between and scene.actuation.damped == "interface.damping":
-        return None
-    return "which is for a force and a damper between the masses, in parallel"
+def _in_parallel(scene: Scene) -> bool:
+    return scene.actuation.is_between and scene.actuation.damped == "interface.damping"
 
 
 def _switched(switching: Switching, order: int) -> Entry:
@@ -172,7 +142,9 @@ ENTRIES = (
         ("force", "damping"),
         over_decades(SharedForce, WEIGHTS),
         48,
-        refuses=_apart,
+        refuses=unless(
+            _in_parallel, "which is for a force and a damper between the masses, in parallel"
+        ),
     ),
     Entry(
         "clipped-optimal-on-off",

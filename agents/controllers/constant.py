@@ -1,24 +1,13 @@
 """Constant control: one action, one force, one stretch, damping or voltage throughout."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import (
-    Acted,
-    Controller,
-    Info,
-    Law,
-    Memory,
-    Observation,
-    Values,
-    columns,
-    require_number,
-)
+from agents.controllers.controller import Acted, Controller, Info, Law, Memory, Observation, Values
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.observed_state import ObservedActuators
 from agents.controllers.registry import Entry
+from agents.controllers.scene import require_number
 from agents.controllers.searched import grid, searched
 from agents.scoring import VALIDATION_SEED
 from mm_gym import Scene
@@ -34,7 +23,7 @@ class ConstantAction(Controller):
 
     def __init__(self, scene: Scene, action: float = 0.0) -> None:
         self.name = "zero action" if action == 0.0 else f"constant action {action:.3f}"
-        self.values = np.full(len(columns(scene)), action)
+        self.values = np.full(len(scene.actuation.names), action)
 
     def propose(self, memory: Memory, observation: Observation, info: Info) -> Acted:
         return np.tile(self.values, (len(observation), 1)), memory
@@ -60,12 +49,8 @@ class Held(Law):
 
     Parameters
     ----------
-    scene
-        A scene with the actuator.
     actuator
         "stretch" [-], "damping" [N s/m] or "voltage" [V].
-    value
-        What is held.
     """
 
     def __init__(self, scene: Scene, actuator: str, value: float | None = None) -> None:
@@ -109,7 +94,7 @@ def _held(scene: Scene, law: Held) -> Law:
         law
         if name == law.command.name
         else (ConstantForce(scene) if name == "force" else Held(scene, name))
-        for name in columns(scene)
+        for name in scene.actuation.names
     ]
     return law if len(laws) == 1 else Both(*laws)
 

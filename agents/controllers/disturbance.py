@@ -1,13 +1,12 @@
 """What disturbs the model: its covariance, measured, and the force or the motion behind it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Memory, Values, drawn_but, plant_of
+from agents.controllers.controller import Memory, Values
 from agents.controllers.model import Innovation, Model
+from agents.controllers.scene import drawn_but, plant_of
 from mm_gym import MovingMassVectorEnv, Scene
 
 LANES, STEPS, SEED = 64, 200, 3_000_000
@@ -20,10 +19,7 @@ ORDER = 8  # past forces from which the next is predicted
 def deviations(scene: Scene) -> Values:
     """Return by how much states differ from the model's prediction after a control step.
 
-    Returns
-    -------
-    ndarray
-        (steps, lanes, 4) [m, m, m/s, m/s], of simulated episodes with zero action.
+    They are (steps, lanes, 4), of simulated episodes with zero action.
     """
     drawn = drawn_but(scene, "sensors.")
     scene = scene.replace(sensors={}, randomization=drawn, **{"objective.displacement_limit": None})

@@ -1,21 +1,11 @@
 """Energy shaping: a force between the masses that replaces the springs, and takes energy out."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from agents.controllers.controller import (
-    Acted,
-    Law,
-    Memory,
-    Values,
-    nominal,
-    require_actuator,
-    require_number,
-    sphere_springs,
-)
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
-from agents.controllers.registry import Entry
+from agents.controllers.registry import Entry, unless
+from agents.controllers.scene import nominal, require_actuator, require_number, sphere_springs
 from agents.controllers.searched import searched_pair
 from mm_gym import DesignError, Scene
 
@@ -31,15 +21,9 @@ class EnergyShaping(Law):
     place of the springs' then only falls: by g w^2, and by what interface and carriage dissipate,
     while the force stays within its limit. All are relative displacements and velocities, so the
     ground may move. Jankovic, Fontaine and Kokotovic, *TORA example: cascade- and passivity-based
-    control designs*, IEEE Trans. Control Syst. Technol. 4 (1996). Raise `DesignError` if there is
-    no force, it acts against the ground or is commanded by its rate.
-
-    Parameters
-    ----------
-    scene
-        A scene with a force between the masses.
-    stiffness, gain
-        k [N/m] and g [N s/m], at least 0.
+    control designs*, IEEE Trans. Control Syst. Technol. 4 (1996). Stiffness k [N/m] and gain g [N
+    s/m] are at least 0. Raise `DesignError` if there is no force, it acts against the ground or is
+    commanded by its rate.
     """
 
     def __init__(self, scene: Scene, stiffness: float, gain: float) -> None:
@@ -78,12 +62,15 @@ def best_energy_shaping(scene: Scene) -> Feedback:
     return searched_pair(scene, make, RATIOS)
 
 
-def _against_the_ground(scene: Scene) -> str | None:
-    if scene.actuation.is_between:
-        return None
-    return "which is for a force between the masses, and this one acts against the ground"
-
-
 ENTRIES = (
-    Entry("energy-shaping", ("force",), best_energy_shaping, 12, refuses=_against_the_ground),
+    Entry(
+        "energy-shaping",
+        ("force",),
+        best_energy_shaping,
+        12,
+        refuses=unless(
+            lambda scene: scene.actuation.is_between,
+            "which is for a force between the masses, and this one acts against the ground",
+        ),
+    ),
 )

@@ -1,13 +1,12 @@
 """Extremum seeking: the stretch that moves the carriage least, found without a model."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Entry
+from agents.controllers.scene import require_number
 from mm_gym import Scene
 
 

@@ -1,7 +1,5 @@
 """A law and what tells it the state: together a controller."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.controller import (
@@ -26,8 +24,6 @@ class Feedback(Controller):
 
     Parameters
     ----------
-    scene
-        The scene that is controlled.
     law
         The law; it gives the controller its name.
     source

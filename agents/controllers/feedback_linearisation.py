@@ -1,15 +1,14 @@
 """Feedback linearisation: cancel the cubic carriage spring, and regulate what is left."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import STATES, Acted, Law, Memory, Values
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import without_weight
+from agents.controllers.scene import STATES
 from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
@@ -20,11 +19,6 @@ class FeedbackLinearisation(Law):
     The force is that of the spring, k1 beta x1^3, less the regulator's, clipped together. It is of
     the displacement some time ahead: a force is held over a control step. Slotine and Li, *Applied
     Nonlinear Control* (1991), chapter 6.
-
-    Parameters
-    ----------
-    numbers
-        As of `free_numbers`.
     """
 
     name = "feedback linearisation"

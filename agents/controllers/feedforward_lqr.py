@@ -1,7 +1,5 @@
 """LQR and clipped LQR with feed-forward: they counter what random excitation is about to do."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import control
@@ -15,12 +13,13 @@ from agents.controllers.clipped_lqr import (
     weighted_clipped_lqr,
 )
 from agents.controllers.clipped_lqr import free_numbers as free_numbers_of_motion
-from agents.controllers.controller import STATES, Acted, Law, Memory, Values, force_weight, plant_of
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.forecast import SHAPED, UNMODELLED, ExcitationFilter
 from agents.controllers.lqg import regulator
 from agents.controllers.lqr import state_weight
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.scene import STATES, force_weight, plant_of
 from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
@@ -31,15 +30,9 @@ class FeedforwardLQR(Law):
     How the motion differs from the model's prediction shows what the excitation did in the last
     step; a Kalman filter finds the shaping filter's state from that. The regulator is optimal for
     the conditional mean of what is to come. Suhardjo, Spencer and Sain, *Feedback-feedforward
-    control of structures under seismic excitation*, Struct. Saf. 8 (1990). Raise `DesignError` if
-    no random noise excites the scene, or as for `lqg.design_lqg`.
-
-    Parameters
-    ----------
-    scene
-        A scene with a force, and with random noise among its excitation.
-    stretch
-        Stretch of the springs about which it is designed [-]; by default the initial one.
+    control of structures under seismic excitation*, Struct. Saf. 8 (1990). It is designed about a
+    stretch, by default the initial one. Raise `DesignError` if no random noise excites the scene,
+    or as for `lqg.design_lqg`.
     """
 
     name = "LQR with feed-forward"
@@ -75,13 +68,6 @@ def best_feedforward_lqr_with_clipped_lqr(scene: Scene) -> Feedback:
     return Feedback(scene, Both(FeedforwardLQR(scene, clipped.about), clipped))
 
 
-def without_shaped_noise(scene: Scene) -> str | None:
-    """Return that nothing in a scene can be fed forward, or None."""
-    if {part.kind for part in scene.excitation}.intersection(SHAPED):
-        return None
-    return f"which expects the next values of {', '.join(SHAPED)}, and the excitation has none"
-
-
 class FeedforwardClippedLQR(Law):
     """Choose the stiffness whose force is closest to that of a regulator with feed-forward.
 
@@ -91,11 +77,6 @@ class FeedforwardClippedLQR(Law):
     Suhardjo, Spencer and Sain, *Feedback-feedforward control of structures under seismic
     excitation*, Struct. Saf. 8 (1990). Raise `DesignError` if no random noise excites the scene, or
     as for `ClippedLQR`.
-
-    Parameters
-    ----------
-    numbers
-        As of `free_numbers`.
     """
 
     name = "clipped LQR with feed-forward, free weights"
@@ -117,15 +98,9 @@ class FeedforwardClippedLQR(Law):
         gain, _, _ = control.lqr(a, b, weight, [[numbers["force"] / unit**2]], method="scipy")
         self.gain = np.asarray(gain)[0]
         self.gain[4:] *= numbers["feedforward"]
-        self.ahead = self._ahead(a)
-
-    def _ahead(self, a: Values) -> tuple[Values, Values]:
-        """Return what the filters' states (f,) add to state and filters in the lead's time.
-
-        That is to the motion (4, f), at the stretch of the design, and to themselves (f, f).
-        """
+        # What the filters' states add to the motion, about the design's stretch, and to themselves.
         moved = expm(a * self.clipped.lead.time)
-        return moved[:4, 4:], moved[4:, 4:]
+        self.ahead = moved[:4, 4:], moved[4:, 4:]
 
     def begin(self, lanes: int) -> Memory:
         return self.filter.begin(lanes)
@@ -147,6 +122,11 @@ def free_numbers(scene: Scene) -> dict[str, Free]:
         "unmodelled": Free(1.0, 1.5),
     }
 
+
+without_shaped_noise = unless(
+    lambda scene: not {part.kind for part in scene.excitation}.isdisjoint(SHAPED),
+    f"which expects the next values of {', '.join(SHAPED)}, and the excitation has none",
+)
 
 ENTRIES = (
     Tunable("feedforward-clipped-lqr", free_numbers, FeedforwardClippedLQR).entry(

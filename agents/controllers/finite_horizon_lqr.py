@@ -1,7 +1,5 @@
 """The LQR of an episode that ends: its gain varies with the time that is left."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command
@@ -21,13 +19,6 @@ class FiniteHorizonLQR(Law):
     force does not reach is weighed, too. Kwakernaak and Sivan, *Linear Optimal Control Systems*
     (1972), section 6.4. Raise `DesignError` if there is no force, it is commanded by its rate or
     costs nothing, the motion has no weight, or the episode is too long.
-
-    Parameters
-    ----------
-    scene
-        A scene with a force; it is linear about rest, with the middle of each range.
-    stretch
-        Stretch of the springs [-]; by default the initial one.
 
     Attributes
     ----------

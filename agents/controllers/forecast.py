@@ -1,20 +1,9 @@
 """The disturbance to come: its conditional mean, from the past or the filters that shape it."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from agents.controllers.controller import (
-    STATES,
-    Acted,
-    Memory,
-    Values,
-    chosen,
-    joined,
-    part,
-    plant_of,
-)
+from agents.controllers.controller import Acted, Memory, Values, chosen, joined, part
 from agents.controllers.disturbance import (
     ORDER,
     ForceObserver,
@@ -25,6 +14,7 @@ from agents.controllers.disturbance import (
 from agents.controllers.frequency_tracking import LinearPrediction
 from agents.controllers.model import Innovation
 from agents.controllers.observed_state import missed_covariance
+from agents.controllers.scene import STATES, plant_of
 from mm_gym import DesignError, LinearSystem, Scene
 
 SHAPED = ("noise", "kanai_tajimi", "clough_penzien")
@@ -174,17 +164,7 @@ class ExcitationFilter:
         }
 
     def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
-        """Return the memory; its "state" (lanes, rows) is that of the shaping filters, estimated.
-
-        Parameters
-        ----------
-        memory
-            Of the step before.
-        state
-            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now.
-        applied
-            (lanes, k) what the actuators had in the step that led to it.
-        """
+        """Return the memory; its "state" (lanes, rows) is that of the filters, estimated."""
         missed, known, own = self.innovation.missed(part(memory, "innovation"), state, applied)
         step, last = np.minimum(memory["step"], len(self.gains) - 1), memory["state"]
         moved = np.einsum("lij,lj->li", self.kept[step], last)

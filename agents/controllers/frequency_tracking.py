@@ -1,7 +1,5 @@
 """Absorbers tuned to the frequency of a force: known, or found in the motion by an estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -23,7 +21,7 @@ from agents.controllers.controller import (
 )
 from agents.controllers.disturbance import ForceObserver
 from agents.controllers.feedback import Feedback
-from agents.controllers.registry import Entry
+from agents.controllers.registry import Entry, unless
 from agents.controllers.searched import Free, Tunable
 from agents.scoring import FREQUENCY
 from mm_gym import MovingMassVectorEnv, Scene
@@ -178,13 +176,7 @@ class FrequencyTracking(Law):
     """Hold the stretch at which the sphere resonates with the frequency that is estimated.
 
     As `MatchingStretch`, from measured signals alone. Until the estimate begins the stretch stays.
-
-    Parameters
-    ----------
-    estimator
-        Of the frequency.
-    ratio
-        Of the sphere's own frequency to the one that is estimated [-].
+    The ratio is that of the sphere's own frequency to the one that is estimated.
     """
 
     def __init__(self, scene: Scene, estimator: FrequencyEstimator, ratio: float = 1.0) -> None:
@@ -244,6 +236,12 @@ def _tuned_loop(scene: Scene, numbers: Mapping[str, float]) -> FrequencyTracking
     return law
 
 
+_not_harmonic = unless(
+    lambda scene: {part.kind for part in scene.excitation} == {"harmonic"},
+    "which looks for the frequency of a harmonic, and the excitation is another one",
+)
+
+
 def _tracker(name: str, order: int, estimator: Callable[[Scene], FrequencyEstimator]) -> Entry:
     return Entry(
         name,
@@ -253,18 +251,6 @@ def _tracker(name: str, order: int, estimator: Callable[[Scene], FrequencyEstima
         label=f"frequency tracking, {name}",
         refuses=_not_harmonic,
     )
-
-
-def _not_harmonic(scene: Scene) -> str | None:
-    if {part.kind for part in scene.excitation} == {"harmonic"}:
-        return None
-    return "which looks for the frequency of a harmonic, and the excitation is another one"
-
-
-def _unknown_frequency(scene: Scene) -> str | None:
-    if FREQUENCY in scene.randomization:
-        return None
-    return f"which reads {FREQUENCY}, and randomization does not draw it"
 
 
 ENTRIES = (
@@ -286,6 +272,9 @@ ENTRIES = (
         MatchingStretch,
         60,
         "informed",
-        refuses=_unknown_frequency,
+        refuses=unless(
+            lambda scene: FREQUENCY in scene.randomization,
+            f"which reads {FREQUENCY}, and randomization does not draw it",
+        ),
     ),
 )

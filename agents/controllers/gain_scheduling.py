@@ -1,20 +1,14 @@
 """Gain scheduling: the LQR of the stiffness that the carriage's spring has at the moment."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.controller import Law, drawn_but
+from agents.controllers.controller import Acted, Law, Memory, Values
+from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import drawn_but
 from agents.controllers.searched import DECADES, searched
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Memory, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from mm_gym import Scene
 
 FACTORS = 2.0 ** np.linspace(-2.0, 5.0, 15)
 """Stiffnesses over that at rest, at which regulators are designed."""
@@ -44,7 +38,6 @@ class Schedule:
             row[list(law.design.states)] = law.design.gain[0] / law.limit
 
     def action(self, stiffness: Values, state: Values) -> Values:
-        """Return the actions (lanes, 1) of the regulators of stiffnesses (lanes,)."""
         total = np.zeros(len(state))
         for gains, values in zip(self.gains.T, state.T, strict=True):
             total -= np.interp(stiffness, self.stiffnesses, gains) * values

@@ -1,7 +1,5 @@
 """The H-infinity controller: the least amplification at the worst frequency."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,20 +10,12 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from agents.controllers.controller import (
-    STATES,
-    Acted,
-    Controller,
-    Info,
-    Memory,
-    Observation,
-    force_weight,
-    plant_of,
-)
+from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.lqg import require_detectable
 from agents.controllers.lqr import hidden_mode, state_weight
 from agents.controllers.observed_state import Frame
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import STATES, force_weight, plant_of
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Scene
 from mm_gym.errors import suggest
 
@@ -71,18 +61,11 @@ def design_h_infinity(scene: Scene, channels: Sequence[str] | None = None) -> HI
 
     The costs are the terms of the scene's reward, of which each has the root of its weight. The
     disturbance is a force of the actuator's limit, or the ground acceleration that has its effect
-    if all of the scene's excitation moves the ground; in addition each sensor has noise. Raise
-    `DesignError` if there is no force, it is commanded by its rate or costs nothing, nothing of the
-    carriage is observed, or no controller exists: the force does not stabilise what the cost shows,
-    or the sensors do not show it; `gymnasium.error.DependencyNotInstalled` without Slycot (extra:
-    robust).
-
-    Parameters
-    ----------
-    scene
-        A scene with a force; it is linear about rest, with the middle of each range.
-    channels
-        What is measured, of the channels observed; by default those of the carriage.
+    if all of the scene's excitation moves the ground; in addition each sensor has noise. Measured
+    are channels that are observed, by default those of the carriage. Raise `DesignError` if there
+    is no force, it is commanded by its rate or costs nothing, nothing of the carriage is observed,
+    or no controller exists: the force does not stabilise what the cost shows, or the sensors do not
+    show it; `gymnasium.error.DependencyNotInstalled` without Slycot (extra: robust).
 
     Notes
     -----
@@ -145,30 +128,25 @@ def _solution(plant: Matrices, count: int, bound: float) -> tuple[Matrices, Matr
     return Matrices(*solution[1:5]), closed, bound
 
 
-def bilinear(step: Matrices) -> Matrices:
-    """Return the continuous system with z = (1 + s) / (1 - s); the unit circle is its axis."""
+def bilinear(step: Matrices, sign: float = 1.0) -> Matrices:
+    """Return the continuous system with z = (1 + s) / (1 - s); the unit circle is its axis.
+
+    With the sign -1 it is the inverse.
+    """
     one = np.eye(len(step.A))
-    inverse = np.linalg.inv(step.A + one)
+    inverse = np.linalg.inv(one + sign * step.A)
     root = np.sqrt(2.0)
     return Matrices(
-        (step.A - one) @ inverse,
+        (step.A - sign * one) @ inverse,
         root * inverse @ step.B,
         root * step.C @ inverse,
-        step.D - step.C @ inverse @ step.B,
+        step.D - sign * (step.C @ inverse @ step.B),
     )
 
 
 def sampled(system: Matrices) -> Matrices:
     """Return the inverse of `bilinear`."""
-    one = np.eye(len(system.A))
-    inverse = np.linalg.inv(one - system.A)
-    root = np.sqrt(2.0)
-    return Matrices(
-        (one + system.A) @ inverse,
-        root * inverse @ system.B,
-        root * system.C @ inverse,
-        system.D + system.C @ inverse @ system.B,
-    )
+    return bilinear(system, -1.0)
 
 
 def _plant(scene: Scene, channels: Sequence[str] | None) -> tuple[LinearSystem, list[str]]:

@@ -1,16 +1,15 @@
 """The inertial drive: it moves a sphere that dry friction holds, by pushing fast and returning."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
 from scipy.linalg import expm
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values, plant_of
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import LQR
 from agents.controllers.registry import without_weight
+from agents.controllers.scene import plant_of
 from agents.controllers.searched import Free, Tunable
 from mm_gym import Scene
 
@@ -28,11 +27,6 @@ class InertialDrive(Law):
     follow a velocity, by the force that reaches it in one control step. Such drives move stages by
     nanometres; Zesch, Buechi, Codourey and Siegwart, *Inertial drives for micro- and
     nanorobots*, SPIE 2593 (1995).
-
-    Parameters
-    ----------
-    numbers
-        As of `free_numbers`.
 
     Notes
     -----

@@ -1,7 +1,5 @@
 """A trained policy as a controller, alone or added to another controller's action."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Linear model predictive control (MPC): the LQR's problem with the limits of the force."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 
@@ -32,13 +30,6 @@ class LinearMPC(Law):
     `DesignError` if there is no force, it is commanded by its rate or costs nothing, the motion has
     no weight, or the horizon is not allowed; `gymnasium.error.DependencyNotInstalled` without OSQP
     (extra: mpc).
-
-    Parameters
-    ----------
-    scene
-        A scene with a force; it is linear about rest, with the middle of each range.
-    horizon
-        Control steps.
     """
 
     def __init__(self, scene: Scene, horizon: int = 30) -> None:

@@ -1,7 +1,5 @@
 """The linear-quadratic-Gaussian regulator (LQG): an LQR on a Kalman filter's estimate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,18 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import (
-    STATES,
-    Acted,
-    Controller,
-    Info,
-    Memory,
-    Observation,
-    drawn_but,
-    force_weight,
-    plant_of,
-    require_number,
-)
+from agents.controllers.controller import Acted, Controller, Info, Memory, Observation
 from agents.controllers.lqr import (
     Quadratic,
     hidden_mode,
@@ -31,7 +18,8 @@ from agents.controllers.lqr import (
     state_weight,
 )
 from agents.controllers.observed_state import Frame
-from agents.controllers.registry import Entry, without_weight
+from agents.controllers.registry import Entry, unless, without_weight
+from agents.controllers.scene import STATES, drawn_but, force_weight, plant_of, require_number
 from agents.controllers.searched import Free, Tunable
 from mm_gym import DesignError, LinearSystem, MovingMassVectorEnv, Plant, Scene
 
@@ -85,10 +73,6 @@ def design_lqg(
 
     Parameters
     ----------
-    scene
-        A scene with a force; it is linear about rest, with the middle of each range.
-    stretch
-        Stretch of the springs [-]; by default the initial one.
     unmodelled
         Standard deviation of what else disturbs each displacement and velocity in a step, over the
         objective's scales: it keeps the filter awake.
@@ -125,17 +109,8 @@ def design_filter(
 ) -> tuple[LinearSystem, Array]:
     """Return the plant that nothing actuates, and the stationary gain (n, p) of its Kalman filter.
 
-    Raise `DesignError` if the sensors do not show a mode that does not decay, or nothing of the
-    motion.
-
-    Parameters
-    ----------
-    scene
-        The scene; it is linear about rest, with the middle of each range.
-    at
-        Fields to change, by dotted name, as a stretch.
-    unmodelled
-        As for `design_lqg`; phases of harmonics wander.
+    Fields can be changed, by dotted name, as a stretch; phases of harmonics wander. Raise
+    `DesignError` if the sensors do not show a mode that does not decay, or nothing of the motion.
     """
     plant = plant_of(scene)
     channels = tuple(name for name in plant.channels if name not in OF_ACTUATORS)
@@ -161,11 +136,8 @@ def regulator(
 ) -> tuple[tuple[int, ...], Array, Array, float]:
     """Return what regulates a system.
 
-    Returns
-    -------
-    tuple
-        The states that the cost depends on, the gain on all states, P, and the curvature of the
-        cost over the force [1/N^2].
+    That are the states that the cost depends on, the gain on all states, P, and the curvature of
+    the cost over the force [1/N^2].
     """
     every = [signal.name for signal in system.states]
     weight = _weight(scene, at, every)
@@ -411,11 +383,6 @@ class WeightedLQG(LQG):
     Weights that fit the reward are best only as long as nothing is clipped and no episode ends.
     Close to the end of a rail a further force pushes the masses together, in proportion to how far
     x2 - x1 will soon be beyond a distance.
-
-    Parameters
-    ----------
-    numbers
-        As of `free_numbers`.
     """
 
     name = "LQG, free weights"
@@ -457,16 +424,18 @@ def free_numbers(scene: Scene) -> dict[str, Free]:
     return numbers
 
 
-def _without_rail(scene: Scene) -> str | None:
-    """Return why there is nothing to keep off, or None; without a rail the LQG is enough."""
-    if scene.objective.rail_half_length is None:
-        return "which keeps off the ends of a rail; objective.rail_half_length: missing"
-    return without_weight(scene)
-
+_without_rail = unless(
+    lambda scene: scene.objective.rail_half_length is not None,
+    "which keeps off the ends of a rail; objective.rail_half_length: missing",
+)
 
 ENTRIES = (
     Entry("lqg", ("force",), LQG, 50, "filter", "LQG", refuses=without_weight, told=True),
     Tunable("weighted-lqg", free_numbers, WeightedLQG).entry(
-        ("force",), 53, "filter", WeightedLQG.name, _without_rail
+        ("force",),
+        53,
+        "filter",
+        WeightedLQG.name,
+        lambda scene: _without_rail(scene) or without_weight(scene),
     ),
 )

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from agents.controllers.actuators import Command
 from agents.controllers.constant import Held
-from agents.controllers.controller import STATES, Acted, Law, Memory, Values, force_weight, plant_of
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.feedback import Both, Feedback
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import STATES, force_weight, plant_of
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 
@@ -55,7 +56,13 @@ def design(scene: Scene, stretch: float | None = None) -> Design:
     definiteness, closed-loop eigenvalues.
     """
     states, a, b, cost = problem_of(scene, stretch)
-    _require_stabilisable(a, b, states)
+    unreached = hidden_mode(a.T, b.T)
+    if unreached is not None:
+        msg = (
+            f"the states {', '.join(STATES[i] for i in states)} are not stabilisable: "
+            f"the force does not reach the mode {unreached:.6g}"
+        )
+        raise DesignError(msg)
     stage = cost.ahead(a, b) if cost.cross.any() else cost
     try:
         gain, riccati, _ = control.dlqr(a, b, *stage.weights, method="scipy")
@@ -197,25 +204,10 @@ def states_that_matter(a: NDArray[np.float64], weight: NDArray[np.float64]) -> t
     return tuple(int(i) for i in np.flatnonzero(matters))
 
 
-def _require_stabilisable(
-    a: NDArray[np.float64], b: NDArray[np.float64], states: tuple[int, ...]
-) -> None:
-    eigenvalue = hidden_mode(a.T, b.T)
-    if eigenvalue is not None:
-        msg = (
-            f"the states {', '.join(STATES[i] for i in states)} are not stabilisable: "
-            f"the force does not reach the mode {eigenvalue:.6g}"
-        )
-        raise DesignError(msg)
-
-
 def hidden_mode(a: NDArray[np.float64], c: NDArray[np.float64]) -> complex | None:
     """Apply the test of Popov, Belevitch and Hautus to every eigenvalue that does not decay.
 
-    Returns
-    -------
-    complex or None
-        The first that C does not show; with A' and B' the first that B does not reach.
+    Return the first that C does not show; with A' and B' the first that B does not reach.
     """
     rows = c / np.maximum(np.linalg.norm(c, axis=1, keepdims=True), np.finfo(np.float64).tiny)
     for eigenvalue in np.linalg.eigvals(a):
@@ -278,19 +270,14 @@ def regulator(scene: Scene) -> Feedback:
         raise error from None
 
 
-def best_lqr_at_constant_stretch(scene: Scene) -> Feedback:
-    """Search the stretch at which a regulator of the force does best."""
-    return searched(
-        scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), grid(scene, "stretch")
-    )
-
-
 ENTRIES = (
     Entry("lqr", ("force",), regulator, 10, label="LQR", refuses=without_weight, told=True),
     Entry(
         "lqr",
         ("force", "stretch"),
-        best_lqr_at_constant_stretch,
+        lambda scene: searched(
+            scene, lambda s: Both(LQR(scene, s), Held(scene, "stretch", s)), grid(scene, "stretch")
+        ),
         30,
         label="LQR + constant stretch",
         refuses=without_weight,

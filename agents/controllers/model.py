@@ -1,13 +1,12 @@
 """The scene without what a controller cannot know: what predictions are made with."""
 
-from __future__ import annotations
-
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Memory, Values, chosen, columns, plant_of
+from agents.controllers.controller import Memory, Values, chosen
+from agents.controllers.scene import plant_of
 from mm_gym import DesignError, MovingMassVectorEnv, Scene
 
 AMPLE = 1e3
@@ -30,11 +29,6 @@ class Model:
     begin at 0, as an episode does, and are then what the steps of the model make of them.
 
     It keeps nothing from one `begin` to the next.
-
-    Parameters
-    ----------
-    scene
-        The scene whose motion is predicted.
 
     Attributes
     ----------
@@ -72,7 +66,7 @@ class Model:
         changes["actuation"] = {"force": pushed, **tuned}
         self.effort_weight = 0.0 if scene.own_reward else scene.objective.effort_weight
         self.scene = scene.replace(**changes)
-        self.columns = columns(scene)
+        self.columns = scene.actuation.names
         self.own_rows = plant_of(self.scene).support.own_rows
         self.envs: dict[int, MovingMassVectorEnv] = {}
 
@@ -155,14 +149,7 @@ class Innovation:
     ) -> tuple[Values, NDArray[np.bool_], Memory]:
         """Return what the model missed (lanes, 4), which lanes have a last step, and the memory.
 
-        Parameters
-        ----------
-        memory
-            Of the step before.
-        state
-            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now.
-        applied
-            (lanes, k) what the actuators had in the step that led to it.
+        Arguments are those of `Law.action`.
         """
         begun, last, own = memory["begun"], memory["last"], memory["own"]
         missed = np.zeros_like(last)

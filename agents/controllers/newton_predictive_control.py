@@ -1,7 +1,5 @@
 """Predictive control whose plans are improved by Gauss-Newton steps on exact derivatives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,13 +40,6 @@ class NewtonPredictiveControl(Law):
     Schlöder, SIAM J. Control Optim. 43 (2005). Raise `DesignError` if there is an own reward,
     accelerations of the carriage are weighed under excitation, an actuator has a lag and a rate
     limit, or has a weight on its effort and a rate limit but is commanded by value.
-
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    steps
-        How plans are improved.
     """
 
     def __init__(self, scene: Scene, steps: Steps | None = None) -> None:

@@ -1,21 +1,11 @@
 """Random numbers of controllers, whose state is in the memory of the lanes; random actions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import (
-    Acted,
-    Controller,
-    Info,
-    Memory,
-    Observation,
-    Values,
-    columns,
-)
+from agents.controllers.controller import Acted, Controller, Info, Memory, Observation, Values
 from agents.controllers.registry import Entry
 from mm_gym import MovingMassVectorEnv, Scene
 
@@ -75,16 +65,13 @@ def _halves(state: int) -> States:
 class RandomActions(Controller):
     """Actions drawn uniformly.
 
-    Parameters
-    ----------
-    generator
-        Where they are drawn from. By default they are the same in every evaluation.
+    Without a generator they are the same in every evaluation.
     """
 
     name = "random actions"
 
     def __init__(self, scene: Scene, generator: np.random.Generator | None = None) -> None:
-        self.columns, self.given, self.noise = len(columns(scene)), generator, Noise(0)
+        self.columns, self.given, self.noise = len(scene.actuation.names), generator, Noise(0)
 
     def begin(self, env: MovingMassVectorEnv) -> Memory:
         return {} if self.given is not None else {"noise": self.noise.begin(env.num_envs)}

@@ -1,7 +1,5 @@
 """The state from the observation: read off where that is exact, else estimated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import control
@@ -9,18 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import (
-    Info,
-    Memory,
-    Observation,
-    Reads,
-    Values,
-    chosen,
-    columns,
-    plant_of,
-)
+from agents.controllers.controller import Info, Memory, Observation, Reads, Values, chosen
 from agents.controllers.disturbance import covariance, state_scales
 from agents.controllers.model import Model
+from agents.controllers.scene import plant_of
 from mm_gym import DesignError, Scene
 
 FLOOR = 1e-4
@@ -39,11 +29,11 @@ class ObservedActuators:
 
     def __init__(self, scene: Scene) -> None:
         self.frame, self.actuators = Frame(scene), Actuators(scene)
-        begun = [_beginning(scene, name) for name in columns(scene)]
+        begun = [_beginning(scene, name) for name in scene.actuation.names]
         self.begun = np.clip(begun, self.actuators.low, self.actuators.high)
         self.tuned = {  # column of an action -> that of the channel which shows what it tunes
             k: self.frame.names.index(name)
-            for k, name in enumerate(columns(scene))
+            for k, name in enumerate(scene.actuation.names)
             if name in self.frame.names
         }
 
@@ -191,7 +181,7 @@ class ObservedState(ObservedActuators):
         actuator = self.scene.actuation.stretch
         if actuator is None:
             return np.zeros(len(applied), np.intp)
-        stretch = applied[:, columns(self.scene).index("stretch")]
+        stretch = applied[:, self.scene.actuation.names.index("stretch")]
         share = (stretch - actuator.minimum) / (actuator.maximum - actuator.minimum)
         return np.rint(share * (STRETCHES - 1)).astype(np.intp)
 
@@ -277,8 +267,6 @@ class Frame:
 
     Parameters
     ----------
-    scene
-        The scene that is observed.
     names
         Of the channels, by default all; they stay in the order of the observation.
 

@@ -1,15 +1,15 @@
 """On-off stiffness: the springs stiff where that lowers a Lyapunov function, soft elsewhere."""
 
-from __future__ import annotations
+from functools import partial
 
 import control
 import numpy as np
 
 from agents.controllers.actuators import Command, Lead, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values, plant_of
-from agents.controllers.feedback import Feedback
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.lqr import state_weight
 from agents.controllers.registry import Entry
+from agents.controllers.scene import plant_of
 from agents.controllers.searched import grid, searched
 from mm_gym import DesignError, Scene
 
@@ -47,13 +47,12 @@ class OnOffStiffness(Law):
         return self.command(wanted, present), memory
 
 
-def best_on_off_stiffness(scene: Scene) -> Feedback:
-    """Search the stretch about which it is designed."""
-    return searched(
-        scene, lambda stretch: OnOffStiffness(scene, stretch), grid(scene, "stretch")[::4]
-    )
-
-
 ENTRIES = (
-    Entry("on-off-stiffness", ("stretch",), best_on_off_stiffness, 22, label="on-off stiffness"),
+    Entry(
+        "on-off-stiffness",
+        ("stretch",),
+        lambda scene: searched(scene, partial(OnOffStiffness, scene), grid(scene, "stretch")[::4]),
+        22,
+        label="on-off stiffness",
+    ),
 )

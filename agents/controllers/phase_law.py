@@ -1,12 +1,11 @@
 """The phase law: an absorber that tunes itself, slowly, by its phase."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command, require_stable_rest
-from agents.controllers.controller import Acted, Law, Memory, Values, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.registry import Entry
+from agents.controllers.scene import require_number
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
 

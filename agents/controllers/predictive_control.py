@@ -1,7 +1,5 @@
 """Predictive control: plans tried on the scene's own model, of which the best is begun."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -10,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import Acted, Law, Memory, Values, chosen, columns, joined, part
+from agents.controllers.controller import Acted, Law, Memory, Values, chosen, joined, part
 from agents.controllers.feedback import Feedback
 from agents.controllers.forecast import Forecast
 from agents.controllers.model import Model, require_reward_of_motion
@@ -93,22 +91,13 @@ class PredictiveControl(Law):
     one of those tried does. Mayne, Rawlings, Rao and Scokaert, *Constrained model predictive
     control*, Automatica 36 (2000). Raise `DesignError` if the reward reads what a disturbance is,
     not what it does.
-
-    Parameters
-    ----------
-    scene
-        The scene that is controlled.
-    law
-        A law whose own plan is among the first.
-    search
-        How plans are searched.
     """
 
     def __init__(self, scene: Scene, law: Law, search: Search = SEARCH) -> None:
         require_reward_of_motion(scene)
         self.name = f"predictive control, {search.horizon} steps ahead"
         self.law, self.search = law, search
-        self.columns = len(columns(scene))
+        self.columns = len(scene.actuation.names)
         self.actuators, self.forecast = Actuators(scene), Forecast(scene)
         self.model, self.noise = Model(scene), Noise(SEED)
         self.ends = ends_of(scene.objective)
@@ -212,9 +201,12 @@ def predictive_control(scene: Scene, law: Law) -> Feedback:
     return Feedback(scene, PredictiveControl(scene, law, replace(SEARCH, horizon=horizon)))
 
 
-def around_the_best(scene: Scene) -> Feedback:
-    """Return predictive control around the best law without memory."""
-    return predictive_control(scene, best_without_memory(scene, classical_laws(scene)))
-
-
-ENTRIES = (Entry("predictive-control", (), around_the_best, 3, "any"),)
+ENTRIES = (
+    Entry(
+        "predictive-control",
+        (),
+        lambda scene: predictive_control(scene, best_without_memory(scene, classical_laws(scene))),
+        3,
+        "any",
+    ),
+)

@@ -14,7 +14,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import agents.controllers
-from agents.controllers.controller import Controller, columns, force_weight
+from agents.controllers.controller import Controller
+from agents.controllers.scene import force_weight
 from mm_gym import DesignError, Scene, SceneError
 from mm_gym.errors import suggest
 
@@ -43,6 +44,11 @@ class Entry:
     tunable: Tunable | None = None
 
 
+def unless(holds: Callable[[Scene], bool], reason: str) -> Callable[[Scene], str | None]:
+    """Return what refuses scenes for a reason, unless something holds of them."""
+    return lambda scene: None if holds(scene) else reason
+
+
 def without_weight(scene: Scene) -> str | None:
     """Return why a regulator's force has no control weight, or None: see `force_weight`."""
     try:
@@ -68,7 +74,7 @@ def entries(scene: Scene, *roles: Role) -> list[Entry]:
     return [
         entry
         for entry in every_entry()
-        if entry.actuators in ((), columns(scene)) and (not roles or entry.role in roles)
+        if entry.actuators in ((), scene.actuation.names) and (not roles or entry.role in roles)
     ]
 
 
@@ -86,7 +92,7 @@ def obstacle(name: str, scene: Scene) -> str | None:
     if not named:
         return None
     for entry in named:
-        if entry.actuators in ((), columns(scene)):
+        if entry.actuators in ((), scene.actuation.names):
             return entry.refuses(scene)
     suited = " or ".join(" and ".join(entry.actuators) for entry in named)
     return f"which is for other actuators: {suited}"
@@ -95,12 +101,7 @@ def obstacle(name: str, scene: Scene) -> str | None:
 def not_a_law(text: str, scene: Scene, what: str, others: str) -> SceneError:
     """Return the error about a name that is no law of a scene, with the nearest that is.
 
-    Parameters
-    ----------
-    what
-        The setting, for messages.
-    others
-        What else is allowed.
+    It names the setting and what else is allowed.
     """
     applicable = laws(scene)
     reason = obstacle(text, scene)

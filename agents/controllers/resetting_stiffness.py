@@ -1,7 +1,5 @@
 """Resetting stiffness: springs that store energy stiff and let it go when they soften."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command, Lead, require_stable_rest

@@ -58,7 +58,7 @@ def searched(
         return Feedback(scene, make(float(value)), source)
 
     def cost(value: float) -> float:
-        return tried(scene, controller(value), seed)
+        return validation_cost(scene, controller(value), seed=seed)
 
     costs = [cost(value) for value in values]
     best = int(np.argmin(costs))
@@ -84,7 +84,9 @@ def searched_pair(
     source = ObservedState(scene)
     coarse = grid(scene, "stretch")[4::4] if first is None else first
     pairs = [(value, 10.0**e) for value in coarse for e in DECADES[::4]]
-    best, _ = min(pairs, key=lambda pair: tried(scene, Feedback(scene, make(*pair), source)))
+    best, _ = min(
+        pairs, key=lambda pair: validation_cost(scene, Feedback(scene, make(*pair), source))
+    )
     return searched(scene, lambda exponent: make(best, 10.0**exponent), DECADES)
 
 
@@ -108,20 +110,8 @@ def trials(
     known
         Costs of the first trials, from an earlier search of the same seed: it goes on from there.
     """
-    try:
-        import cma  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        msg = "pycma is missing: install the extra `evolve`"
-        raise DependencyNotInstalled(msg) from error
-    generator, first = np.random.default_rng(seed), np.zeros(len(tunable.free(scene)))
-    options = {
-        "randn": lambda *shape: generator.standard_normal(shape),
-        "seed": np.nan,  # NumPy's global generator is left alone
-        "verbose": -9,
-    }
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a single number
-        strategy = cma.CMAEvolutionStrategy(first, 1.0, options)
+    first = np.zeros(len(tunable.free(scene)))
+    strategy = cma_strategy(first, 1.0, np.random.default_rng(seed))
     costs = iter(known)
 
     def cost(coordinates: Values) -> float:
@@ -147,6 +137,28 @@ def trials(
             strategy.tell(generation, results)
 
 
+def cma_strategy(
+    mean: Values, spread: float, generator: np.random.Generator, **options: object
+) -> Any:  # noqa: ANN401 - pycma has no types
+    """Return the search of pycma from a mean on, by random numbers of a generator.
+
+    Raise `gymnasium.error.DependencyNotInstalled` without pycma (extra: evolve).
+    """
+    try:
+        import cma  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        msg = "pycma is missing: install the extra `evolve`"
+        raise DependencyNotInstalled(msg) from error
+    fixed = {
+        "randn": lambda *shape: generator.standard_normal(shape),
+        "seed": np.nan,  # NumPy's global generator is left alone
+        "verbose": -9,
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a single number
+        return cma.CMAEvolutionStrategy(mean, spread, options | fixed)
+
+
 def finalists(costs: Sequence[float]) -> list[int]:
     """Return the trials that stand for a search: the best of each of `FINALISTS` parts of it."""
     parts = np.array_split(np.arange(len(costs)), min(FINALISTS, len(costs)))
@@ -162,11 +174,6 @@ def further_cost(scene: Scene, tunable: Tunable, numbers: Mapping[str, float]) -
     seed = VALIDATION_SEED + VALIDATION_EPISODES
     found = evaluate(scene, controller, seed=seed, episodes=FURTHER).cost
     return found if np.isfinite(found) else REFUSED
-
-
-def tried(scene: Scene, controller: Feedback, seed: int = VALIDATION_SEED) -> float:
-    """Return the cost on the validation episodes."""
-    return evaluate(scene, controller, seed=seed, episodes=VALIDATION_EPISODES).cost
 
 
 NUMBERS = Path(__file__).parents[2] / "configs" / "controllers.json"

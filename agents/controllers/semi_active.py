@@ -1,7 +1,5 @@
 """Skyhook, groundhook and balance: laws of a damper whose coefficient is controlled."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Literal, TypeAlias, get_args
@@ -9,23 +7,12 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from agents.controllers.actuators import SWITCHINGS, Damper, Lead, Switching
-from agents.controllers.controller import (
-    STATES,
-    Acted,
-    Law,
-    Memory,
-    Values,
-    joined,
-    nominal,
-    part,
-    plant_of,
-    require_number,
-    sphere_springs,
-)
+from agents.controllers.controller import Acted, Law, Memory, Values, joined, part
 from agents.controllers.disturbance import force_column, state_scales
 from agents.controllers.feedback import Feedback
 from agents.controllers.model import Innovation
 from agents.controllers.registry import Entry
+from agents.controllers.scene import STATES, nominal, plant_of, require_number, sphere_springs
 from agents.controllers.searched import grid, over_decades, searched
 from mm_gym import DesignError, Scene
 
@@ -62,17 +49,7 @@ class GroundVelocity:
         return {**joined(innovation=self.innovation.begin(lanes)), "velocity": np.zeros(lanes)}
 
     def observe(self, memory: Memory, state: Values, applied: Values) -> Memory:
-        """Return the memory, in which "velocity" (lanes,) [m/s] is that now; call it at each step.
-
-        Parameters
-        ----------
-        memory
-            Of the step before.
-        state
-            (lanes, 4) x1, x2 [m], v1, v2 [m/s] now, relative to the ground.
-        applied
-            (lanes, k) what the actuators had in the step that led to it.
-        """
+        """Return the memory, whose "velocity" (lanes,) [m/s] is that now; call it at each step."""
         missed, _, own = self.innovation.missed(part(memory, "innovation"), state, applied)
         velocity = self.kept * memory["velocity"] + self.step * (missed @ self.row)
         return {**joined(innovation=own), "velocity": velocity}
@@ -82,13 +59,6 @@ class SemiActive(Law):
     """A law that wants a force F of a damper, which gives what it can of it (`Damper`).
 
     The device's lag and rate limit are met by the state ahead, see `Lead`.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping.
-    switching, on
-        How the damper follows F, see `Damper`.
     """
 
     name = "semi-active damper"
@@ -132,19 +102,9 @@ class Hook(SemiActive):
         F = -gain v1, where v1 (v2 - v1) < 0           groundhook
         F = -gain x1, where x1 (v2 - v1) < 0           displacement groundhook
 
-    Raise `DesignError` if no damping is actuated; if it is the carriage's, and the law is a
-    groundhook, or the ground rests: then the carriage's damper is itself what the law imitates.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping.
-    what
-        Which of them.
-    switching, on
-        How the damper follows F, see `Damper`.
-    gain
-        [N s/m], on displacement [N/m]; without effect on an on-off damper.
+    The gain, [N s/m], on displacement [N/m], has no effect on an on-off damper. Raise `DesignError`
+    if no damping is actuated; if it is the carriage's, and the law is a groundhook, or the ground
+    rests: then the carriage's damper is itself what the law imitates.
     """
 
     def __init__(
@@ -194,17 +154,9 @@ class Balance(SemiActive):
     not feel either. Displacements are relative to the ground by nature, so it may move. On or off:
     Rakheja and Sankar, *Vibration and shock isolation performance of a semi-active "on-off"
     damper*, J. Vib. Acoust. 107 (1985); continuous: Alanoly and Sankar, *A new concept in
-    semi-active vibration isolation*, J. Mech. Trans. Autom. Des. 109 (1987). Raise `DesignError` if
-    no damping is actuated, or it is the interface's and there are no springs in parallel.
-
-    Parameters
-    ----------
-    scene
-        A scene with an actuated damping.
-    switching, on
-        How the damper follows F, see `Damper`.
-    gain
-        [-]; without effect on an on-off damper.
+    semi-active vibration isolation*, J. Mech. Trans. Autom. Des. 109 (1987). The gain [-] has no
+    effect on an on-off damper. Raise `DesignError` if no damping is actuated, or it is the
+    interface's and there are no springs in parallel.
     """
 
     def __init__(

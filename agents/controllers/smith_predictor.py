@@ -1,22 +1,16 @@
 """The Smith predictor: an LQR on a model's present, corrected by what late sensors showed."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from agents.controllers.controller import plant_of
+from agents.controllers.controller import Acted, Info, Memory, Observation, Values
+from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.controllers.model import Model
 from agents.controllers.observed_state import ObservedState
 from agents.controllers.registry import Entry, without_weight
+from agents.controllers.scene import plant_of
 from agents.controllers.searched import DECADES, searched
-
-if TYPE_CHECKING:
-    from agents.controllers.controller import Acted, Info, Memory, Observation, Values
-    from agents.controllers.feedback import Feedback
-    from mm_gym import Scene
+from mm_gym import Scene
 
 
 class SmithPredictor(ObservedState):
@@ -34,14 +28,12 @@ class SmithPredictor(ObservedState):
         self.plant = Model(scene)
 
     def begin(self, lanes: int) -> Memory:
-        """Begin with a model at rest, the last steps of which are remembered, oldest first."""
         moved = np.zeros((lanes, self.delay + 1, 4))
         return {**super().begin(lanes), "moved": moved, "model": self.plant.at_rest(lanes)}
 
     def read(
         self, memory: Memory, observation: Observation, info: Info
     ) -> tuple[Values, Values, Memory]:
-        """Return the predicted states, what the actuators have, and the memory."""
         late = np.minimum(memory["step"], self.delay)
         _, applied, memory = super().read(memory, observation, info)
         moved = memory["moved"]
@@ -49,7 +41,6 @@ class SmithPredictor(ObservedState):
         return moved[:, -1] + memory["estimate"] - then, applied, memory
 
     def note(self, memory: Memory, action: Values) -> Memory:
-        """Move actuators and model on."""
         memory = super().note(memory, action)
         moved = memory["moved"]
         self.plant.begin(moved[:, -1], memory["model"])

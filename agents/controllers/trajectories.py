@@ -1,7 +1,5 @@
 """Plans of whole episodes over many lanes, improved by Gauss-Newton steps on exact Jacobians."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

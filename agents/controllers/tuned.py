@@ -3,8 +3,6 @@
 All but the informed ones read what an agent observes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -12,8 +10,8 @@ from agents.controllers.constant import best_constant, uncontrolled
 from agents.controllers.controller import Controller, Law
 from agents.controllers.feedback import Feedback
 from agents.controllers.registry import Role, entries
-from agents.controllers.searched import tried
 from agents.network.files import PolicyError
+from agents.scoring import validation_cost
 from mm_gym import CompileError, DesignError, Scene, SimulationError
 
 Designed = TypeVar("Designed", bound="Controller")
@@ -87,4 +85,4 @@ def best_without_memory(scene: Scene, laws: Sequence[Feedback]) -> Law:
     Where there is none, it is no control.
     """
     simple = [controller for controller in laws if not controller.law.remembers]
-    return min(simple or [uncontrolled(scene)], key=lambda one: tried(scene, one)).law
+    return min(simple or [uncontrolled(scene)], key=lambda one: validation_cost(scene, one)).law

@@ -1,7 +1,5 @@
 """A controller of the user's own, from a file of theirs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn, get_args
@@ -18,7 +16,6 @@ from agents.controllers.controller import (
     Observation,
     Reads,
     Values,
-    columns,
 )
 from agents.controllers.feedback import Feedback, TrueState
 from mm_gym import MovingMassVectorEnv, Scene, SceneError
@@ -36,10 +33,6 @@ def user_defined(text: str, scene: Scene, what: str = "--controller") -> list[Co
     text
         A file of Python, and in it the name of a class, or of a function, that takes the scene and
         gives a law or a controller.
-    scene
-        The scene that is controlled.
-    what
-        The setting that names it, for messages.
 
     Returns
     -------
@@ -69,7 +62,7 @@ class Guard:
 
     def __init__(self, inner: object, path: Path, scene: Scene, what: str) -> None:
         self.inner: Any = inner
-        self.path, self.columns, self.what = path, columns(scene), what
+        self.path, self.columns, self.what = path, scene.actuation.names, what
         self.name = str(getattr(inner, "name", type(inner).__name__))
         self.reads: Reads = getattr(inner, "reads", "observation")
         if self.reads not in get_args(Reads):

@@ -1,12 +1,11 @@
 """Velocity feedback: an active damper, whose force opposes the carriage's velocity."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.controllers.actuators import Command
-from agents.controllers.controller import Acted, Law, Memory, Values, require_number
+from agents.controllers.controller import Acted, Law, Memory, Values
 from agents.controllers.registry import Entry
+from agents.controllers.scene import require_number
 from agents.controllers.searched import over_decades
 from mm_gym import Scene
 

@@ -9,8 +9,6 @@ rliable. Arrays (..., tasks, seeds) hold a score for each task and seed; the axe
 resamples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

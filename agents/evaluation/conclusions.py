@@ -1,7 +1,5 @@
 """Conclusions from what was measured: costs, scores, and their intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

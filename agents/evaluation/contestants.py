@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.controller import Controller
-from agents.controllers.registry import laws, obstacle
+from agents.controllers.learned import Learned
+from agents.controllers.noise import RandomActions
+from agents.controllers.registry import RANDOM, laws, not_a_law, obstacle
 from agents.controllers.user_defined import user_defined
-from agents.evaluation.named import law_of
 from agents.policies import ENDINGS, load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate
+from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, RunError
 from mm_gym import OwnReward, Scene, SceneError, load_scene, rewarded
 from mm_gym.errors import suggest
@@ -148,7 +150,9 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
     if twice:
         msg = f"{twice[0]}: given twice; allowed: once"
         raise SceneError(msg)
-    runs = {text: finished_runs(text) for text in texts if _may_be_runs(text)}
+    named = (BASELINES, *(text for text in texts if is_path(text) or text.endswith(ENDINGS)))
+    paths = [text for text in texts if "*" in text or "/" in text or Path(text).is_dir()]
+    runs = {text: finished_runs(text) for text in paths if text not in named}
     scenes = {task: load_scene(task) for task in map(task_or_scene, tasks)}
     if not scenes:
         scenes = _scenes_of(runs) or {task: load_scene(task) for task in ids()}
@@ -168,14 +172,11 @@ def read_field(texts: Sequence[str], tasks: Sequence[str] = (), reward: str | No
         told = ", ".join(f"{label} has {count}" for label, count in several.items())
         msg = f"seeds: got different numbers of runs ({told}); allowed: the same for all, or one"
         raise RunError(msg)
-    return Field(scenes, _distinct(found), baselines=BASELINES in texts)
-
-
-def _may_be_runs(text: str) -> bool:
-    """Tell whether a text is a path of runs, and not a name, a policy or a file of the user's."""
-    if text == BASELINES or is_path(text) or text.endswith(ENDINGS):
-        return False
-    return "*" in text or "/" in text or Path(text).is_dir()
+    labels = [one.label for one in found]
+    distinct = tuple(
+        one if labels.count(one.label) == 1 else replace(one, label=one.text) for one in found
+    )
+    return Field(scenes, distinct, baselines=BASELINES in texts)
 
 
 def finished_runs(text: str) -> dict[str, Trained]:
@@ -308,9 +309,31 @@ def _named(text: str, scenes: Mapping[str, Scene]) -> Contestant:
     return Contestant(text, text, found)
 
 
-def _distinct(found: Sequence[Contestant]) -> tuple[Contestant, ...]:
-    """Return the contestants, those of the same label by what was given."""
-    labels = [one.label for one in found]
-    return tuple(
-        one if labels.count(one.label) == 1 else replace(one, label=one.text) for one in found
-    )
+def law_of(name: str, scene: Scene, generator: np.random.Generator) -> Controller:
+    """Return a controller by its name, or the policy of a run's folder or a policy's file.
+
+    The generator is where random actions are drawn from. Raise `SceneError` if the name is not one
+    that applies to the scene, nor a path; `RunError` if the training of the run is not over;
+    `PolicyError` if the policy cannot be read, or the run has a base in a file of the user's.
+    """
+    applicable, path = laws(scene), Path(name)
+    if name == RANDOM:
+        return RandomActions(scene, generator)
+    if name in applicable:
+        return applicable[name](scene)
+    if path.suffix in ENDINGS:
+        return Learned(load_policy(path), name)
+    run = Run(path.name, path.parent)
+    if not os.path.lexists(run.record):
+        others = "the folder of a run, or a policy's file"
+        raise not_a_law(name, scene, "controller", others)
+    if not run.finished:
+        msg = f"{run.folder}: training is not finished; continue it: python -m agents train"
+        raise RunError(msg)
+    record = run.read()
+    if record["scene_digest"] != scene.digest:  # its base is the one that it was trained with
+        scene = run.scene()
+    acts = {name: record["settings"].get(name) for name in ("base", "authority")}
+    acts = {name: value for name, value in acts.items() if value is not None}
+    parts = recorded_parts(scene, acts, trust=False)  # its own reward has no part in its actions
+    return agent_of(run, parts, name)

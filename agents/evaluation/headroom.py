@@ -1,7 +1,5 @@
 """The headroom of a task: fixed, classical and clairvoyant control on the same hundred episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -9,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.controllers.constant import ConstantAction, best_constant, constant_stretch, no_control
-from agents.controllers.controller import Controller, columns
+from agents.controllers.controller import Controller
 from agents.controllers.feedback import Feedback
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import predictive_control
@@ -92,12 +90,8 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, N
     """Return what controllers with other numbers did, as starts of plans: the best of each episode.
 
     Numbers that suit all episodes suit none best. Those of `VARIED` designs of each controller that
-    has free numbers are drawn around the best ones.
-
-    Returns
-    -------
-    dict
-        Name -> what was applied (steps, episodes, k), for the `BEST` designs of each episode.
+    has free numbers are drawn around the best ones. It is (steps, episodes, k), by name, of the
+    `BEST` designs of each episode.
     """
     generator, starts = np.random.default_rng(seed), {}
     for entry in entries(scene):
@@ -108,7 +102,7 @@ def varied(scene: Scene, seed: int = 0, episodes: int = EPISODES) -> dict[str, N
                 name = f"{entry.name} with numbers of each episode {k + 1}"
                 starts[name] = adapted(scene, entry.tunable, generator, episodes)
         costs = np.full((BEST, episodes), np.inf)
-        applied = np.zeros((BEST, scene.control.steps, episodes, len(columns(scene))))
+        applied = np.zeros((BEST, scene.control.steps, episodes, len(scene.actuation.names)))
         for k in range(VARIED):
             try:
                 one = entry.tunable.near(scene, AROUND[k % len(AROUND)], generator)
@@ -183,12 +177,7 @@ def over_plans(
 ) -> dict[str, NDArray[np.float64]]:
     """Return each controller's costs over those of the clairvoyant optima, episode by episode.
 
-    Parameters
-    ----------
-    scene, controllers
-        The scene, and what is compared on its held-out episodes.
-    rows
-        As of `Headroom`.
+    Rows are as of `Headroom`.
     """
     (planner,) = (row for row in rows if row["role"] == "planner")
     known = np.array([plan["cost"] for plan in planner["plans"]])
@@ -258,10 +247,7 @@ def row_of(role: str, result: Evaluation) -> Row:
 def interval(penalties: NDArray[np.float64]) -> tuple[float, float]:
     """Return the 95 % interval of the cost: the bootstrap's percentiles over episodes.
 
-    Parameters
-    ----------
-    penalties
-        (episodes,) as in `Evaluation`; the cost is the root of their mean.
+    Penalties are as in `Evaluation`; the cost is the root of their mean.
     """
     drawn = np.random.default_rng(0).integers(penalties.size, size=(RESAMPLES, penalties.size))
     means: NDArray[np.float64] = penalties[drawn].mean(axis=1)

@@ -6,46 +6,32 @@ of the plan of another episode, can cost less all the same.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mm_gym import MovingMassVectorEnv
+from mm_gym import MovingMassVectorEnv, Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from mm_gym import Scene
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 CHILDREN = 48
 """Changed plans of each episode in a generation, of which the best is kept if it costs less."""
 
-LEAST, MOST = 10.0**-2.5, 2.0
-"""Sizes of changes [-]; their logarithms are equally probable."""
+LEAST, MOST = 10.0**-2.5, 2.0  # sizes of changes [-]; their logarithms are equally probable
 
 LONGEST = 0.25
 """Longest part of an episode that is changed; the logarithms of lengths are equally probable."""
 
-FURTHEST = 3
-"""Control steps by which a part is moved at most."""
+FURTHEST = 3  # control steps by which a part is moved at most
 
 
 class Part(NamedTuple):
-    """Some steps in a row of one actuator's plan, in each lane.
+    """Some steps in a row of one actuator's plan, in each lane."""
 
-    Attributes
-    ----------
-    inside
-        (steps, k, lanes): which actions are of it.
-    elapsed, length
-        (steps, 1, lanes), (lanes,): steps since it began, and how many it has.
-    """
-
-    inside: NDArray[np.bool_]
+    inside: NDArray[np.bool_]  # (steps, k, lanes): which actions are of it
+    # elapsed, length: (steps, 1, lanes), (lanes,): steps since it began, and how many it has.
     elapsed: NDArray[np.int64]
     length: NDArray[np.int64]
 

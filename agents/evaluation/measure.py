@@ -1,7 +1,5 @@
 """Measurement: every contestant of a task in the same episodes, tasks side by side in processes."""
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -15,14 +13,15 @@ from agents.controllers.controller import Reads
 from agents.controllers.tuned import NOT_SCORED, Baselines, baselines
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.contestants import Entry, Episodes, Field
-from agents.evaluation.motions import Motions, motions
 from agents.evaluation.studies import (
     ClosedLoop,
     Effort,
+    Motions,
     Outcome,
     Records,
-    closed_loops,
+    closed_loop,
     efforts,
+    motions,
     outcomes,
 )
 from agents.scoring import validation_cost
@@ -122,7 +121,9 @@ def measure_task(compared: Field, episodes: Episodes, studies: Studies, task: st
     return replace(
         result,
         outcomes=outcomes(scene, rows, episodes, studies.records) if changes else [],
-        loops=closed_loops(scene, rows) if studies.frequency else [],
+        loops=[closed_loop(scene, row.controllers[0], row.label) for row in rows]
+        if studies.frequency
+        else [],
         efforts=efforts(scene, rows, episodes) if studies.effort else [],
         motions={row.label: motions(scene, row.controllers[0], episodes) for row in rows}
         if studies.motions

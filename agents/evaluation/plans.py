@@ -1,7 +1,5 @@
 """Plans: the best found of each episode, knowing what is to come, and those made in every step."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -63,13 +61,9 @@ class Planner(Controller):
 
     Parameters
     ----------
-    scene
-        The scene.
     starts
         Name -> what was applied (steps, lanes, k) in these very episodes, such as
         `Evaluation.applied`. No plan is worse than them.
-    effort
-        How long to search.
 
     Attributes
     ----------
@@ -205,13 +199,6 @@ class Replanner(Controller):
     filters do. Both are alike in all else, so that the difference of their costs is what preview
     is worth to this controller. Neither is a bound: plans are local optima, and where the problem
     is not linear and quadratic the best plan for the mean is not the best on average.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    foresees
-        Whether the disturbance of the steps that are planned is known.
     """
 
     def __init__(self, scene: Scene, *, foresees: bool) -> None:

@@ -1,18 +1,30 @@
-"""Controllers on rigs that differ: the variants of the tasks, and the tasks with late sensors."""
+"""Controllers on rigs that differ, on late and noisy sensors, and on the true state."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from agents.controllers.constant import ConstantAction, best_constant
 from agents.controllers.controller import Controller
-from agents.controllers.tuned import designed, makers
+from agents.controllers.feedback import Feedback, TrueState
+from agents.controllers.h_infinity import HInfinity
+from agents.controllers.newton_predictive_control import NewtonPredictiveControl
+from agents.controllers.predictive_control import predictive_control
+from agents.controllers.registry import entries
+from agents.controllers.scene import drawn_but
+from agents.controllers.tuned import (
+    best_without_memory,
+    classical_laws,
+    designed,
+    further_laws,
+    makers,
+)
 from agents.evaluation.headroom import interval
-from agents.scoring import HELD_OUT_SEED, evaluate, tail_mean
-from mm_gym import Scene, load_scene
+from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED, evaluate, tail_mean
+from mm_gym import DesignError, MovingMassVectorEnv, Scene, compile_scene, load_scene
 from mm_gym.tasks import short_name
 
 Row = dict[str, Any]
@@ -47,12 +59,7 @@ def controllers_of(scene: Scene) -> list[tuple[str, Controller]]:
 def scores_of(variant: str, agents: Mapping[str, Sequence[Controller]]) -> list[Row]:
     """Return a row for each controller of a variant, and for each agent.
 
-    Parameters
-    ----------
-    variant
-        Its id.
-    agents
-        Id of a task or a variant -> the agents that were trained on it.
+    Agents are given by the id of the task or variant that they were trained on.
     """
     scenes = rigs_of(variant)
     trained = {"specialist": task_of(variant), "over the rigs": variant}
@@ -69,3 +76,97 @@ def _row(role: str, controller: Controller, scenes: Mapping[str, Scene]) -> Row:
     costs |= {"low": low, "high": high, "worst": float(np.sqrt(tail_mean(over.penalties, WORST)))}
     short = {name: float(f"{cost:.6g}") for name, cost in costs.items()}
     return {"role": role, "controller": controller.name, **short}
+
+
+DELAY, NOISE, FEW = 2, 0.01, 20
+"""Control steps; standard deviation over each channel's scale; and episodes of a score."""
+
+RUNS, ACTIONS = 10, 10  # of the measurement of time
+
+
+def late(scene: Scene) -> Scene:
+    """Return the scene with late and noisy sensors; noise that it has already stays."""
+    plant = compile_scene(scene)
+    noise = {
+        name: NOISE / channel.factor
+        for name, channel in zip(plant.channels, plant.observed, strict=True)
+        if name not in ("stretch", "applied_force")  # what the actuators report themselves
+    }
+    return scene.replace(
+        randomization=drawn_but(scene, "sensors."),
+        **{"sensors.delay": DELAY, "sensors.noise": noise | dict(scene.sensors.noise)},
+    )
+
+
+def at_once(scene: Scene) -> Scene:
+    """Return the scene with sensors that show the motion, and nothing else, exactly and at once."""
+    motion = ("carriage_displacement", "sphere_offset", "carriage_velocity", "sphere_velocity")
+    sensors = {"channels": motion, "delay": 0, "history": 1, "noise": {}}
+    changed = {f"sensors.{name}": value for name, value in sensors.items()}
+    return scene.replace(randomization=drawn_but(scene, "sensors."), **changed)
+
+
+def tuned(scene: Scene) -> list[Feedback]:
+    """Return the laws, tuned with the scene's own sensors, predictive control last."""
+    laws = classical_laws(scene)
+    further = [law for law in further_laws(scene) if isinstance(law, Feedback)]
+    return [*laws, *further, predictive_control(scene, best_without_memory(scene, laws))]
+
+
+def compare(scene: Scene, laws: Sequence[Feedback]) -> list[tuple[str, float | None, float | None]]:
+    """Return each law's name and its costs with late sensors, from these and from the true state.
+
+    A controller that filters the observation by itself is designed for the late sensors, and for
+    those that show the state at once. None stands for what cannot be estimated or designed.
+    """
+    shown, rows = late(scene), []
+    for law in [controller.law for controller in laws]:
+        known = evaluate(shown, Feedback(shown, law, TrueState()), episodes=FEW).cost
+        own = law  # plans for late sensors expect less from what these seem to show
+        if isinstance(law, NewtonPredictiveControl):
+            own = NewtonPredictiveControl(shown, law.steps)
+        rows.append((law.name, _cost(shown, lambda scene, own=own: Feedback(scene, own)), known))
+    if scene.actuation.names == ("force",):
+        both = shown, at_once(scene)
+        rows += [
+            (name, *(_cost(own, make) for own in both)) for name, make in _filters(scene).items()
+        ]
+    return rows
+
+
+def _filters(scene: Scene) -> dict[str, Callable[[Scene], Controller]]:
+    """Return what makes the controllers that filter by themselves, with the scene's own numbers."""
+    made: dict[str, Callable[[Scene], Controller]] = {}
+    for entry in entries(scene, "filter"):
+        if entry.refuses(scene) is None:
+            tunable = entry.tunable
+            made[entry.label] = (
+                entry.make
+                if tunable is None
+                else partial(tunable.design, numbers=tunable.numbers(scene))
+            )
+    return made | {HInfinity.name: HInfinity}
+
+
+def _cost(scene: Scene, make: Callable[[Scene], Controller]) -> float | None:
+    """Return the cost of a controller; None if it cannot be made."""
+    try:
+        return evaluate(scene, make(scene), episodes=FEW).cost
+    except DesignError:
+        return None
+
+
+def time_of_action(scene: Scene, controller: Feedback) -> float:
+    """Return the processor time [s] in which a controller finds an action of one episode.
+
+    The mean of ten actions, in the quickest of ten runs: others may load the machine.
+    """
+    env = MovingMassVectorEnv(scene, 1)
+    observation, _ = env.reset(seed=VALIDATION_SEED)
+    memory, spent = controller.begin(env), []
+    for _ in range(RUNS * ACTIONS):
+        began = time.process_time()
+        action, memory = controller.act(memory, observation, {})
+        spent.append(time.process_time() - began)
+        observation, *_ = env.step(action)
+    return min(sum(spent[k : k + ACTIONS]) for k in range(0, len(spent), ACTIONS)) / ACTIONS

@@ -1,7 +1,5 @@
 """The committed scores of tasks, ``docs/task_scores.json``, read within bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Self, cast
@@ -68,14 +66,8 @@ class TaskScores(BaseModel, extra="allow", strict=True, allow_inf_nan=False):
 def read_scores(path: Path = SCORES, tasks: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Return what is known of each task, by its id, as data of `TaskScores`.
 
-    Raise `SceneError` if the file cannot be read, is damaged, or lacks a task.
-
-    Parameters
-    ----------
-    path
-        The file.
-    tasks
-        Those that must be in it.
+    Some tasks must be in it. Raise `SceneError` if the file cannot be read, is damaged, or lacks a
+    task.
     """
     data = read_json(path, most=MOST_BYTES)
     try:

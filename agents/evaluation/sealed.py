@@ -89,17 +89,6 @@ class Seal:
 
     What is in the file is not scored again: sealed episodes are scored once. Raise `SceneError` if
     the file is damaged, or of other episodes.
-
-    Parameters
-    ----------
-    file
-        Where they are kept.
-    scene
-        The task's scene.
-    release
-        The version whose episodes they are.
-    episodes
-        How many.
     """
 
     def __init__(self, file: Path, scene: Scene, release: str, episodes: int = EPISODES) -> None:

@@ -5,21 +5,21 @@ for. The **frequency** response is the steady one of the closed loop, at several
 **Effort** compares response and effort with those of no control and of the best passive damper.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import periodogram
 
-from agents.controllers.controller import Controller, drawn_but
+from agents.controllers.controller import Controller
+from agents.controllers.scene import drawn_but
 from agents.evaluation.contestants import Entry, Episodes
 from agents.rollout import Rollout
-from agents.scoring import FREQUENCY, evaluate, tail_mean
+from agents.scoring import evaluate, spread_frequency, tail_mean
 from mm_gym import (
     DesignError,
     MovingMassVectorEnv,
@@ -31,7 +31,6 @@ from mm_gym import (
 )
 
 Array = NDArray[np.float64]
-Options = dict[str, Array]
 
 NOMINAL = "as designed"
 
@@ -81,8 +80,12 @@ def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, fl
     for part in PARTS:
         name = f"carriage.{part}"
         for factor in FACTORS:
-            if getattr(scene.carriage, part) > 0.0:
-                found[name, factor] = scene.replace(**_scaled(scene, name, factor))
+            value, ends = getattr(scene.carriage, part), scene.randomization.get(name)
+            changed: dict[str, object] = {name: factor * value}
+            if ends is not None:
+                changed = {f"randomization.{name}": (factor * ends[0], factor * ends[1])}
+            if value > 0.0:
+                found[name, factor] = scene.replace(**changed)
     channels = compile_scene(scene).observed
     for level in LEVELS:
         own = scene.sensors.noise
@@ -95,32 +98,21 @@ def variants(scene: Scene, records: Records | None = None) -> dict[tuple[str, fl
     for delay in DELAYS:
         drawn = drawn_but(scene, "sensors.delay")
         found[DELAY, float(delay)] = scene.replace(randomization=drawn, **{"sensors.delay": delay})
-    for file, unit in _files(records):
-        found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, unit)
+    for file in records.files if records else ():
+        found[f"{RECORD} {file.name}", 1.0] = _recorded(scene, file, records.unit)
     return found
-
-
-def _scaled(scene: Scene, name: str, factor: float) -> dict[str, object]:
-    if name in scene.randomization:
-        low, high = scene.randomization[name]
-        return {f"randomization.{name}": (factor * low, factor * high)}
-    return {name: factor * getattr(scene.carriage, name.partition(".")[2])}
 
 
 def check_records(scenes: Iterable[Scene], records: Records | None) -> None:
     """Raise `SceneError` if a record cannot be read or does not suit one of the scenes."""
     for scene in scenes:
-        for file, unit in _files(records):
+        for file in records.files if records else ():
             try:
-                compile_scene(_recorded(scene, file, unit))
+                compile_scene(_recorded(scene, file, records.unit))
             except SceneError as error:
                 advice = re.sub(r"set unit = '(.*?)'", r"give --unit '\1'", str(error))
                 msg = f"--records: {advice}"
                 raise SceneError(msg) from None
-
-
-def _files(records: Records | None) -> list[tuple[Path, str | None]]:
-    return [] if records is None else [(file, records.unit) for file in records.files]
 
 
 def _recorded(scene: Scene, file: Path, unit: str | None) -> Scene:
@@ -151,30 +143,14 @@ def outcomes(
         if studies and study[0] not in (NOMINAL, *studies):
             continue
         for row in rows:
-            outcome = _outcome(changed, row, episodes, study, nominal)
-            nominal.setdefault(row.label, outcome.cost)
-            found.append(outcome)
+            penalties = evaluate(
+                changed, row.controllers[0], seed=episodes.first, episodes=episodes.each
+            ).penalties
+            cost = float(np.sqrt(penalties.mean()))
+            tail, worst = (float(np.sqrt(one)) for one in (tail_mean(penalties), penalties.max()))
+            ratio = cost / nominal.setdefault(row.label, cost)
+            found.append(Outcome(*study, row.label, cost, worst, tail, ratio))
     return found
-
-
-def _outcome(
-    scene: Scene,
-    row: Entry,
-    episodes: Episodes,
-    study: tuple[str, float],
-    nominal: Mapping[str, float],
-) -> Outcome:
-    first, each = episodes.first, episodes.each
-    penalties = evaluate(scene, row.controllers[0], seed=first, episodes=each).penalties
-    cost = float(np.sqrt(penalties.mean()))
-    return Outcome(
-        *study,
-        label=row.label,
-        cost=cost,
-        worst=float(np.sqrt(penalties.max())),
-        tail=float(np.sqrt(tail_mean(penalties.ravel()))),
-        ratio=cost / nominal.get(row.label, cost),
-    )
 
 
 POINTS = 192
@@ -205,17 +181,11 @@ class ClosedLoop:
     distortion: Array
 
 
-def closed_loops(scene: Scene, rows: Sequence[Entry]) -> list[ClosedLoop]:
-    """Return the steady responses of every controller of a task under a harmonic force.
-
-    The force takes the place of the scene's excitation; noise and delay of the sensors stay. Of a
-    training with several seeds it is the first run.
-    """
-    return [closed_loop(scene, row.controllers[0], row.label) for row in rows]
-
-
 def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
-    """Measure the steady response of one controller, each frequency and amplitude in a lane."""
+    """Measure the steady response of a controller, each frequency and amplitude in a lane.
+
+    A harmonic force takes the place of the scene's excitation; the sensors' noise and delay stay.
+    """
     stiffness = scene.carriage.stiffness
     own = float(np.sqrt(stiffness / scene.carriage.mass))
     frequencies = own * np.geomspace(*SPAN, POINTS)
@@ -227,7 +197,9 @@ def closed_loop(scene: Scene, controller: Controller, label: str) -> ClosedLoop:
     step = scene.control.time_step
     waited, measured = (round(count * 2.0 * np.pi / own / step) for count in PERIODS)
     shaken = _shaken(scene, lanes, waited + measured)
-    displacement = _displacement(shaken, controller, lanes)[waited:]
+    env = MovingMassVectorEnv(shaken, len(forces) * POINTS, autoreset_mode="Disabled")
+    rollout = Rollout(env, controller, seed=0, options=lanes)
+    displacement = np.stack([made.info["state"][:, 0].copy() for made in rollout])[waited:]
     time = step * np.arange(waited + 1, waited + measured + 1)
     gain, distortion = _harmonic_part(time, displacement, lanes[f"{NAME}.frequency"])
     shape = len(forces), POINTS
@@ -252,14 +224,6 @@ def _shaken(scene: Scene, lanes: dict[str, Array], steps: int) -> Scene:
             "objective.rail_half_length": None,
         },
     )
-
-
-def _displacement(scene: Scene, controller: Controller, lanes: dict[str, Array]) -> Array:
-    """Return x1 [m] after each control step (steps, lanes)."""
-    count = len(next(iter(lanes.values())))
-    env = MovingMassVectorEnv(scene, count, autoreset_mode="Disabled")
-    rollout = Rollout(env, controller, seed=0, options=lanes)
-    return np.stack([made.info["state"][:, 0].copy() for made in rollout])
 
 
 def _harmonic_part(time: Array, values: Array, frequencies: Array) -> tuple[Array, Array]:
@@ -298,8 +262,7 @@ def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Eff
     no passive reference; a carriage without mass has no indices.
     """
     seeds = range(episodes.first, episodes.first + episodes.each)
-    band = scene.randomization.get(FREQUENCY)
-    options = {} if band is None else {FREQUENCY: np.linspace(*band, episodes.each)}
+    options = spread_frequency(scene, episodes.each)
     try:
         references = {UNCONTROLLED: metrics.uncontrolled_response(scene, seeds, options)}
     except SimulationError:
@@ -308,31 +271,59 @@ def efforts(scene: Scene, rows: Sequence[Entry], episodes: Episodes) -> list[Eff
         references[PASSIVE] = metrics.passive_response(scene, seeds, options)
     found = []
     for row in rows:
-        response = _response(scene, row.controllers[0], seeds, options)
+        env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled")
+        rollout = Rollout(env, row.controllers[0], seed=seeds, options=options)
+        record = metrics.LaneResponse(env)
+        for made in rollout:
+            record.add(made.ran)
+        response = record.response()
         for name, reference in references.items():
-            measured = metrics.indices(response, reference, sensors=len(scene.sensors.channels))
-            found.append(Effort(row.label, name, _means(measured)))
+            sensors = len(scene.sensors.channels)
+            measured = asdict(metrics.indices(response, reference, sensors=sensors))
+            measured.pop("j17")  # the number of the controller's states
+            means = {index: float(np.mean(values)) for index, values in measured.items()}
+            found.append(Effort(row.label, name, means))
     return found
 
 
-def _response(
-    scene: Scene, controller: Controller, seeds: Sequence[int], options: Options
-) -> metrics.Response:
-    """Return the responses of a controller's episodes, each until it ends."""
-    env = MovingMassVectorEnv(scene, len(seeds), autoreset_mode="Disabled")
-    rollout, record = (
-        Rollout(env, controller, seed=seeds, options=options),
-        metrics.LaneResponse(env),
-    )
-    for made in rollout:
-        record.add(made.ran)
-    return record.response()
+Array = NDArray[np.float64]
 
 
-def _means(indices: metrics.Indices) -> dict[str, float]:
-    """Return the means of all indices but the number of the controller's states."""
-    return {
-        field.name: float(np.mean(getattr(indices, field.name)))
-        for field in fields(indices)
-        if field.name != "j17"
-    }
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """What one controller did in some episodes; NaN after an early end."""
+
+    time: Array  # (steps + 1,) from the start of the episode [s]
+    # displacement, stroke: (steps + 1, episodes): x1 and x2 - x1 [m].
+    displacement: Array
+    stroke: Array
+    applied: Array  # (steps + 1, episodes, k): what the actuators have, in the order of the action
+
+    def spectrum(self) -> tuple[Array, Array]:
+        """Return frequencies (n,) [Hz] and the one-sided power spectral density of x1 [m^2/Hz].
+
+        It is the mean of the periodograms, in Hann's window, of the episodes that lasted to their
+        end; both are empty if none did.
+        """
+        lasted = self.displacement[:, ~np.isnan(self.displacement).any(axis=0)]
+        if not lasted.size:
+            return np.empty(0), np.empty(0)
+        step = self.time[1] - self.time[0]
+        frequencies, power = periodogram(lasted, 1.0 / step, window="hann", axis=0)
+        return frequencies, power.mean(axis=1)
+
+
+def motions(scene: Scene, controller: Controller, episodes: Episodes) -> Motions:
+    """Return what a controller does in the episodes of the first seed."""
+    lanes, steps = episodes.each, scene.control.steps
+    env = MovingMassVectorEnv(scene, lanes, autoreset_mode="Disabled")
+    seeds = range(episodes.first, episodes.first + lanes)
+    rollout = Rollout(env, controller, seed=seeds, options=spread_frequency(scene, lanes))
+    position = np.full((steps + 1, lanes, 2), np.nan)
+    applied = np.full((steps + 1, lanes, env.single_action_space.shape[0]), np.nan)
+    position[0], applied[0] = rollout.info["state"][:, :2], rollout.info["applied"]
+    for step, made in enumerate(rollout, 1):
+        position[step, made.ran] = made.info["state"][made.ran, :2]
+        applied[step, made.ran] = made.info["applied"][made.ran]
+    x1, x2 = position[..., 0], position[..., 1]
+    return Motions(scene.control.time_step * np.arange(steps + 1), x1, x2 - x1, applied)

@@ -3,8 +3,6 @@
 All loops over lanes are innermost and of single precision, so that they are vectorised.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 from numba.extending import intrinsic, overload
@@ -101,22 +99,10 @@ def add_unit(own, rows, total):
 
 @borrowing_kernel
 def correlate(pair, unit, rows, sums, left, right, result):
-    """Compute one correlation unit in each lane, see `agents.network.layers.Correlation`.
+    """Compute one correlation unit (lanes,), see `agents.network.layers.Correlation`.
 
-    Parameters
-    ----------
-    pair
-        (2 n,) the weights of both combinations of the rows.
-    unit
-        (4,) memory, floor, offset and scale.
-    rows
-        (n, lanes) the observation, and the linear memory.
-    sums
-        (2, lanes) the forgetting sums; written.
-    left, right
-        (lanes,) working memory; written.
-    result
-        (lanes,) the unit; written.
+    The pair (2 n,) weighs the rows (n, lanes) twice; the unit (4,) has memory, floor, offset and
+    scale; the sums (2, lanes) are read and written; left and right (lanes,) are working memory.
     """
     n = pair.size // 2
     memory, floor, offset, scale = unit[0], unit[1], unit[2], unit[3]
@@ -132,19 +118,10 @@ def correlate(pair, unit, rows, sums, left, right, result):
 
 @borrowing_kernel
 def remember(keep, enter, back, rows, memory, result):
-    """Move the linear memory on, in each lane.
+    """Move the linear memory (m + k, lanes) on; the last k rows are the last actions.
 
-    Parameters
-    ----------
-    keep, enter, back
-        (m, m), (m, n), (m, k) weights of the memory before, of the observation, and of the last
-        actions; (m, 0) where it does not know them.
-    rows
-        (n, lanes) the observation.
-    memory
-        (m + k, lanes) the memory, and the last actions; read and written.
-    result
-        (m, lanes) the same; written.
+    Weights are keep (m, m) of the memory, enter (m, n) of the observed rows (n, lanes) and back
+    (m, k) of the actions, (m, 0) if it does not know them. The result (m, lanes) is the memory.
     """
     m = len(keep)
     for j in range(len(keep)):
@@ -161,22 +138,17 @@ def forward(observed, actions, parameters, fixed, sums, memory, sizes):
 
     Parameters
     ----------
-    observed
-        (n, candidates * lanes or more) observations.
-    actions
-        (k, candidates * lanes) actions in [-1, 1]; written.
+    observed, actions
+        (n, candidates * lanes or more) and (k, candidates * lanes) in [-1, 1], which is written.
     parameters
         (candidates, N) of each candidate, in the order of `agents.training.network.Network`.
     fixed
-        (r, 4) memory, floor, offset and scale of each correlation unit; (m, m), (m, n), and (m, k)
-        or (m, 0) of the linear memory.
+        (r, 4) of each correlation unit; keep, enter and back of the linear memory.
     sums
-        (2 r + m + k, candidates * lanes) the correlation units' forgetting sums, the linear memory
-        and the last actions, if it knows them; read and written.
-    memory
-        (n + m + r + 2, lanes) working memory; written.
-    sizes
-        (n, hidden, k).
+        (2 r + m + k, candidates * lanes) sums of the units, linear memory and, if it knows them,
+        the last actions; read and written.
+    memory, sizes
+        (n + m + r + 2, lanes) working memory; (n, hidden, k).
     """
     n, hidden, k = sizes
     units, keep, enter, back = fixed

@@ -6,29 +6,154 @@ the search is repeated without a single episode, in milliseconds a generation: s
 of numbers alone, whatever pycma's own state is.
 """
 
-from __future__ import annotations
-
 import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from functools import cached_property
+from typing import Annotated, ClassVar
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
+from pydantic import Field
 
-from agents.evolution.population import Candidates, Population
-from agents.evolution.settings import EvolveSettings
-from agents.network.arrays import Arrays
+from agents.controllers.searched import cma_strategy
+from agents.evolution.network_kernel import forward
+from agents.network.files import Arrays
 from agents.policies import Policy
-from agents.scoring import VALIDATION_EPISODES, VALIDATION_SEED, spread_frequency
-from agents.training.config import training_seeds
+from agents.scoring import (
+    VALIDATION_EPISODES,
+    VALIDATION_SEED,
+    limit_penalty,
+    spread_frequency,
+    tail_mean,
+)
+from agents.training.config import Count, Positive, SearchSettings, training_seeds
 from agents.training.network import Network
 from agents.training.runs import Run
 from agents.training.scales import Scales
 from agents.training.search import Search
 from agents.training.starts import IN_WORDS, start_of
-from mm_gym import Scene
+from mm_gym import Episodes, MovingMassVectorEnv, Scene
 
 Values = NDArray[np.float64]
+
+
+class EvolveSettings(SearchSettings):
+    """How networks are evolved."""
+
+    candidates: Annotated[int, Field(ge=4)] = 48
+    """networks in a generation"""
+    episodes: Count = 32
+    """of each network in a generation, the same for all, new ones in the next"""
+    generations: Count = 200
+    """of the whole run"""
+    worst: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """share of the episodes, those that cost most, whose mean is minimised and validated (CVaR); 1
+    is the mean of all"""
+    spread: Positive = 0.3
+    """of the first generation, over the size of each parameter"""
+    separable: bool = False
+    """adapt a variance for each parameter, not their covariance: for wide networks"""
+    tolerance: Annotated[float, Field(gt=0, lt=1)] = 1e-3
+    """solver.tolerance during the search, where the scene's is finer; validations keep the
+    scene's"""
+    threads: Count = 2
+    """among which a generation is divided; results do not depend on it"""
+
+    growing: ClassVar[tuple[str, ...]] = ("generations", "time_budget")
+
+
+LANES = 384
+"""Those that a thread takes at a time: they stay in its cache, and no thread waits for long."""
+
+
+class Population:
+    """Costs of candidates, found in threads.
+
+    A candidate's episodes are lanes side by side; its cost is the mean of those that cost most, the
+    worst share of them.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        network: Network,
+        candidates: int,
+        episodes: int,
+        threads: int,
+        *,
+        worst: float = 1.0,
+    ) -> None:
+        self.bounds = [*range(0, candidates, max(1, LANES // episodes)), candidates]
+        counts = np.diff(self.bounds).tolist()
+        self.parts = [Candidates(scene, network, count, episodes, worst) for count in counts]
+        self.frames = candidates * episodes * scene.control.steps
+        self.threads = ThreadPoolExecutor(threads)
+
+    def costs(self, vectors: Values, seeds: Sequence[int]) -> Values:
+        """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
+
+        A seed is that of an episode of every candidate.
+        """
+        chunks = np.split(vectors, self.bounds[1:-1])
+        found = self.threads.map(lambda part, chunk: part.costs(chunk, seeds), self.parts, chunks)
+        return np.concatenate(list(found))
+
+    def close(self) -> None:
+        """End the threads."""
+        self.threads.shutdown()
+
+
+class Candidates:
+    """Some of the candidates, in one environment."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        network: Network,
+        candidates: int,
+        episodes: int,
+        worst: float = 1.0,
+    ) -> None:
+        self.worst = worst
+        self.steps, self.limit = scene.control.steps, limit_penalty(scene)
+        self.parameters: Single = np.empty((candidates, network.free.size), np.float32)
+        lanes, start, (n, *_) = candidates * episodes, network.start, network.sizes
+        self.env = MovingMassVectorEnv(scene, lanes, info="none")
+        (known, acting), (r, _, _) = (start.keep.shape[0], start.back.shape[1]), start.pairs.shape
+        self.sums: Single = np.empty((2 * r + known + acting, lanes), np.float32)
+        fixed = tuple(
+            np.ascontiguousarray(array, np.float32)
+            for array in (start.units, start.keep, start.enter, start.back)
+        )
+        memory = np.empty((n + len(start.keep) + len(start.units) + 2, episodes), np.float32)
+        self.arguments = self.parameters, fixed, self.sums, memory, network.sizes
+
+    @cached_property
+    def run(self) -> Callable[[], Episodes]:
+        """Compiled, or read from disk, in the first generation: its time counts."""
+        return self.env.closed_loop(forward, *self.arguments)
+
+    def costs(
+        self, vectors: Values, seeds: Sequence[int], options: Mapping[str, Values] | None = None
+    ) -> Values:
+        """Return the mean penalty (candidates,) of each vector (candidates, N), as `evaluate` has.
+
+        Seeds and options are those of the episodes of every candidate.
+        """
+        self.parameters[:] = vectors
+        self.sums[:] = 0.0
+        count, repeated = len(vectors), dict(options or {})
+        for name, values in repeated.items():
+            repeated[name] = np.tile(values, count)
+        self.env.reset(seed=list(seeds) * count, options=repeated)
+        episodes, steps = self.run(), self.steps
+        # An early end costs as in `evaluate`.
+        largest = np.maximum(self.limit, -episodes.least)
+        left = episodes.terminated * (2 * steps - episodes.lengths)
+        penalties = left * largest - episodes.returns
+        return tail_mean(penalties.reshape(count, -1), self.worst) / steps
 
 
 def evolve(settings: EvolveSettings, run: Run, *, bar: bool = True) -> None:
@@ -81,31 +206,20 @@ class Evolution(Search):
         self.worst = settings.worst
         self.validation = Candidates(scene, self.network, 1, VALIDATION_EPISODES, self.worst)
         self.frames = self.population.frames
-        self.strategy = self._strategy(self.first[self.free])
+        self.strategy = cma_strategy(
+            self.first[self.free],
+            settings.spread,
+            generator,
+            popsize=settings.candidates,
+            CMA_stds=self.network.spreads()[self.free],
+            CMA_diagonal=settings.separable,
+        )
         self.costs: Values = np.empty((self.total, settings.candidates))
 
     @property
     def total(self) -> int:
         """Number of generations."""
         return self.settings.generations
-
-    def _strategy(self, mean: Values):  # noqa: ANN202 - pycma has no types
-        try:
-            import cma  # noqa: PLC0415 - an extra
-        except ImportError as error:
-            msg = "pycma is missing: install the extra `evolve`"
-            raise DependencyNotInstalled(msg) from error
-        options = {
-            "popsize": self.settings.candidates,
-            "CMA_stds": self.network.spreads()[self.free],
-            "CMA_diagonal": self.settings.separable,
-            "randn": lambda *shape: self.generator.standard_normal(shape),
-            "seed": np.nan,  # NumPy's global generator is left alone
-            "verbose": -9,
-        }
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return cma.CMAEvolutionStrategy(mean, self.settings.spread, options)
 
     def _restore(self, arrays: Arrays) -> None:
         """Repeat the search, with the costs of the checkpoint."""
@@ -159,3 +273,7 @@ class Evolution(Search):
 
     def _policy(self, parameters: Arrays) -> Policy:
         return self.network.policy(np.asarray(parameters["vector"], np.float64))
+
+
+Single = NDArray[np.float32]
+Values = NDArray[np.float64]

@@ -1,7 +1,5 @@
 """Controllers as policies, which C, ONNX and NumPy files are written from."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """A graph as C99 that allocates nothing and needs no library but, for some functions, libm."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import tempfile
@@ -9,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from agents.network.graph import Graph, Operation, Signal, Values
 from agents.network.interface import Interface
@@ -42,6 +41,14 @@ HELPERS = {
 }
 """By how they are called."""
 
+
+TEMPLATE = Environment(  # noqa: S701 - it is no HTML
+    loader=FileSystemLoader(Path(__file__).parent),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+).get_template("policy.c.jinja")
 
 CALLS = 200_000  # of a measurement
 
@@ -145,11 +152,6 @@ class _Writer:
             self.statements.append(f"{loop}{self.element(place, one.width)} = {value};")
 
 
-def _table(numbers: tuple[str, ...], name: str) -> str:
-    rows = ",\n    ".join(", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6))
-    return f"static const REAL {name}[{len(numbers)}] = {{\n    {rows}\n}};"
-
-
 def _loop(width: int) -> str:
     return "" if width == 1 else f"for (int i = 0; i < {width}; i++) "
 
@@ -161,47 +163,23 @@ def _literal(value: float) -> str:
 def c_source(graph: Graph, interface: Interface | None = None, comment: str = "") -> Source:
     """Return the source of a graph from "observation" and "memory" to "action" and "next_memory".
 
-    It has `policy_begin`, `policy_act` and, with an interface, `policy_act_si`.
-
-    Parameters
-    ----------
-    comment
-        What is said at its head in addition.
+    It has `policy_begin`, `policy_act` and, with an interface, `policy_act_si`. A comment goes to
+    its head.
     """
     writer = _written(graph)
     observed, remembered = (graph.inputs[name].shape[1] for name in ("observation", "memory"))
-    frames = interface.observed if interface else 0
-    state = [f"REAL memory[{max(remembered, 1)}];"]
-    state += [f"REAL frames[{frames}];"] if interface else []
-    act = [
-        "void policy_act(policy_state *state, const REAL *observation, REAL *action) {",
-        f"    REAL work[{writer.working}];" if writer.working else "",
-        "" if remembered else "    (void)state;",
-        *(f"    {line}" for line in writer.statements),
-        "}",
-    ]
-    body = "\n".join(line for line in act if line)
-    helpers = [text for call, text in HELPERS.items() if call in body]
-    k = graph.outputs["action"].shape[1]
-    parts = [
-        _head(observed, k, interface, comment),
-        *(_table(numbers, name) for numbers, name in writer.tables.items()),
-        f"typedef struct {{ {' '.join(state)} }} policy_state;",
-        *helpers,
-        "void policy_begin(policy_state *state) {",
-        f"    for (int i = 0; i < {max(remembered, 1)}; i++) state->memory[i] = 0;",
-        f"    for (int i = 0; i < {frames}; i++) state->frames[i] = 0;" if interface else "",
-        "}",
-        body,
-        _act_si(interface) if interface else "",
-    ]
-    return Source(
-        "\n".join(part for part in parts if part) + "\n",
-        sum(map(len, writer.tables)),
-        max(remembered, 1) + frames,
-        writer.working,
-        writer.products,
+    kept = max(remembered, 1) + (interface.observed if interface else 0)
+    text = TEMPLATE.render(
+        observed=observed,
+        actions=graph.outputs["action"].shape[1],
+        remembered=remembered,
+        writer=writer,
+        helpers=[text for call, text in HELPERS.items() if call in "".join(writer.statements)],
+        interface=interface,
+        comment=comment,
+        literal=_literal,
     )
+    return Source(text, sum(map(len, writer.tables)), kept, writer.working, writer.products)
 
 
 def seconds_of(source: Source, observed: int, actions: int) -> float | None:
@@ -252,58 +230,3 @@ def _sources(signals: object) -> list[Operation]:
             operation = operation.inputs[0].made_by  # noqa: PLW2901 - a slice of a slice
         found[k] = operation
     return found
-
-
-def _head(observed: int, k: int, interface: Interface | None, comment: str) -> str:
-    told = [
-        f"A policy of mm_gym: {observed} observed numbers to {k} actions in [-1, 1].",
-        "",
-        "policy_begin(&state) at an episode's start, policy_act(&state, observation, action) in",
-        "each control step. REAL is float unless the compiler is told otherwise: -DREAL=double.",
-    ]
-    if interface:
-        told += [
-            "",
-            "policy_act_si(&state, measured, t, command) has SI units; t [s] is the time since the",
-            "episode's start, and at 0 the episode begins.",
-            *interface.told,
-        ]
-    told += ["", comment] if comment else []
-    lines = "\n   ".join(told).replace("\n   \n", "\n\n")
-    return f"""/* {lines} */
-#include <math.h>
-#ifndef REAL
-#define REAL float
-#endif
-"""
-
-
-def _act_si(interface: Interface) -> str:
-    channels, k = len(interface.channels), len(interface.commands)
-    older = interface.observed - channels
-    moved = f"state->frames[i] = state->frames[i + {channels}];"
-    scaled = [
-        f"    frame[{i}] = (measured[{i}] - {_literal(c.zero)}) * {_literal(c.factor)};"
-        for i, c in enumerate(interface.channels)
-    ]
-    commands = [
-        f"    command[{i}] = {_literal(0.5 * (c.high + c.low))} + "
-        f"{_literal(0.5 * (c.high - c.low))} * action[{i}];"
-        for i, c in enumerate(interface.commands)
-    ]
-    lines = [
-        "void policy_act_si(policy_state *state, const REAL *measured, REAL t, REAL *command) {",
-        f"    REAL frame[{channels}], action[{k}];",
-        *scaled,
-        f"    if (t < {_literal(0.5 * interface.time_step)}) {{",
-        "        policy_begin(state);",
-        f"        for (int i = 0; i < {interface.observed}; i++)",
-        f"            state->frames[i] = frame[i % {channels}];",
-        "    }",
-        f"    for (int i = 0; i < {older}; i++) {moved}" if older else "",
-        f"    for (int i = 0; i < {channels}; i++) state->frames[{older} + i] = frame[i];",
-        "    policy_act(state, state->frames, action);",
-        *commands,
-        "}",
-    ]
-    return "\n".join(line for line in lines if line)

@@ -1,20 +1,30 @@
-"""Files of policies: arrays and a JSON text in safetensors' format. Reading one runs no code."""
+"""Files of policies: arrays and a JSON text in safetensors' format, or NumPy's of earlier versions.
 
-from __future__ import annotations
+Reading one runs no code, and is bounded. The content is not trusted: members are counted before
+they are listed, sizes are added up before anything is unpacked, and an array must hold exactly the
+bytes that its header states.
+"""
 
+import ast
+import io
 import json
-from collections.abc import Mapping
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
 from typing import Any
 
 import numpy as np
 import safetensors.numpy
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from safetensors import SafetensorError
 
-from agents.network.arrays import arrays_in, described
-from mm_gym.files import parse_json
+from mm_gym.files import parse_json, read_bytes
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = Mapping[str, NDArray[Any]]
 
 LARGEST = 64 * 2**20
 """Size of a file [bytes], and of what it unpacks to; a policy of two layers of 64 has 40 kB."""
@@ -29,6 +39,167 @@ class PolicyError(RuntimeError):
     """A policy cannot be read, or does not suit the scene."""
 
 
+MOST_MEMBERS = 4096  # of an archive; a training's checkpoint has some hundred arrays
+MEMBER = b"PK\x01\x02"  # what the entry of each member in an archive's directory begins with
+
+METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Of compression: those whose output can be read up to a limit."""
+
+DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, OverflowError),
+    *(NotImplementedError, UnicodeError),
+)
+"""What zipfile raises for what is no archive."""
+
+HEADERS = {b"\x93NUMPY\x01\x00": "<H", b"\x93NUMPY\x02\x00": "<I"}
+"""First bytes of an array's file, and the type of the header's length, which follows."""
+
+MOST_AXES = 32  # of an array, as NumPy allows in all its versions
+LONGEST_HEADER = 10_000  # in bytes, as in NumPy: Python's parser may crash on a longer one
+KINDS = "biufU"  # of types: truth values, integers, floating-point numbers and text
+
+
+def arrays_in(content: bytes, *, most: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays in the content of an ``.npz`` file, which unpacks to at most `most` bytes.
+
+    Raise `ValueError` if it is damaged, too large, or holds anything but arrays of numbers and
+    text.
+    """
+    with _opened(content, most) as archive:
+        members = archive.infolist()
+        found = {member.filename: _unpacked(archive, member) for member in members}
+    if len(found) < len(members):
+        msg = f"got {len(members)} arrays of {len(found)} names; allowed: one of each name"
+        raise ValueError(msg)
+    return {name.removesuffix(".npy"): array_in(data, name) for name, data in found.items()}
+
+
+def check_archive(content: bytes, *, most: int) -> None:
+    """Raise `ValueError` unless it is a zip archive that unpacks to at most `most` bytes."""
+    with _opened(content, most) as archive:
+        for member in archive.infolist():
+            _unpacked(archive, member)
+
+
+@contextmanager
+def _opened(content: bytes, most: int) -> Iterator[zipfile.ZipFile]:
+    """Open an archive of few members, that unpack to little; name what is damaged in it."""
+    if content.count(MEMBER) > MOST_MEMBERS:
+        msg = f"got more than {MOST_MEMBERS} members; allowed: at most {MOST_MEMBERS}"
+        raise ValueError(msg)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+            if unpacked > most:
+                msg = f"it unpacks to {unpacked} bytes; allowed: at most {most}"
+                raise ValueError(msg)
+            yield archive
+    except DAMAGE as error:
+        msg = f"not an archive: {error}"
+        raise ValueError(msg) from None
+
+
+def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    """Return the content of a member: no more of it is unpacked than its size that is stated."""
+    if member.flag_bits & 1 or member.compress_type not in METHODS:
+        msg = f"{member.filename}: got a member that is encrypted or compressed in another way"
+        raise ValueError(msg)
+    with archive.open(member) as stream:
+        return stream.read(member.file_size + 1)
+
+
+def array_in(data: bytes, name: str = "array") -> NDArray[Any]:
+    """Return the array in the content of an ``.npy`` file.
+
+    The name is for messages. Raise `ValueError` if it is damaged, or an array of anything but
+    numbers or text.
+    """
+    try:
+        shape, order, dtype, start = _header(data)
+    except (ValueError, TypeError, KeyError, SyntaxError, MemoryError, RecursionError) as error:
+        msg = f"{name}: not an array: {error}"
+        raise ValueError(msg) from None
+    except struct.error:
+        msg = f"{name}: not an array: its header is cut off"
+        raise ValueError(msg) from None
+    if dtype.kind not in KINDS or not dtype.itemsize:
+        msg = f"{name}: got type {dtype.str!r}; allowed: numbers or text"
+        raise ValueError(msg)
+    size = math.prod(shape) * dtype.itemsize
+    if size != len(data) - start:
+        msg = f"{name}: got {len(data) - start} bytes; its shape {shape} needs {size}"
+        raise ValueError(msg)
+    if not size:
+        return np.empty(shape, dtype)
+    return np.frombuffer(data, dtype, offset=start).reshape(shape, order=order).copy(order)
+
+
+def _header(data: bytes) -> tuple[tuple[int, ...], Any, np.dtype[Any], int]:
+    """Return the shape, order and type of an array, and where its numbers begin."""
+    form = HEADERS[data[:8]]
+    start = 8 + struct.calcsize(form)
+    (length,) = struct.unpack(form, data[8:start])
+    if length > LONGEST_HEADER:
+        msg = f"got a header of {length} bytes; allowed: at most {LONGEST_HEADER}"
+        raise ValueError(msg)
+    header = ast.literal_eval(data[start : start + length].decode("latin-1").strip())
+    shape, order, dtype = header["shape"], header["fortran_order"], header["descr"]
+    counts = isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape)
+    if not (counts and isinstance(dtype, str) and len(shape) <= MOST_AXES):
+        msg = f"got shape {shape} and type {dtype!r}"
+        raise ValueError(msg)
+    return shape, "F" if order else "C", np.dtype(dtype), start + length
+
+
+def read_array(path: str | PathLike[str], *, most: int) -> NDArray[Any]:
+    """Return the array of an ``.npy`` file of at most `most` bytes.
+
+    Raise `SceneError` if the file cannot be read; `ValueError` if it holds no array of numbers or
+    text.
+    """
+    return array_in(read_bytes(path, most=most), str(path))
+
+
+def numbers(
+    arrays: Arrays, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float64
+) -> NDArray[Any]:
+    """Return one of several arrays, of finite numbers, in C order and of a type.
+
+    Raise `ValueError` if it is missing, of another shape, of text, or not finite in the type.
+    """
+    check_shapes(arrays, {name: shape})
+    array = arrays[name]
+    with np.errstate(over="ignore"):
+        array = np.ascontiguousarray(array, dtype).reshape(shape)
+    if not np.isfinite(array).all():
+        msg = f"{name}: got numbers that are not finite; allowed: finite numbers"
+        raise ValueError(msg)
+    return array
+
+
+def check_shapes(arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise `ValueError` unless there are arrays of numbers of these shapes."""
+    for name, shape in shapes.items():
+        if name not in arrays:
+            msg = f"{name}: missing; allowed: finite numbers of shape {shape}"
+            raise ValueError(msg)
+        array = arrays[name]
+        if array.dtype.kind not in "biuf" or array.shape != shape:
+            what = "text" if array.dtype.kind == "U" else f"shape {array.shape}"
+            msg = f"{name}: got {what}; allowed: finite numbers of shape {shape}"
+            raise ValueError(msg)
+
+
+def described(arrays: Arrays) -> dict[str, object]:
+    """Return the JSON table in the text called "description"; raise `ValueError` if it is none."""
+    text = arrays.get("description", np.empty(0))
+    data = parse_json(str(text)) if text.dtype.kind == "U" and text.ndim == 0 else None
+    if isinstance(data, dict):
+        return data
+    msg = "description: missing; allowed: the text of a JSON table"
+    raise ValueError(msg)
+
+
 def content_of(description: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
     """Return the content of a file of a description and arrays."""
     # In the order of their names, so that the same policy is the same file.
@@ -36,7 +207,7 @@ def content_of(description: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     return safetensors.numpy.save(ordered, {"description": json.dumps(description)})
 
 
-def read_content(content: bytes) -> tuple[dict[str, Any], Arrays]:
+def read_content(content: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return the description and the arrays in the content of a file.
 
     Raise `ValueError` if it is damaged, or holds anything but a description and arrays.

@@ -2,12 +2,13 @@
 
 A layer's `forward` is written once, over `xp`, which is NumPy or torch: on arrays it acts, on
 tensors torch differentiates it, and on the signals of `agents.network.graph` it becomes C and ONNX.
-To add a layer, write its class here, and list it in `KINDS`. It takes functions and operators that
-NumPy and torch have in common; arrays are constants or trained, see `Layer.fixed`.
+To add a layer, write its class here. It takes functions and operators that NumPy and torch have in
+common; arrays are constants or trained, see `Layer.fixed`.
 """
 
-from __future__ import annotations
+from __future__ import annotations  # the types of fields as text, which reading a file checks
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from types import ModuleType
@@ -20,11 +21,19 @@ Single = NDArray[np.float32]
 Numbers: TypeAlias = Any  # arrays of NumPy, tensors of torch, or signals
 
 
+KINDS: dict[str, type[Layer]] = {}  # all layers by their name in files
+
+
 class Layer:
     """A part of a policy."""
 
-    kind: ClassVar[str]  # its name in files
+    kind: ClassVar[str]  # its name in files, as of its class
     fixed: ClassVar[tuple[str, ...]] = ()  # names of the arrays that training leaves alone
+
+    def __init_subclass__(cls) -> None:
+        if not cls.__name__.startswith("_"):
+            cls.kind = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+            KINDS[cls.kind] = cls
 
     @property
     def remembers(self) -> int:
@@ -61,7 +70,6 @@ class LinearMemory(Layer):
 
     keep: Single
     enter: Single
-    kind: ClassVar[str] = "linear_memory"
 
     @property
     def remembers(self) -> int:
@@ -93,7 +101,6 @@ class Correlation(Layer):
 
     pairs: Single  # (r, 2, n)
     units: Single  # (r, 4): memory, floor, offset and scale of each, see `UNIT`
-    kind: ClassVar[str] = "correlation"
     fixed: ClassVar[tuple[str, ...]] = ("units",)
 
     @property
@@ -136,7 +143,6 @@ class LSTM(Layer):
     enter: Single
     recur: Single
     bias: Single
-    kind: ClassVar[str] = "lstm"
 
     @property
     def remembers(self) -> int:
@@ -172,7 +178,6 @@ class GRU(Layer):
     enter: Single
     recur: Single
     bias: Single
-    kind: ClassVar[str] = "gru"
 
     @property
     def remembers(self) -> int:
@@ -200,7 +205,6 @@ class Dense(Layer):
 
     weight: Single
     bias: Single
-    kind: ClassVar[str] = "dense"
 
     def outputs(self, inputs: int) -> int:
         self.require(weight=(len(self.bias), inputs), bias=(len(self.bias),))
@@ -215,7 +219,6 @@ class Activation(Layer):
     """A function of each value, named in `FUNCTIONS`."""
 
     function: str
-    kind: ClassVar[str] = "activation"
 
     def outputs(self, inputs: int) -> int:
         if self.function not in FUNCTIONS:
@@ -252,7 +255,6 @@ class Clip(Layer):
 
     low: Single
     high: Single
-    kind: ClassVar[str] = "clip"
     fixed: ClassVar[tuple[str, ...]] = ("low", "high")
 
     def outputs(self, inputs: int) -> int:
@@ -283,7 +285,6 @@ class Regulator(Layer):
     show: Single
     correct: Single
     gain: Single
-    kind: ClassVar[str] = "regulator"
 
     @property
     def remembers(self) -> int:
@@ -317,7 +318,6 @@ class Skip(_Around):
     """Add direct @ values to what inner layers make of the values."""
 
     direct: Single
-    kind: ClassVar[str] = "skip"
 
     def outputs(self, inputs: int) -> int:
         made = outputs_of(self.layers, inputs)
@@ -332,8 +332,6 @@ class Skip(_Around):
 @dataclass(frozen=True, eq=False)
 class Append(_Around):
     """Append what inner layers make of the values to them."""
-
-    kind: ClassVar[str] = "append"
 
     def outputs(self, inputs: int) -> int:
         return inputs + outputs_of(self.layers, inputs)
@@ -355,7 +353,6 @@ class Observer(_Around):
     keep: Single
     enter: Single
     back: Single
-    kind: ClassVar[str] = "observer"
 
     @property
     def remembers(self) -> int:
@@ -389,7 +386,6 @@ class Residual(_Around):
 
     base: Single
     authority: float
-    kind: ClassVar[str] = "residual"
 
     def outputs(self, inputs: int) -> int:
         k = len(self.base)
@@ -404,26 +400,6 @@ class Residual(_Around):
         proposed = xp.clip(values @ self.base[:, :-1].T + self.base[:, -1], -1.0, 1.0)
         made, memory = run(self.layers, xp, xp.concatenate([values, proposed], 1), memory)
         return xp.clip(proposed + self.authority * made, -1.0, 1.0), memory
-
-
-KINDS: dict[str, type[Layer]] = {
-    layer.kind: layer
-    for layer in (
-        LinearMemory,
-        Correlation,
-        LSTM,
-        GRU,
-        Dense,
-        Activation,
-        Clip,
-        Regulator,
-        Skip,
-        Append,
-        Observer,
-        Residual,
-    )
-}
-"""All layers by their name in files."""
 
 
 def run(

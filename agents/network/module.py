@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 class Module(nn.Module):
     """Layers over tensors: parameters are their arrays but for those that are fixed.
 
-    Parameters
-    ----------
-    policy
-        What it begins as.
+    It begins as a policy.
     """
 
     def __init__(self, policy: Policy) -> None:

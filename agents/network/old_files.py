@@ -1,7 +1,5 @@
 """Networks of earlier versions: NumPy's archives of formats 1 to 3."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 

@@ -4,8 +4,6 @@ One table of operators serves networks and controllers alike, and needs onnx alo
 would need torch and onnxscript in addition, and reads modules of torch only.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -34,13 +32,8 @@ def onnx_bytes(graph: Graph, comment: str = "") -> bytes:
     """Return the content of a graph's ONNX file.
 
     The input "observation" and the output "action" are float (lanes, n), all others double; the
-    arithmetic between them is in double precision, as NumPy's is. Raise `DependencyNotInstalled` if
-    onnx is missing.
-
-    Parameters
-    ----------
-    comment
-        What is noted in the file.
+    arithmetic between them is in double precision, as NumPy's is. The comment is noted in the file.
+    Raise `DependencyNotInstalled` if onnx is missing.
     """
     try:
         import onnx  # noqa: PLC0415 - an extra

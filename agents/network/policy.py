@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agents.network.arrays import numbers
-from agents.network.files import PolicyError, content_of
+from agents.network.files import PolicyError, content_of, numbers
 from agents.network.graph import Graph
 from agents.network.interface import Interface
 from agents.network.layers import (

@@ -91,17 +91,9 @@ def write(
 ) -> minari.MinariDataset:
     """Write a dataset, and return it.
 
-    Raise `DatasetError` if it cannot be written, or another process has written one of this id
-    meanwhile. Nothing of it is left, but after a kill a hidden folder.
-
-    Parameters
-    ----------
-    dataset_id
-        As from `free_id`.
-    env
-        An environment as the episodes', for its specification and spaces.
-    description
-        Further entries of the dataset's metadata.
+    The environment is as the episodes'; the description goes into the metadata. Raise
+    `DatasetError` if it cannot be written, or another process has written one of this id meanwhile.
+    Nothing of it is left, but after a kill a hidden folder.
     """
     # Minari joins a relative path to itself when it measures the size of a dataset.
     root, target = get_dataset_path().absolute(), get_dataset_path(dataset_id).absolute()

@@ -1,7 +1,5 @@
 """Episodes of a controller on many lanes, each with the seed that starts it again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -63,15 +61,9 @@ def play(
 ) -> Iterator[list[Episode]]:
     """Play one episode a seed, so many lanes at a time, and yield each batch in the seeds' order.
 
-    Raise `ActionError` if the controller's actions are not finite; `PolicyError` if a trained
-    policy is of other observations or actions; `SimulationError` if a motion cannot be followed.
-
-    Parameters
-    ----------
-    task
-        A registered id.
-    arguments
-        Further keyword arguments of the environment.
+    Further arguments are those of the environment. Raise `ActionError` if the controller's actions
+    are not finite; `PolicyError` if a trained policy is of other observations or actions;
+    `SimulationError` if a motion cannot be followed.
     """
     for first in range(0, len(seeds), lanes):
         batch = list(seeds[first : first + lanes])

@@ -1,7 +1,5 @@
 """The files and the printed tables of a comparison."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from math import nan
@@ -14,8 +12,7 @@ from agents.evaluation.aggregates import Estimate
 from agents.evaluation.conclusions import THRESHOLDS, Comparison, Overall, Row
 from agents.evaluation.measure import TaskResult
 from agents.report.comparison_figures import draw_comparison
-from agents.report.pages import not_scored_cells, percent, render
-from agents.report.tables import print_table, write_rows
+from agents.report.pages import not_scored_cells, percent, print_table, render, write_rows
 from mm_gym import SceneError
 from mm_gym.files import write_text
 

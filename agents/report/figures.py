@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import columns
 from agents.evaluation.studies import DELAY, NOISE, RECORD
 from agents.scoring import Evaluation
 from mm_gym import Scene
@@ -112,7 +111,7 @@ def study_label(study: str) -> str:
 def draw_response(reference: Evaluation, learned: Evaluation, scene: Scene, path: Path) -> None:
     """Draw displacement and actuators over time, in the reference's median episode."""
     episode = int(np.argsort(reference.penalties)[reference.penalties.size // 2])
-    names = columns(scene)
+    names = scene.actuation.names
     count = 1 + len(names)
     millimetres = 1e3 * scene.objective.displacement_scale
     with style():

@@ -1,14 +1,19 @@
-"""Pages in Markdown and HTML: templates of prose, which data fill."""
-
-from __future__ import annotations
+"""Pages in Markdown and HTML: templates of prose, which data fill; files and prints of tables."""
 
 import re
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
+from math import nan
 from pathlib import Path
 from shutil import which
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from rich.console import Console
+from rich.table import Table
+
+from agents.scoring import Evaluation
+from mm_gym import Scene
+from mm_gym.files import write_csv
 
 FOLDER = Path(__file__).with_name("templates")
 
@@ -39,7 +44,7 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
     autoescape=False,  # noqa: S701 - it is Markdown
 )
-TEMPLATES.globals["table"] = markdown
+TEMPLATES.globals |= {"table": markdown, "percent": percent}
 
 
 def render(name: str, **data: object) -> str:
@@ -64,3 +69,88 @@ def commit() -> str:
     words = [git, "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--match="]
     done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - no user's text
     return done.stdout.strip() or "unknown"
+
+
+def write_rows(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
+    """Write rows as CSV under the names of the first; no file without rows, NaN for what lacks."""
+    found = list(rows)
+    if found:
+        names = list(found[0])
+        write_csv(path, names, [[row.get(name, nan) for row in found] for name in names])  # pyright: ignore[reportArgumentType]
+
+
+def print_table(
+    title: str, header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[str] = ()
+) -> None:
+    """Print a table; the first column and those named as words are set to the left."""
+    table = Table(title=title)
+    table.add_column(header[0])
+    for heading in header[1:]:
+        justify = "left" if heading in words else "right"
+        table.add_column(heading, justify=justify, no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+
+
+def write_scores(results: Sequence[Evaluation], path: Path) -> None:
+    """Write a row per controller; ratios are those of the costs to the first controller's."""
+    write_rows(
+        path,
+        (
+            {
+                "controller": result.name,
+                "reads": result.reads,
+                "cost [-]": result.cost,
+                "ratio to reference [-]": result.cost / results[0].cost,
+                "rms of x1 / scale [-]": result.rms,
+                "mean return [-]": result.returns.mean(),
+                "mean energy injected [J]": ""
+                if result.injected is None
+                else result.injected.mean(),
+            }
+            for result in results
+        ),
+    )
+
+
+def write_episodes(results: Sequence[Evaluation], path: Path) -> None:
+    """Write a row per episode: its frequency, or else its number, and each controller's figures."""
+    frequency = results[0].frequency
+    columns: dict[str, Iterable[float]] = {"episode": range(results[0].returns.size)}
+    if frequency is not None:
+        columns = {"frequency [rad/s]": frequency}
+    columns |= {f"cost of {one.name} [-]": one.episode_costs for one in results}
+    columns |= {f"rms of x1 / scale of {one.name} [-]": one.episode_rms for one in results}
+    write_csv(path, list(columns), list(columns.values()))  # pyright: ignore[reportArgumentType]
+
+
+def print_ranking(
+    results: Sequence[Evaluation], scene: Scene, not_scored: Mapping[str, str]
+) -> None:
+    """Print the controllers by their cost, the least first, and why others have none."""
+    count, reference = results[0].returns.size, results[0]
+    rows = [
+        (
+            result.name,
+            result.reads,
+            f"{result.cost:.3f}",
+            f"{result.cost / reference.cost:.2f}",
+            f"{result.rms:.3f}",
+            f"{result.returns.mean():.2f}",
+        )
+        for result in sorted(results, key=lambda result: result.cost)
+    ]
+    print_table(
+        f"cost: root of the mean of -reward per step, {count} held-out episodes",
+        ("controller", "reads", "cost", "ratio", "rms x1", "return"),
+        [*rows, *((text,) for text in not_scored_cells(not_scored))],
+        words=("reads",),
+    )
+    Console().print(
+        f"ratio: cost / cost of {reference.name}",
+        f"rms x1: over {scene.objective.displacement_scale * 1e3:g} mm",
+        "return: mean over the episodes",
+        sep="\n",
+        highlight=False,
+    )

@@ -1,7 +1,5 @@
 """Published policies: that of the median seed of each row of results, and what it scores."""
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The page of what agents reach, ``docs/results.md``."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator, Sequence
 from pathlib import Path

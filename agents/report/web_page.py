@@ -1,7 +1,5 @@
 """A comparison as one HTML page with interactive charts, which needs no network."""
 
-from __future__ import annotations
-
 import os
 import platform
 from collections.abc import Sequence
@@ -13,12 +11,10 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from agents.controllers.controller import columns
 from agents.evaluation.conclusions import Comparison, Row
 from agents.evaluation.contestants import Episodes, Field
 from agents.evaluation.measure import Studies, TaskResult
-from agents.evaluation.motions import Motions
-from agents.evaluation.studies import DELAY, NOISE, NOMINAL
+from agents.evaluation.studies import DELAY, NOISE, NOMINAL, Motions
 from agents.report.comparison import against, episodes_in_words, paired_cells
 from agents.report.pages import FOLDER, commit, not_scored_cells, web_page
 from agents.scoring import FREQUENCY, spread_frequency
@@ -185,7 +181,7 @@ def _responses(scene: Scene, found: Sequence[Motions], episode: int) -> Group:
         panel([1e3 * one.displacement[:, episode] for one in found], "carriage x1 [mm]"),
         panel([1e3 * one.stroke[:, episode] for one in found], "relative displacement [mm]"),
     ]
-    for k, name in enumerate(columns(scene)):
+    for k, name in enumerate(scene.actuation.names):
         applied = [one.applied[:, episode, k] for one in found]
         panels.append(panel(applied, ACTUATORS[name], held=True))
     cut = f" Its first {SHOWN} control steps are drawn." if scene.control.steps > SHOWN else ""

@@ -1,7 +1,5 @@
 """What is known on a task: its reference, finished trainings, changed scenes and an episode."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.controllers.controller import Controller, columns
+from agents.controllers.controller import Controller
 from agents.controllers.learned import Learned
 from agents.controllers.tuned import classical_laws
 from agents.evaluation.aggregates import Estimate, interquartile_mean, proportion, shared_episodes
@@ -18,7 +16,7 @@ from agents.evaluation.headroom import EPISODES
 from agents.evaluation.plans import Effort, Planner
 from agents.evaluation.scores import SCORES, read_scores
 from agents.evaluation.studies import DELAY, NOISE, Outcome, outcomes
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings
 from agents.policies import Policy, load_policy
 from agents.scoring import Evaluation, evaluate, validation_cost
 from agents.sweeps.trials import LEARNERS, algorithm_of
@@ -244,7 +242,7 @@ def _curve(run: Run) -> Curve:
 
 def _slopes(scene: Scene, agent: Controller) -> Array | None:
     """Return (3, n): the LQR's slopes, and the agent's at rest and at full scale."""
-    if columns(scene) != ("force",) or not isinstance(agent, Learned):
+    if scene.actuation.names != ("force",) or not isinstance(agent, Learned):
         return None
     start = start_of(scene, EvolveSettings(law="regulator"), np.random.default_rng(0))
     return np.stack([start.direct[0, 1:], *(slopes(agent.policy, at) for at in (0.01, 0.5))])

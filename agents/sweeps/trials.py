@@ -1,7 +1,5 @@
 """Sweeps: trainings of tasks, algorithms, settings and seeds, each a run folder of its own."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -13,8 +11,7 @@ from typing import Annotated, Literal, TypeAlias, get_args
 from pydantic import BaseModel, Field, JsonValue, Strict
 from tyro.constructors import PrimitiveConstructorSpec
 
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.scoring import evaluate
@@ -22,8 +19,7 @@ from agents.training.algorithm_settings import Algorithm, Count
 from agents.training.config import Changes, RunSettings, TrainSettings, good_settings, short_name
 from agents.training.parts import agent_of, recorded_parts
 from agents.training.runs import Run, read_as
-from agents.value_iteration.iteration import iterate
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import SceneError
 from mm_gym.errors import suggest
 from mm_gym.files import write_csv, write_text
@@ -163,14 +159,9 @@ def _kind(algorithm: str) -> type[RunSettings]:
 def check_scenes(trials: Iterable[RunSettings], folder: Path | None = None) -> None:
     """Refuse a sweep that would compare trainings on different scenes.
 
-    Trainings of one task and one variant have to have the same scene. Raise `SceneError` if a scene
-    differs, or cannot be read; the message names the trainings; `RunError` if a run's record cannot
-    be read.
-
-    Parameters
-    ----------
-    folder
-        The sweep's; the scene of a run there is that of its record.
+    Trainings of one task and one variant have to have the same scene. With the sweep's folder, the
+    scene of a run there is that of its record. Raise `SceneError` if a scene differs, or cannot be
+    read; the message names the trainings; `RunError` if a run's record cannot be read.
     """
     scenes: dict[str, str] = {}
     first: dict[tuple[str, str], tuple[str, str]] = {}
@@ -243,12 +234,7 @@ def _check_names(what: str, tables: Mapping[str, JsonValue], allowed: Sequence[s
 def do_trial(text: str, folder: str | Path) -> None:
     """Train, or go on where a killed training was, and score the policy; done before, do nothing.
 
-    Parameters
-    ----------
-    text
-        The settings as JSON, which any process can be sent.
-    folder
-        The sweep's folder.
+    The settings are JSON, which any process can be sent.
     """
     data = json.loads(text)
     settings = _kind(_algorithm(data["name"])).of(data)

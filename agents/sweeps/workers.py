@@ -4,8 +4,6 @@ Either way a training has one processor and one thread, and one whose process wa
 again from its checkpoint.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -10,7 +10,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
-from agents.network.arrays import check_archive
+from agents.network.files import check_archive
 from agents.policies import Policy, PolicyError, network
 from mm_gym import SceneError
 from mm_gym.files import read_bytes

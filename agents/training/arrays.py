@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.network.arrays import arrays_in
+from agents.network.files import arrays_in
 from agents.training.runs import RunError
 from mm_gym import SceneError
 from mm_gym.files import read_bytes, write_bytes

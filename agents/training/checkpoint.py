@@ -17,7 +17,7 @@ import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 
-from agents.network.arrays import check_shapes
+from agents.network.files import check_shapes
 from agents.training.arrays import part_of
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ from agents.controllers.actuators import Command
 from agents.controllers.clipped_lqr import WEIGHTED, ClippedLQR, weighted_clipped_lqr
 from agents.controllers.clipped_optimal import ClippedOptimal, ClippedVoltage
 from agents.controllers.constant import device_of
-from agents.controllers.controller import columns, plant_of
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import design_filter, design_lqg, state_units
 from agents.controllers.lqr import LQR
 from agents.controllers.observed_state import ROWS
+from agents.controllers.scene import plant_of
 from agents.policies import Policy, network
 from agents.scoring import validation_cost
 from agents.training.forecast import force_memory
@@ -248,7 +248,7 @@ class Shown:
         self.frame, self.count = len(self.channels), len(self.channels) * plant.history
         self.units = np.array([1.0 / channel.factor for channel in plant.observed])
         self.zeros = np.array([channel.zero for channel in plant.observed])
-        self.history, self.actions = plant.history, len(columns(scene))
+        self.history, self.actions = plant.history, len(scene.actuation.names)
         self.state = self.frame_state(0)
 
     def frame_state(self, age: int) -> Values:
@@ -326,7 +326,9 @@ def _none(scene: Scene, shown: Shown) -> Start:
         assert scene.springs.kind != "none"  # noqa: S101 - the scene guarantees it
         own = scene.springs.stretch if scene.initial.stretch is None else scene.initial.stretch
         present = np.full(1, np.mean(own))
-        direct[columns(scene).index("stretch"), :1] = Command(scene, "stretch")(present, present)[0]
+        direct[scene.actuation.names.index("stretch"), :1] = Command(scene, "stretch")(
+            present, present
+        )[0]
     if (damped := scene.actuation.damped) is not None:
         held = np.full(1, np.mean(scene.range_of(damped, scene.value_of(damped))))
         command = Command(scene, device_of(scene))

@@ -9,23 +9,220 @@ Ferretti, *Semi-Lagrangian approximation schemes for linear and Hamilton-Jacobi 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
-from agents.network.arrays import Arrays
+from agents.controllers.actuators import Actuators, require_stable_rest
+from agents.controllers.lqr import state_weight
+from agents.controllers.scene import require_actuator
+from agents.network.files import LARGEST, Arrays
+from agents.training.config import SEED_BITS, Count, TimedSettings
 from agents.training.runs import Run
 from agents.training.search import Search
-from agents.value_iteration.problem import problem_of
-from agents.value_iteration.settings import IterateSettings
-from agents.value_table.kernel import expect, sweep
+from agents.training.starts import Shown
+from agents.value_table.kernel import NODES, expect, sweep
 from agents.value_table.policy import ARRAYS, NUMBERS, TablePolicy
-from mm_gym import Scene
+from mm_gym import DesignError, Scene, compile_scene
+from mm_gym.analysis import spring_stiffness
+from mm_gym.scene import Part
 
 Table = NDArray[np.float32]
+
+
+class IterateSettings(TimedSettings):
+    """The grid, and how long its values are iterated."""
+
+    task: str = "mm_gym/PreStretchShock-v0"
+    """a registered id"""
+    seed: Annotated[int, Field(ge=0, lt=1 << SEED_BITS)] = 0
+    """without effect, as nothing is drawn; so that sweeps over seeds can have it"""
+    evaluations: Count = 5
+    """validations during the run; the best policy is kept"""
+    points: Annotated[int, Field(ge=NODES, le=101)] = 25
+    """of each of the three directions of a motion"""
+    stretches: Annotated[int, Field(ge=2, le=1001)] = 33
+    """over the actuator's range"""
+    sizes: Annotated[int, Field(ge=2, le=101)] = 7
+    """of a motion, where there are random impulses; without, the value is as its square"""
+    sweeps: Count = 160
+    """of the whole run"""
+    threads: Count = 2
+    """among which a sweep is divided; results do not depend on it"""
+
+    growing: ClassVar[tuple[str, ...]] = ("sweeps", "time_budget")
+    suffix: ClassVar[str] = "-values"
+
+    @model_validator(mode="after")
+    def _fits_a_file(self) -> Self:
+        size = 16 * self.stretches * self.points**3 * self.sizes  # four faces of four bytes
+        if size > 0.99 * LARGEST:
+            msg = (
+                f"points, stretches, sizes: got a table of {size / 2**20:.0f} MiB; "
+                f"allowed: less than {LARGEST / 2**20:.0f} MiB"
+            )
+            raise ValueError(msg)
+        return self
+
+
+RELATIVE = np.array([[1.0, 0, 0, 0], [-1, 1, 0, 0], [0, 0, 1, 0], [0, 0, -1, 1]])
+"""From x1, x2, v1, v2 to x1, x2 - x1, v1, v2 - v1."""
+
+WIDEST = 2.2  # largest size of the grid, over that of the largest impulse
+RARE = 0.1  # most impulses in a control step, on average: that there are two of them is left out
+SIZES_DRAWN = 4  # nodes of Gauss and Legendre over the range of an impulse's sizes
+
+
+class Problem(NamedTuple):
+    """What value iteration takes from a scene.
+
+    A motion y (4,) is x1, x2 - x1, v1 and v2 - v1, each times the root of the stiffness or mass
+    that goes with it, so that squares are energies [2 J] and like in size. The offset's stiffness
+    k2 is the geometric mean of its ends, the carriage's at least that.
+    """
+
+    stretches: Values  # (m,) of the grid [-]
+    squares: Values  # (sizes,) s^2 of the grid [J]; without random impulses 0 and 1, which is exact
+    moves: Values  # (m, 4, 4) transition of the motion in a control step with each stretch
+    cost: Values  # (4,) weights of the squares at a step's end: -reward
+    # jumps, chances: (m, impulses, 4), (impulses,): what an impulse in the middle of a step adds at
+    # its end, and how probable it is.
+    jumps: Values
+    chances: Values
+    travel: float  # most that the stretch moves in a control step, in distances between stretches
+    reads: Values  # (5, 1 + n) constants and weights of an observation: motion and stretch [-]
+    is_rate: bool  # whether an action commands a rate
+
+
+def problem_of(scene: Scene, stretches: int, sizes: int) -> Problem:
+    """Return the problem of a scene on a grid of so many stretches and sizes.
+
+    Raise `DesignError` with all that value iteration cannot solve in the scene.
+    """
+    require_actuator(scene, "stretch")
+    require_stable_rest(scene, "value iteration")
+    shown = Shown(scene)
+    obstacles = [*_obstacles(scene, shown), *_obstacles_of_excitation(scene)]
+    if obstacles:
+        raise DesignError("\n".join(obstacles))
+    actuators = Actuators(scene)
+    low, high = actuators.low[-1], actuators.high[-1]
+    grid = np.linspace(low, high, stretches)
+    ends = spring_stiffness([low, high], scene.springs.stiffness)
+    carriage, k2 = scene.carriage, np.sqrt(ends.prod())
+    k1 = max(carriage.stiffness * carriage.linear_coefficient, k2)
+    scales = np.sqrt([k1, k2, carriage.mass, scene.sphere.mass])
+    into = scales[:, None] * RELATIVE
+    impulses, chances = _impulses(scene)
+    impulses = impulses @ into.T
+    jumps = np.einsum("mij,aj->mai", _moves(scene, grid, 0.5, into), impulses)
+    largest = WIDEST * np.abs(impulses).max(initial=0.0)
+    stretch = shown.stretch()
+    assert stretch is not None  # noqa: S101 - else there is an obstacle
+    back = np.linalg.inv(into)
+    return Problem(
+        stretches=grid,
+        squares=(largest * np.linspace(0.0, 1.0, sizes) ** 2) ** 2
+        if largest > 0.0
+        else np.array([0.0, 1.0]),
+        moves=_moves(scene, grid, 1.0, into),
+        cost=np.diagonal(back.T @ state_weight(scene) @ back),
+        jumps=jumps,
+        chances=chances if largest > 0.0 else chances[:0],
+        travel=float(min(actuators.travel[-1], high - low) / (grid[1] - grid[0])),
+        reads=np.vstack([np.pad(into @ shown.state, ((0, 0), (1, 0))), stretch]),
+        is_rate=bool(actuators.is_rate[-1]),
+    )
+
+
+def _moves(scene: Scene, grid: Values, part: float, into: Values) -> Values:
+    """Return the exact transitions (m, 4, 4) over a part of a control step."""
+    plant = compile_scene(
+        scene.replace(**{"control.time_step": part * scene.control.time_step, "excitation": []})
+    )
+    back = np.linalg.inv(into)
+    return np.stack([into @ plant.discrete(stretch)[0] @ back for stretch in grid])
+
+
+def _impulses(scene: Scene) -> tuple[Values, Values]:
+    """Return the jumps (impulses, 4) of the state, and their chances in a control step."""
+    nodes, weights = np.polynomial.legendre.leggauss(SIZES_DRAWN)
+    jumps, chances = [np.empty((0, 4))], [np.empty(0)]
+    for part in _random_impulses(scene):
+        push = [0.0, 0.0, 1.0 / scene.carriage.mass, 0.0]
+        unit = push if part.target == "force" else [0.0, 0.0, -1.0, -1.0]
+        chance = -np.expm1(-part.rate * scene.control.time_step)
+        jumps.append(np.outer(part.size[1] * nodes, unit))
+        chances.append(0.5 * chance * weights)
+    return np.concatenate(jumps), np.concatenate(chances)
+
+
+def _random_impulses(scene: Scene) -> list[Part]:
+    return [part for part in scene.excitation if part.kind == "impulse" and part.rate > 0.0]
+
+
+def _obstacles(scene: Scene, shown: Shown) -> Iterator[str]:
+    """Yield what keeps value iteration from solving a scene: where, what there is, what may be."""
+    plant, objective, actuator = compile_scene(scene), scene.objective, scene.actuation.stretch
+    if scene.actuation.force is not None:
+        yield "actuation.force: allowed for value iteration: none; it tunes the stretch alone"
+    if scene.randomization:
+        drawn = ", ".join(scene.randomization)
+        yield f"randomization: got {drawn}; allowed for value iteration: none"
+    elif plant.kind != "parametric linear":
+        yield (
+            f"scene: got a {plant.kind} plant; allowed for value iteration: linear at every stretch"
+        )
+    if scene.own_reward is not None:
+        yield (
+            f"reward: got {scene.own_reward.name}; allowed for value iteration: the scene's "
+            "objective; its grid needs a cost that grows with the square of the motion"
+        )
+    limits = objective.displacement_limit, objective.rail_half_length
+    if objective.effort_weight > 0.0 or any(limits):
+        yield (
+            "objective: allowed for value iteration: no effort_weight, displacement_limit and "
+            "rail_half_length; the cost is a quadratic form of the state"
+        )
+    if actuator.lag > 0.0:
+        yield f"actuation.stretch.lag: got {actuator.lag:g} s; allowed for value iteration: 0"
+    exact = shown.stretch() is not None and np.linalg.matrix_rank(shown.state) == len(RELATIVE)
+    if not exact or plant.delay or any(channel.noise for channel in plant.observed):
+        yield (
+            "sensors: allowed for value iteration: channels that show the whole state and the "
+            "stretch, without noise and delay"
+        )
+
+
+def _obstacles_of_excitation(scene: Scene) -> Iterator[str]:
+    """Yield the same of its excitation."""
+    others = sorted({part.kind for part in scene.excitation} - {"impulse"})
+    if others:
+        yield f"excitation: got {', '.join(others)}; allowed for value iteration: impulse, or none"
+    times = [part.time for part in scene.excitation if part.kind == "impulse" and part.time]
+    if times:
+        yield (
+            f"excitation: got an impulse at {times[0]:g} s; allowed for value iteration: at random "
+            "times or at 0; its law does not know the time"
+        )
+    often = sum(part.rate for part in _random_impulses(scene)) * scene.control.time_step
+    if often > RARE:
+        yield (
+            f"excitation: got {often:.3g} impulses in a control step on average; "
+            f"allowed for value iteration: at most {RARE:g}"
+        )
+    sizes = [part.size for part in _random_impulses(scene)]
+    lopsided = [size for size in sizes if np.sum(size) != 0.0]
+    if lopsided:
+        yield (
+            f"excitation: got random impulses of size {lopsided[0]}; allowed for value iteration: "
+            "[-x, x], so that the mirrored motion costs the same"
+        )
+
 
 BETWEEN = 20
 """Sweeps from one expectation to the next; an impulse is rare, and what it adds changes slowly."""
@@ -129,3 +326,6 @@ class ValueIteration(Search):
     def _restore(self, arrays: Arrays) -> None:
         self.rounds = int(arrays["values/rounds"])
         self.values, self.expected = arrays["values/values"], arrays["values/expected"]
+
+
+Values = NDArray[np.float64]

@@ -1,14 +1,19 @@
 """Values between the points of the grid, the sweep over it, and the action that follows.
 
-A motion is four coordinates of like size (`agents.value_iteration.problem`), of which the largest
+A motion is four coordinates of like size (`agents.value_iteration.iteration`), of which the largest
 in absolute value is its face and its size s, with a sign; the three others over s are its
 direction, each from -1 to 1. The mirrored motion has the same value, so four faces do. A table has
 the shape (stretches, 4, n, n, n, sizes), over stretch, face, direction and size. Between points it
 is a cubic polynomial in each direction and linear in s^2: a quadratic form is met exactly, and a
 motion beyond the largest size costs on as its square.
-"""
 
-from __future__ import annotations
+All kernels name alike: `table`, `after`, `values`, `expected` tables in float32, one of them of a
+single stretch; `y`, `u` motions (4,); `squares` (sizes,) the grid's s^2 from 0 on; `moves`
+(stretches, 4, 4) the transition in a control step with each stretch; `cost` (4,) weights of squares
+at a step's end; `reach` and places of stretches in distances between stretches; `weights` (3, 4)
+working memory; `first` and `last` the lines first .. last - 1 of the grid's 4 n^2. Written are
+`values` by `sweep`, `expected` by `expect`, and what the others say.
+"""
 
 import numpy as np
 
@@ -72,19 +77,7 @@ def size_square(y):
 
 @kernel
 def lookup(table, y, squares, weights):
-    """Return the value of a motion.
-
-    Parameters
-    ----------
-    table
-        (4, n, n, n, sizes) float32: of one stretch; read.
-    y
-        (4,) the motion.
-    squares
-        (sizes,) the grid's s^2, from 0 upwards.
-    weights
-        (3, 4) working memory; written.
-    """
+    """Return the value of a motion y, from the table of one stretch."""
     face, i, j, k = stencil(y, table.shape[1], weights)
     z, t = bracket(size_square(y), squares, 0)
     below, above, total = SINGLE(1.0 - t), SINGLE(t), 0.0
@@ -102,7 +95,7 @@ def lookup(table, y, squares, weights):
 def lookup_sizes(table, y, weights, row):
     """Write the values (sizes,) of motions in the direction of y, of each size of the grid.
 
-    Arguments are those of `lookup`; the loop over sizes is innermost, so that it is vectorised.
+    The loop over sizes is innermost, so that it is vectorised.
     """
     face, i, j, k = stencil(y, table.shape[1], weights)
     row[:] = SINGLE(0.0)
@@ -138,16 +131,9 @@ def cost_of(cost, y):
 
 @kernel
 def least_within(after, low, high, best):
-    """Write the least values (sizes,) of all stretches that can be reached.
+    """Write the least values (sizes,) of all stretches from low to high.
 
-    Parameters
-    ----------
-    after
-        (stretches, sizes) the values of a step with each stretch; linear between stretches.
-    low, high
-        The ends of what is reached, in distances between stretches from the first.
-    best
-        (sizes,) written.
+    They are linear between those `after` (stretches, sizes) a step with each stretch.
     """
     first, last = int(np.ceil(low - ON_NODE)), int(np.floor(high + ON_NODE))
     best[:] = SINGLE(np.inf)
@@ -166,23 +152,7 @@ def least_within(after, low, high, best):
 
 @kernel
 def sweep(after, values, moves, cost, squares, reach, first, last):
-    """Compute the values before a step from those after it.
-
-    Parameters
-    ----------
-    after, values
-        Tables in float32: of the end of the step, its cost apart, read; of its start, written.
-    moves
-        (stretches, 4, 4) the motion's transition in a step with each stretch.
-    cost
-        (4,) weights of the squares at the step's end.
-    squares
-        (sizes,) of the grid.
-    reach
-        What the stretch moves in a step, in distances between stretches.
-    first, last
-        The lines of the grid first .. last - 1, of 4 n^2.
-    """
+    """Write the values before a step from those after it, its cost apart."""
     stretches, n, sizes = values.shape[0], values.shape[2], values.shape[5]
     u, y, weights = np.empty(4), np.empty(4), np.empty((3, NODES))
     row, ends = np.empty(sizes, SINGLE), np.empty((stretches, sizes), SINGLE)
@@ -205,16 +175,9 @@ def sweep(after, values, moves, cost, squares, reach, first, last):
 
 @kernel
 def expect(values, expected, jumps, chances, cost, squares, first, last):
-    """Compute what impulses in a step add to the values at its end, times their chances.
+    """Write what impulses in a step add to the values at its end, times their chances.
 
-    Parameters
-    ----------
-    values, expected
-        Tables in float32, read; written.
-    jumps, chances
-        (stretches, impulses, 4), by which the motion at the step's end differs; (impulses,).
-    cost, squares, first, last
-        As for `sweep`.
+    The motion at the step's end differs by jumps (stretches, impulses, 4) of chances (impulses,).
     """
     stretches, n = values.shape[0], values.shape[2]
     u, x, y, weights = np.empty(4), np.empty(4), np.empty(4), np.empty((3, NODES))
@@ -235,19 +198,7 @@ def expect(values, expected, jumps, chances, cost, squares, first, last):
 
 @kernel
 def choose(after, moves, cost, squares, motions, present, reach, chosen):
-    """Choose the stretch of the next step for each lane.
-
-    Parameters
-    ----------
-    after, moves, cost, squares, reach
-        As for `sweep`.
-    motions
-        (lanes, 4) read.
-    present
-        (lanes,) the stretch now, in distances between stretches from the first; read.
-    chosen
-        (lanes,) the next one, in the same unit; written.
-    """
+    """Write the next stretches (lanes,), for motions (lanes, 4) and the present stretches."""
     stretches = len(after)
     y, weights, ends = np.empty(4), np.empty((3, NODES)), np.empty(stretches)
     for lane in range(chosen.size):

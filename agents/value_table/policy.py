@@ -1,7 +1,5 @@
 """The law of value iteration: the stretch of least cost to come, looked up in a table."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from agents.network.arrays import Arrays, numbers
-from agents.network.files import PolicyError, content_of
+from agents.network.files import Arrays, PolicyError, content_of, numbers
 from agents.value_table.kernel import NODES, choose
 from mm_gym.files import write_bytes
 from mm_gym.scene import Document

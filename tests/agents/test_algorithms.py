@@ -9,7 +9,7 @@ import pytest
 import torch
 from exported import in_c, in_numpy, in_onnx
 
-from agents.evaluation.named import law_of
+from agents.evaluation.contestants import law_of
 from agents.policies import PolicyError, load_policy
 from agents.scoring import evaluate
 from agents.training import reinforcement

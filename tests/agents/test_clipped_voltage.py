@@ -13,8 +13,7 @@ from agents.controllers.learned import Learned
 from agents.controllers.model import Model
 from agents.controllers.registry import laws, obstacle
 from agents.controllers.tuned import classical_laws
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.policies import load_policy
 from agents.scoring import evaluate
 from agents.training.runs import Run

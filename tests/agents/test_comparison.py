@@ -19,9 +19,8 @@ from agents.controllers.lqr import LQR
 from agents.controllers.velocity_feedback import VelocityFeedback
 from agents.evaluation.aggregates import Sample
 from agents.evaluation.conclusions import CHOSEN, best_known, conclude, scores_of
-from agents.evaluation.contestants import Contestant, Episodes, Field, read_field
+from agents.evaluation.contestants import Contestant, Episodes, Field, law_of, read_field
 from agents.evaluation.measure import TaskResult, measure
-from agents.evaluation.named import law_of
 from agents.policies import Policy, PolicyError, network
 from agents.report.comparison import as_data, page, write_comparison
 from agents.report.comparison_figures import _file_name, draw_aggregates, draw_intervals

@@ -20,7 +20,6 @@ from tasks import (
 from agents.controllers.actuators import GRID, Command, Lead
 from agents.controllers.clipped_lqr import ClippedLQR
 from agents.controllers.constant import Held, best_constant, no_control
-from agents.controllers.controller import columns
 from agents.controllers.disturbance import ForceObserver
 from agents.controllers.feedback import Feedback, TrueState
 from agents.controllers.forecast import Forecast
@@ -137,7 +136,7 @@ def short_baselines(name: str) -> tuple[Scene, list[Controller]]:
 @pytest.mark.parametrize("name", TASKS)
 def test_every_task_has_baselines_that_act_on_its_actuators(name) -> None:
     scene, found = short_baselines(name)
-    width = len(columns(scene))
+    width = len(scene.actuation.names)
     assert len(found) >= 3
     for controller in found:
         assert evaluate(scene, controller, episodes=3).applied.shape[2] == width

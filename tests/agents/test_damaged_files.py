@@ -589,7 +589,7 @@ def test_page_of_tasks_is_not_written_from_damaged_scores(text, tmp_path, monkey
     file.write_text(text)
     read = read_scores
     monkeypatch.setattr(task_page, "read_scores", lambda **names: read(file, **names))
-    monkeypatch.setattr(task_page, "PAGE", page)
+    monkeypatch.setattr(task_page, "TASKS", page)
     assert str(task_page.main()).startswith(f"error: {file}: ")
     assert not page.exists()
 

@@ -9,7 +9,7 @@ from agents.commands import descend, evolve, iterate
 from agents.commands import train as command
 from agents.controllers.constant import ConstantAction
 from agents.controllers.learned import Learned
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy
 from agents.scoring import validation_cost
@@ -17,7 +17,7 @@ from agents.training.config import TrainSettings
 from agents.training.ending import Ending, read_ending
 from agents.training.runs import Run
 from agents.training.starts import start_of
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings
 from mm_gym import load_scene
 
 FRAME = """

@@ -13,9 +13,7 @@ from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
 from agents.controllers.lqr import LQR
 from agents.evolution.network_kernel import forward
-from agents.evolution.population import LANES, Population
-from agents.evolution.search import Evolution, evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import LANES, Evolution, EvolveSettings, Population, evolve
 from agents.policies import load_policy
 from agents.scoring import VALIDATION_SEED, evaluate, validation_cost
 from agents.training.network import Network
@@ -233,7 +231,7 @@ class TestPopulations:
         network = Network(start_of(scene, EvolveSettings(), rng), 8, odd=True)
         vectors = network.first(rng) + 0.5 * rng.standard_normal((5, network.free.size))
         whole = Population(scene, network, 5, 6, 1)
-        monkeypatch.setattr("agents.evolution.population.LANES", lanes)
+        monkeypatch.setattr("agents.evolution.search.LANES", lanes)
         divided = Population(scene, network, 5, 6, 3)
         got, want = (population.costs(vectors, range(6)) for population in (divided, whole))
         whole.close()

@@ -17,7 +17,7 @@ from agents.controllers.phase_law import PhaseLaw
 from agents.controllers.predictive_control import predictive_control
 from agents.controllers.searched import read_found
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.late_sensors import DELAY, _filters, compare, late, time_of_action
+from agents.evaluation.rigs import DELAY, _filters, compare, late, time_of_action
 from agents.report.pages import markdown
 from mm_gym import MovingMassVectorEnv, load_scene
 

@@ -7,13 +7,11 @@ import pytest
 from pages import BLOCK, ROOT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.training.runs import Run
-from agents.value_iteration.iteration import iterate
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, iterate
 
 FORCE, SHOCK = "mm_gym/CarriageForce-v0", "mm_gym/PreStretchShock-v0"
 EVOLVE = EvolveSettings(

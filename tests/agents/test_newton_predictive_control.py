@@ -11,7 +11,7 @@ from agents.controllers.model import Model
 from agents.controllers.newton_predictive_control import NewtonPredictiveControl, Steps
 from agents.controllers.predictive_control import PredictiveControl, predictive_control
 from agents.controllers.velocity_feedback import VelocityFeedback
-from agents.evaluation.late_sensors import late
+from agents.evaluation.rigs import late
 from agents.scoring import evaluate
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 

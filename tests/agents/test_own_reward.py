@@ -15,11 +15,9 @@ from agents.controllers.predictive_control import PredictiveControl, predictive_
 from agents.controllers.trajectories import Trajectories
 from agents.controllers.velocity_feedback import best_velocity_feedback
 from agents.evaluation.contestants import Episodes as Compared
-from agents.evaluation.contestants import read_field
+from agents.evaluation.contestants import law_of, read_field
 from agents.evaluation.measure import measure
-from agents.evaluation.named import law_of
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.policies import PolicyError, load_policy
@@ -27,8 +25,7 @@ from agents.scoring import evaluate
 from agents.training.config import TrainSettings
 from agents.training.reinforcement import train
 from agents.training.runs import Run
-from agents.value_iteration.iteration import iterate
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, iterate
 from mm_gym import DesignError, MovingMassVectorEnv, OwnReward, SceneError, compile_scene, rewarded
 
 EXACT = {

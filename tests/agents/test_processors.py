@@ -32,7 +32,7 @@ EVOLUTION = """
 import os
 from pathlib import Path
 from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings
 from agents.training.runs import Run
 
 settings = EvolveSettings(

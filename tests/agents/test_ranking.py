@@ -12,7 +12,9 @@ from agents.commands import ranking
 from agents.evaluation.headroom import EPISODES, least_cost, passive_rows
 from agents.evaluation.scores import SCORES
 from agents.policies import network
-from agents.report.ranking_page import COLUMNS, NO_BETTER, PAGE, page, surprises
+from agents.report.score_pages import COLUMNS, NO_BETTER, surprises
+from agents.report.score_pages import RANKING as PAGE
+from agents.report.score_pages import ranking_page as page
 from agents.training.config import short_name
 from mm_gym.metrics import passive_scene
 
@@ -108,7 +110,7 @@ def test_a_run_is_scored_and_takes_the_place_of_its_earlier_score(tmp_path, monk
     scores, page_file = tmp_path / "scores.json", tmp_path / "ranking.md"
     scores.write_text(SCORES.read_text("utf-8"))
     monkeypatch.setattr(ranking, "SCORES", scores)
-    monkeypatch.setattr(ranking, "PAGE", page_file)
+    monkeypatch.setattr(ranking, "RANKING", page_file)
     monkeypatch.setattr(sys, "argv", ["ranking", str(folder)])
     assert "training is not finished" in str(ranking.main())
     for gain in (1.0, 1.5):
@@ -134,7 +136,7 @@ def test_named_controllers_are_scored_and_nothing_else(tmp_path, monkeypatch, ca
     rows[:] = [one | {"cost": 9.0} if one["controller"] == "LQR" else one for one in rows]
     scores.write_text(json.dumps(before))
     monkeypatch.setattr(ranking, "SCORES", scores)
-    monkeypatch.setattr(ranking, "PAGE", tmp_path / "ranking.md")
+    monkeypatch.setattr(ranking, "RANKING", tmp_path / "ranking.md")
     words = ["ranking", "--controllers", "lqr", "--tasks", "CarriageForce"]
     monkeypatch.setattr(sys, "argv", words)
     assert ranking.main() is None

@@ -16,7 +16,7 @@ from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.on_off_stiffness import OnOffStiffness
 from agents.controllers.predictive_control import PredictiveControl
 from agents.controllers.trajectories import Trajectories
-from agents.value_iteration.problem import problem_of
+from agents.value_iteration.iteration import problem_of
 from mm_gym import DesignError, MovingMassVectorEnv, compile_scene
 
 WEIGHTS = {

@@ -12,7 +12,7 @@ from agents.commands.record import RecordSettings, record
 from agents.controllers.noise import RandomActions
 from agents.controllers.registry import laws
 from agents.errors import DatasetError
-from agents.evaluation.named import law_of
+from agents.evaluation.contestants import law_of
 from agents.policies import network
 from agents.recording.dataset import write
 from agents.recording.episodes import Exploration, play

@@ -10,7 +10,7 @@ from agents.commands import results as command
 from agents.controllers.feedback import Feedback
 from agents.controllers.lqr import LQR
 from agents.evaluation.aggregates import proportion
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings
 from agents.report.published import page as published_page
 from agents.report.published import read_published, scored_again
 from agents.scoring import Evaluation

@@ -8,12 +8,13 @@ import pytest
 from agents.__main__ import main
 from agents.commands import robustness
 from agents.controllers.actuators import Actuators
-from agents.controllers.controller import drawn_but
 from agents.controllers.observed_state import ObservedState
+from agents.controllers.scene import drawn_but
 from agents.controllers.trajectories import Trajectories
 from agents.evaluation.rigs import rigs_of, scores_of, task_of
 from agents.evaluation.studies import variants
-from agents.report.robustness_page import PAGE, page
+from agents.report.score_pages import ROBUSTNESS as PAGE
+from agents.report.score_pages import robustness_page as page
 from mm_gym import DesignError, MovingMassVectorEnv, load_scene
 from mm_gym.tasks import robust_ids
 
@@ -49,13 +50,13 @@ def test_rows_are_of_the_rigs_and_of_the_task_with_each_delay():
 
 def test_the_page_is_that_of_its_scores(monkeypatch, tmp_path, capsys):
     assert PAGE.read_text("utf-8") == page(json.loads(robustness.DATA.read_text()))
-    for name in ("DATA", "PAGE"):
+    for name in ("DATA", "ROBUSTNESS"):
         monkeypatch.setattr(robustness, name, tmp_path / name)
     monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForceRobust"])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code is None
-    assert f"## {VARIANT}" in (tmp_path / "PAGE").read_text("utf-8")
+    assert f"## {VARIANT}" in (tmp_path / "ROBUSTNESS").read_text("utf-8")
     monkeypatch.setattr("sys.argv", ["agents", "robustness", "CarriageForce"])
     with pytest.raises(SystemExit):
         main()

@@ -13,8 +13,7 @@ import pytest
 
 from agents.commands import demo
 from agents.commands import train as command
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.policies import load_policy
 from agents.scoring import HELD_OUT_SEED, VALIDATION_SEED
 from agents.training.arrays import load_checkpoint

@@ -10,9 +10,10 @@ from agents.controllers.constant import ConstantAction
 from agents.evaluation import sealed
 from agents.evaluation.aggregates import shared_episodes
 from agents.evaluation.sealed import AGENT, SEALED, Scored, Seal, first_seed
-from agents.report.sealed_page import page
+from agents.report.score_pages import sealed_page as page
 from agents.scoring import evaluate
 from agents.training.config import TRAINING
+from agents.training.runs import INTERRUPTED
 from mm_gym import SceneError, load_scene
 
 SCENE = load_scene("mm_gym/CarriageForce-v0")
@@ -58,7 +59,7 @@ def test_damaged_file_is_refused(tmp_path, content):
 def pages(tmp_path, monkeypatch):
     """Write into a folder, two controllers on five episodes."""
     monkeypatch.setattr(command, "DATA", tmp_path / "sealed.json")
-    monkeypatch.setattr(command, "PAGE", tmp_path / "sealed.md")
+    monkeypatch.setattr(command, "SEALED", tmp_path / "sealed.md")
     monkeypatch.setattr(command, "EPISODES", 5)
     pushes = (("zero", ConstantAction(SCENE)), ("law", ConstantAction(SCENE, 0.1)))
     monkeypatch.setattr(command, "fixed_and_classical", lambda _: pushes)
@@ -86,8 +87,7 @@ def test_broken_run_goes_on_behind_the_last_controller(pages, monkeypatch):
         return evaluate(SCENE, controller, seed=first_seed("0.1.0"), episodes=5)
 
     monkeypatch.setattr(sealed, "evaluate", broken)
-    with pytest.raises(KeyboardInterrupt):
-        command.main.__wrapped__()
+    assert command.main() == INTERRUPTED
     kept = Seal(pages / "kept/carriage_force.safetensors", SCENE, "0.1.0", 5)
     assert list(kept.scored) == ["zero action"]
 

@@ -11,7 +11,6 @@ from scipy.linalg import expm, solve_discrete_are
 from agents.controllers.actuators import GRID, Lead
 from agents.controllers.clipped_optimal import ClippedOptimal, SharedForce
 from agents.controllers.constant import no_control, uncontrolled
-from agents.controllers.controller import sphere_springs
 from agents.controllers.energy_shaping import EnergyShaping
 from agents.controllers.feedback import Feedback
 from agents.controllers.learned import Learned
@@ -20,11 +19,11 @@ from agents.controllers.newton_predictive_control import NewtonPredictiveControl
 from agents.controllers.noise import RandomActions
 from agents.controllers.predictive_control import SEARCH, PredictiveControl, predictive_control
 from agents.controllers.registry import laws, obstacle
+from agents.controllers.scene import sphere_springs
 from agents.controllers.semi_active import CORNER, Balance, GroundVelocity, Hook
 from agents.controllers.tuned import classical_laws, makers
 from agents.evaluation.plans import Effort, Planner
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import descend
 from agents.gradient.settings import GradientSettings
 from agents.policies import load_policy

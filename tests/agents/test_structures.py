@@ -11,8 +11,7 @@ from agents.controllers.constant import uncontrolled
 from agents.controllers.learned import Learned
 from agents.controllers.lqg import LQG, design_lqg
 from agents.controllers.registry import laws
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.descent import Descent
 from agents.gradient.settings import GradientSettings, fitted
 from agents.policies import load_policy

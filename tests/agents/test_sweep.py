@@ -11,8 +11,7 @@ import pytest
 
 from agents.commands import sweep as command
 from agents.commands.sweep import sweep
-from agents.evolution.search import evolve
-from agents.evolution.settings import EvolveSettings
+from agents.evolution.search import EvolveSettings, evolve
 from agents.gradient.settings import GradientSettings
 from agents.sweeps.trials import SweepSettings, algorithm_of, do_trial, write_results
 from agents.training.config import good_settings

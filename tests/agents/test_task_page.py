@@ -6,8 +6,9 @@ import pytest
 from tasks import CARRIAGE_FORCE, HYBRID
 
 from agents.evaluation.scores import SCORES
-from agents.report.description import describe
-from agents.report.task_page import PAGE, about, page
+from agents.report.score_pages import TASKS as PAGE
+from agents.report.score_pages import about, describe
+from agents.report.score_pages import tasks_page as page
 from mm_gym.tasks import ids
 
 

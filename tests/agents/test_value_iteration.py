@@ -14,9 +14,7 @@ from agents.policies import PolicyError, load_policy
 from agents.scoring import VALIDATION_SEED, evaluate
 from agents.sweeps.trials import SweepSettings, do_trial, write_results
 from agents.training.runs import Run, RunError
-from agents.value_iteration.iteration import ValueIteration, iterate
-from agents.value_iteration.problem import problem_of
-from agents.value_iteration.settings import IterateSettings
+from agents.value_iteration.iteration import IterateSettings, ValueIteration, iterate, problem_of
 from agents.value_table import kernel
 from mm_gym import DesignError, MovingMassVectorEnv, SceneError, compile_scene, load_scene
 

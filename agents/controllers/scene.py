@@ -1,0 +1,103 @@
+"""What a controller knows of its scene: the plant, the middle of ranges, what must be there."""
+
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+
+from agents.controllers.controller import Values
+from mm_gym import DesignError, Plant, Scene, compile_scene
+from mm_gym.analysis import spring_force
+
+STATES = ("x1", "x2", "v1", "v2")
+
+MOST_PLANTS = 32
+_PLANTS: dict[str, Plant] = {}
+
+
+def drawn_but(scene: Scene, *prefixes: str) -> dict[str, tuple[float, float]]:
+    """Return what a scene draws, but for names that begin so: "sensors." of other sensors."""
+    drawn = scene.randomization.items()
+    return {name: ends for name, ends in drawn if not name.startswith(prefixes)}
+
+
+def nominal(scene: Scene, name: str) -> float:
+    """Return a number by dotted name or, if it is drawn, the middle of its range.
+
+    What is not stated is infinite, as a rate limit is.
+    """
+    stated = scene.value_of(name)
+    return float(np.mean(scene.range_of(name, np.inf if stated is None else stated)))
+
+
+def sphere_springs(scene: Scene) -> Callable[[Values], Values]:
+    """Return the springs' force [N] on the carriage over relative displacements x2 - x1 [m].
+
+    The sphere feels the opposite. See (5) and (6) of docs/model.md.
+    """
+    kind = scene.springs.kind
+    if kind == "none":
+        return np.zeros_like
+    stiffness = nominal(scene, "springs.stiffness")
+    if kind == "linear":
+        cubic = nominal(scene, "springs.cubic_coefficient")
+        return lambda offset: stiffness * (1.0 + cubic * offset**2) * offset
+    stretch = nominal(scene, "springs.stretch")
+    length = nominal(scene, "springs.rest_length") if kind == "finite_stretch" else 0.0
+    return lambda offset: spring_force(offset, stretch, stiffness, length)
+
+
+def plant_of(scene: Scene) -> Plant:
+    """Return what a scene compiles to, once for all scenes of one content."""
+    key = scene.digest
+    if key not in _PLANTS:
+        if len(_PLANTS) == MOST_PLANTS:
+            _PLANTS.pop(next(iter(_PLANTS)))
+        _PLANTS[key] = compile_scene(scene)
+    return _PLANTS[key]
+
+
+def require_actuator(scene: Scene, name: str) -> None:
+    """Raise `DesignError` if the scene lacks an actuator: "force", "stretch" or "damping"."""
+    if getattr(scene.actuation, name) is None:
+        msg = f"actuation.{name}: missing; the scene must have a {name} actuator"
+        raise DesignError(msg)
+
+
+def require_number(name: str, value: float, low: float = 0.0, high: float = inf) -> None:
+    """Raise `DesignError` unless a number is finite, at least `low` and at most `high`."""
+    if not (low <= value <= high and abs(value) < inf):
+        end = "" if high == inf else f" and at most {high:g}"
+        msg = f"{name}: got {value!r}; allowed: a finite number of at least {low:g}{end}"
+        raise DesignError(msg)
+
+
+def force_weight(scene: Scene) -> float:
+    """Return the cost of the force [1/N^2].
+
+    Raise `DesignError` if there is no force, it is commanded by its rate or costs nothing.
+    """
+    actuator, weight = scene.actuation.force, scene.objective.effort_weight
+    if actuator is None:
+        msg = (
+            "actuation.force: missing; "
+            "a regulator needs a force (a stretch or a damping is no input of the linear plant: it "
+            "multiplies the state)"
+        )
+        raise DesignError(msg)
+    if scene.actuation.device is not None:
+        msg = (
+            f"actuation.{scene.actuation.names[-1]}: a regulator commands only the force; a "
+            "damping multiplies the state, so it is no input of the linear plant"
+        )
+        raise DesignError(msg)
+    if actuator.command == "rate":
+        msg = "actuation.force.command: got 'rate'; allowed: 'position'"
+        raise DesignError(msg)
+    if weight == 0.0:
+        msg = (
+            "objective.effort_weight: got 0; "
+            "allowed: greater than 0 (the Riccati equation needs a weight on the force)"
+        )
+        raise DesignError(msg)
+    return weight / actuator.limit**2
