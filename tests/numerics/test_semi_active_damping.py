@@ -284,6 +284,13 @@ def test_rate_limit_lag_and_rate_commands_move_it():
     late = simulate(scene_of(**{"actuation.damping.lag": 0.01}), action=HIGH).action[:, 0]
     times = 0.005 * np.arange(1, 6)
     np.testing.assert_allclose(late[:5], HIGH + (start - HIGH) * np.exp(-times / 0.01), rtol=1e-13)
+    both = {"actuation.damping.lag": 0.01, "actuation.damping.rate_limit": 100.0}
+    expected = [start]
+    for _ in range(STEPS):  # the lag first, then the limit
+        wanted = -np.expm1(-0.005 / 0.01) * (HIGH - expected[-1])
+        expected.append(expected[-1] + min(wanted, 0.5))
+    found = simulate(scene_of(**both), action=HIGH).action[:, 0]
+    np.testing.assert_allclose(found[:STEPS], expected[1:], rtol=1e-13)
     rated = {"actuation.damping.rate_limit": 100.0, "actuation.damping.command": "rate"}
     env = MovingMassEnv(scene_of(**rated))
     env.reset(seed=0)
