@@ -69,51 +69,43 @@ def massless_transition(p: Values, time: float, *, is_between: bool = False) -> 
 
     The velocity v1 at the step's start has no influence.
     """
-    source = harmonic(0.0)
-    moved = _massless(p, source, time, ground=False, is_between=is_between)
+    moved = _massless(p, harmonic(0.0), time, 0, is_between=is_between)[0]
     return moved[:, :5].astype(np.float64)
 
 
 def halved_massless_transitions(p: Values, time: float, levels: int) -> NDArray[np.float64]:
     """Return the same as `halved_transitions` for a carriage without mass."""
-    generator, v1 = _massless_generator(p, harmonic(0.0), ground=False)
-    halves = halved_exponentials(generator, time, levels)[1:]
-    return np.array([_four_rows(half, v1)[:, :4].astype(np.float64) for half in halves])
+    halves = _massless(p, harmonic(0.0), time, levels)[1:]
+    return np.array([half[:, :4].astype(np.float64) for half in halves])
 
 
 def massless_response(
     p: Values, source: Exosystem, *, ground: bool, time: float
 ) -> NDArray[np.float64]:
     """Return the same as `response` for a carriage without mass."""
-    return _massless(p, source, time, ground=ground)[:, 5:].T.astype(np.float64)
+    return _massless(p, source, time, 0, ground=ground)[0][:, 5:].T.astype(np.float64)
 
 
 def _massless(
-    p: Values, source: Exosystem, time: float, *, ground: bool, is_between: bool = False
-) -> NDArray[np.object_]:
-    """Return x1, x2, v1, v2 at the step's end against what there is at its start.
+    p: Values,
+    source: Exosystem,
+    time: float,
+    levels: int,
+    *,
+    ground: bool = False,
+    is_between: bool = False,
+) -> list[NDArray[np.object_]]:
+    """Return x1, x2, v1, v2 after time / 2**k, k = 0 .. levels, against what there is at the start.
 
-    That is (x1, x2, v1, v2, held force, exosystem's states).
-
-    """
-    generator, v1 = _massless_generator(p, source, ground=ground, is_between=is_between)
-    return _four_rows(halved_exponentials(generator, time, 0)[0], v1)
-
-
-def _massless_generator(
-    p: Values, source: Exosystem, *, ground: bool, is_between: bool = False
-) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
-    """Return the equations of (x1, x2, v2, held force, exosystem's states), and the row of v1.
-
-    Without inertia the forces on the carriage balance:
-    (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
+    That is (x1, x2, v1, v2, held force, exosystem's states). Without inertia the forces on the
+    carriage balance: (c + d) v1 = c v2 - (k1 + k2) x1 + k2 x2 + u + p(t).
     """
     m2, k1, c, d, k2 = (p[name] for name in ("m2", "k1", "c", "d", "k2"))
     zero, size = Decimal(0), 4 + len(source.output)
     push, shake = (zero * source.output, source.output)[:: 1 if ground else -1]
     with localcontext(Context(prec=ASSEMBLY_DIGITS)):
         v1 = np.concatenate([np.array([-(k1 + k2), k2, c, Decimal(1)]), push]) / (c + d)
-        generator = np.full((size, size), zero)
+        generator = np.full((size, size), zero)  # of (x1, x2, v2, held force, exosystem's states)
         generator[0], generator[1, 2] = v1, Decimal(1)
         generator[2] = c * v1 / m2
         generator[2, :3] += np.array([k2, -k2, -c]) / m2
@@ -121,11 +113,6 @@ def _massless_generator(
             generator[2, 3] -= 1 / m2
         generator[2, 4:] -= shake
         generator[4:, 4:] = source.matrix
-    return generator, v1
-
-
-def _four_rows(step: NDArray[np.object_], v1: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return the rows of x1, x2, v1, v2 of a transition, and a column for v1."""
-    with localcontext(Context(prec=ASSEMBLY_DIGITS)):
-        rows = np.array([step[0], step[1], v1 @ step, step[2]])
-        return np.insert(rows, 2, np.asarray(Decimal(0)), axis=1)
+        halves = halved_exponentials(generator, time, levels)
+        rows = [np.array([half[0], half[1], v1 @ half, half[2]]) for half in halves]
+        return [np.insert(row, 2, np.asarray(zero), axis=1) for row in rows]
