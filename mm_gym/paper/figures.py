@@ -1,4 +1,4 @@
-"""The paper's figures 2, 3, 5 to 10 and 12, drawn from the library."""
+"""The paper's figures 2, 3, 5 to 10 and 12; "bistable" is none of the paper's."""
 
 # pyright: basic, reportArgumentType=false, reportCallIssue=false
 # matplotlib's signatures are typed in part only, and not for a dictionary of options
