@@ -134,7 +134,7 @@ def test_it_is_taken_where_a_force_acts_and_time_allows():
     ]
     assert [isinstance(law, NewtonPredictiveControl) for law in laws] == [True, True, False, False]
     assert isinstance(laws[-1], PredictiveControl)
-    with pytest.raises(DesignError, match="without a lag"):
+    with pytest.raises(DesignError, match="no lag together with a rate limit"):
         NewtonPredictiveControl(lagging)
     assert Feedback(CARRIAGE_FORCE, laws[0], TrueState()).reads == "full state"
 

@@ -197,7 +197,8 @@ def test_recommended_settings_keep_their_error_in_fresh_steps(
 
     def exceeded(settings: list[Setting], level: float) -> float:
         """Return by how much the worst setting exceeds a level in the fresh steps."""
-        solvers = [{"method": s.method, s.option: measure._whole(s.value)} for s in settings]
+        whole = {"substeps": int, "tolerance": float}
+        solvers = [{"method": s.method, s.option: whole[s.option](s.value)} for s in settings]
         plants = [compile_scene(scene.replace(solver=solver)) for solver in solvers]
         return max(measure.errors_of(plant, fresh).max() / level for plant in plants)
 
