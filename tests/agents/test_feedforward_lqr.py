@@ -67,7 +67,10 @@ def test_expectation_is_a_memory():
 
 @pytest.mark.parametrize(
     ("scene", "message"),
-    [(CARRIAGE_FORCE, "excitation: contains no noise"), (PRE_STRETCH, r"actuation\.force: missing")],
+    [
+        (CARRIAGE_FORCE, "excitation: contains no noise"),
+        (PRE_STRETCH, r"actuation\.force: missing"),
+    ],
 )
 def test_what_it_cannot_do_is_refused_with_the_reason(scene, message):
     with pytest.raises(DesignError, match=message):
