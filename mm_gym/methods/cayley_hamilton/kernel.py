@@ -288,15 +288,15 @@ def _generator(model):
 def _cubic(model, k):
     """Return four polynomials from slot k."""
     return (
-        _ten(model, k),
-        _ten(model, k + COEFFICIENTS),
-        _ten(model, k + 2 * COEFFICIENTS),
-        _ten(model, k + 3 * COEFFICIENTS),
+        _polynomial(model, k),
+        _polynomial(model, k + COEFFICIENTS),
+        _polynomial(model, k + 2 * COEFFICIENTS),
+        _polynomial(model, k + 3 * COEFFICIENTS),
     )
 
 
 @borrowing_kernel
-def _ten(m, k):
+def _polynomial(m, k):
     """Return the coefficients of a polynomial; as scalars, like `linear.kernel.transition`."""
     first, second = (m[k], m[k + 1], m[k + 2], m[k + 3], m[k + 4]), k + 5
     return first, (m[second], m[second + 1], m[second + 2], m[second + 3], m[second + 4])

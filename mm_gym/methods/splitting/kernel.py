@@ -341,7 +341,7 @@ def _springs(numbers, first):
 @inlined_kernel
 def _dampers(model, slot):
     """Return how the dampers let the masses drift in half a substep of a column."""
-    return _four(model, slot + of.DRIFT), _four(model, slot + of.DECAY)
+    return _matrix(model, slot + of.DRIFT), _matrix(model, slot + of.DECAY)
 
 
 @inlined_kernel
@@ -471,8 +471,8 @@ def _accelerations(springs, drive, x1, x2):
 
 
 @inlined_kernel
-def _four(model, slot):
-    """Return four numbers, as scalars."""
+def _matrix(model, slot):
+    """Return a matrix of two rows, as scalars."""
     return model[slot], model[slot + 1], model[slot + 2], model[slot + 3]
 
 

@@ -158,19 +158,19 @@ def _propagate(model, lanes, scratch, first, count, in_slip):
 def _level(model, k):
     """Return the rows of the level at slot k: of the state, w'' now, the change of w, the gains."""
     return (
-        _six(model, k + slots.ROWS),
-        _six(model, k + slots.ROWS + 6),
-        _six(model, k + slots.ROWS + 12),
-        _six(model, k + slots.ROWS + 18),
-        _six(model, k + slots.SECOND),
-        _six(model, k + slots.CHANGE),
-        _six(model, k + slots.GAINS),
+        _coefficients(model, k + slots.ROWS),
+        _coefficients(model, k + slots.ROWS + 6),
+        _coefficients(model, k + slots.ROWS + 12),
+        _coefficients(model, k + slots.ROWS + 18),
+        _coefficients(model, k + slots.SECOND),
+        _coefficients(model, k + slots.CHANGE),
+        _coefficients(model, k + slots.GAINS),
     )
 
 
 @borrowing_kernel
-def _six(model, k):
-    """Return the six coefficients from slot k."""
+def _coefficients(model, k):
+    """Return the coefficients of a row from slot k."""
     return model[k], model[k + 1], model[k + 2], model[k + 3], model[k + 4], model[k + 5]
 
 
@@ -336,7 +336,7 @@ def _load_inputs(model, lanes, i, z):
 @kernel
 def _slip_row(m, row, harmonic_row, z):
     """Return a row of a level times the inputs with offset and slip velocity."""
-    total = _product(_six(m, row), (z[0], z[1] - z[0], z[2], z[4], z[5], z[6]))
+    total = _product(_coefficients(m, row), (z[0], z[1] - z[0], z[2], z[4], z[5], z[6]))
     for j in range((z.size - 7) // 2):
         own = slots.HARMONICS + slots.HARMONIC_SIZE * j + harmonic_row
         total += m[own] * z[7 + 2 * j] + m[own + 1] * z[8 + 2 * j]
@@ -347,7 +347,7 @@ def _slip_row(m, row, harmonic_row, z):
 def _slip_gain(m, z):
     """Return a level's gains times the magnitudes of the inputs with offset and slip velocity."""
     sizes = (abs(z[0]), abs(z[1] - z[0]), abs(z[2]), abs(z[4]), abs(z[5]), abs(z[6]))
-    total = _product(_six(m, slots.GAINS), sizes)
+    total = _product(_coefficients(m, slots.GAINS), sizes)
     for j in range((z.size - 7) // 2):
         own = slots.HARMONICS + slots.HARMONIC_SIZE * j + slots.HARMONIC_GAINS
         total += m[own] * abs(z[7 + 2 * j]) + m[own + 1] * abs(z[8 + 2 * j])
@@ -359,7 +359,7 @@ def _take_interval(m, z):
     """Advance the inputs but w by a level."""
     present = (z[0], z[1], z[2], z[3], z[5], z[6])
     for row in range(4):
-        z[row] = _product(_six(m, slots.ROWS + 6 * row), present)
+        z[row] = _product(_coefficients(m, slots.ROWS + 6 * row), present)
     for j in range((z.size - 7) // 2):
         own, cosine, sine = (
             slots.HARMONICS + slots.HARMONIC_SIZE * j + slots.HARMONIC_ROWS,
